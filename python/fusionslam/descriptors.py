@@ -74,8 +74,24 @@ def describe(
     if not isinstance(cloud, Cloud):
         raise ShapeError(f"{name} needs a Cloud, got {type(cloud).__name__}")
     if kind.needs_colors and cloud.colors is None:
-        raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
+        raise no_colors(name)
     return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))
+
+
+def no_colors(name: str) -> DataError:
+    """Return the error of a cloud without colours, which a descriptor needs."""
+    return DataError(
+        f"{name} needs colours and the cloud has none; {without_colors(name)} needs none",
+        code="no-colors",
+        fields=(name, without_colors(name)),
+    )
+
+
+def without_colors(name: str) -> str:
+    """Return the descriptor that a coloured one extends, with the same preset; others as given."""
+    first, preset = split_preset(name)
+    plain = _EXTENDED.get(first, first)
+    return plain if preset is None else f"{plain}:{preset}"
 
 
 def find_descriptor(name: str) -> Descriptor:
@@ -184,3 +200,5 @@ DESCRIPTORS = {
         Descriptor("cshot", needs_colors=True, needs_normals=True, compute=_cshot),
     )
 }
+_EXTENDED = {"cm2dp": "m2dp", "cshot": "shot"}
+# The descriptor without colours that one with colours extends.

@@ -45,7 +45,7 @@ def loops(
     from fusionslam.config import merged
     from fusionslam.descriptors import with_preset
     from fusionslam.pipelines.compare_descriptors import stored_threshold
-    from fusionslam.pipelines.describe import for_source
+    from fusionslam.pipelines.describe import describable, for_source
     from fusionslam.pipelines.loops import find_loops, loops_path
 
     chosen = pipeline_config()
@@ -56,6 +56,11 @@ def loops(
     recording = build_recording()
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     every = descriptors == "all"
+    # Its enumeration is private to typer in some versions.
+    given = ctx.get_parameter_source("descriptors")
+    if former_descriptors is None and given is not None and given.name == "DEFAULT":
+        dataset = recording.open(chosen.fusion.source)
+        names = describable(dataset, names, chosen, "skip", replace=True)
 
     def config_of(name: str) -> "LoopConfig":
         if threshold is None or distance is not None:

@@ -255,16 +255,20 @@ def _new_map(whole: Any, views: str | None, recording: "Recording") -> "RatSlam"
 
     from fusionslam.config import merged
     from fusionslam.errors import DataError
-    from fusionslam.pipelines.recording import settle_frame
+    from fusionslam.pipelines.recording import has_colors, settle_frame
     from fusionslam.ratslam.slam import RatSlam
     from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
-    from fusionslam.views.recognisers import method_of
+    from fusionslam.views.recognisers import method_of, settle_method
 
     # A recording of images alone has no clouds; views that need them fail later.
     with suppress(DataError):
         whole = merged(whole, {"fusion": {"source": opt.choose_source(None, whole, recording)}})
-        fusion = settle_frame(whole.fusion, recording.open(whole.fusion.source))
-        whole = whole.model_copy(update={"fusion": fusion})
+        dataset = recording.open(whole.fusion.source)
+        update: dict[str, Any] = {"fusion": settle_frame(whole.fusion, dataset)}
+        if views is None:
+            colored = has_colors(dataset, whole.fusion.source)
+            update["views"] = settle_method(whole.views, colored=colored, name=dataset.name)
+        whole = whole.model_copy(update=update)
     options = SourceOptions(whole.views, whole.fusion, whole.descriptors, whole.visual_templates)
     name = views or method_of(whole.views)
     return RatSlam(whole.ratslam, views=build_view_source(name, options))

@@ -27,6 +27,7 @@ from fusionslam.descriptors import (
     for_preset,
     for_sequence,
     in_file_names,
+    without_colors,
 )
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
@@ -117,9 +118,25 @@ def for_descriptor(config: PipelineConfig, name: str) -> PipelineConfig:
 
 
 def describable(
-    dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
+    dataset: "Dataset",
+    names: Sequence[str],
+    config: PipelineConfig,
+    bad_frames: str = "error",
+    *,
+    replace: bool = False,
 ) -> list[str]:
-    """Return the descriptors that the clouds allow; logs those that need missing colours."""
+    """Return the descriptors that the clouds allow; logs those that need missing colours.
+
+    Args:
+        dataset: opened for the source of ``config``.
+        names: descriptors.
+        config: of all stages.
+        bad_frames: as for ``describe_dataset``.
+        replace: take ``without_colors`` in place of those that need colours.
+
+    Raises:
+        DataError: no descriptor is left.
+    """
 
     def has_colors(index: int) -> bool:
         return fuse(dataset[index], config.fusion).colors is not None
@@ -127,6 +144,11 @@ def describable(
     colorful = [name for name in names if find_descriptor(name).needs_colors]
     if not colorful or first_that_works(dataset, has_colors, bad_frames):
         return list(names)
+    if replace:
+        usable = list(dict.fromkeys(without_colors(name) for name in names))
+        instead = ", ".join(usable), ", ".join(colorful)
+        logger.warning("%s has no colours: %s instead of %s", dataset.name, *instead)
+        return usable
     logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
     if len(colorful) == len(names):
         raise DataError(

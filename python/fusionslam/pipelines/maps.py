@@ -16,6 +16,7 @@ from fusionslam.evaluation.maps.run import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.help_texts import counted
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import RunEvents, Unreadable, events_of, expected_drift
 from fusionslam.ratslam.events import Event
@@ -56,7 +57,7 @@ class RunRecorder:
         self._steps: list[Step] = []
         self._activity: list[tuple[NDArray[np.float32], ...]] = []
         self._notes: list[str] = []
-        self._refused: FusionSlamError | None = None
+        self._refused: list[FusionSlamError] = []
 
     @property
     def has_steps(self) -> bool:
@@ -78,9 +79,8 @@ class RunRecorder:
         return step
 
     def _refuse(self, error: FusionSlamError) -> None:
-        level = logging.WARNING if self._refused is None else logging.INFO
-        logger.log(level, "%s: left out: %s", self.events.name, error)
-        self._refused = self._refused or error
+        logger.info("%s: left out: %s", self.events.name, error)
+        self._refused.append(error)
         self._notes.append(f"left out: {error}")
 
     def _keep(self, step: Step) -> None:
@@ -96,8 +96,11 @@ class RunRecorder:
         """Return the run so far. Raises the first refusal if no view was taken."""
         slam, steps = self.slam, self._steps
         looked = [step for step in steps if step.looked]
-        if self._refused is not None and not looked:
-            raise self._refused
+        if self._refused and not looked:
+            raise self._refused[0]
+        if self._refused:
+            count = counted(len(self._refused), "event")
+            logger.warning("%s: %s left out: %s", self.events.name, count, self._refused[0])
         if not steps:
             raise DataError(f"{self.events.name}: no events")
         th, x, y = (self._sums(place) for place in range(3))

@@ -100,7 +100,7 @@ class Recording:
             everything = self.open()
             if everything.sensors == ("points",) or isinstance(everything, CloudDataset):
                 return ("cloud",)
-            if everything.has_points and not everything.cameras and _has_colors(everything):
+            if everything.has_points and not everything.cameras and has_colors(everything):
                 return ("cloud",)
         except DataError as error:
             problem = error
@@ -139,8 +139,9 @@ class Recording:
         return True
 
 
-def _has_colors(dataset: Dataset) -> bool:
-    return dataset[0].colors is not None
+def has_colors(dataset: Dataset, source: str = "cloud") -> bool:
+    """Whether clouds of a source have colours, by the first scan."""
+    return source != "cloud" or dataset[0].colors is not None
 
 
 def settle_frame(config: FusionConfig, dataset: Dataset) -> FusionConfig:

@@ -154,7 +154,11 @@ def _build_views(
         try:
             view = matcher.view(item_at(index))
         except DataError as error:
-            raise DataError(f"{scenes.name}, scan {scenes.numbers[index]}: {error}") from error
+            raise DataError(
+                f"{scenes.name}, scan {scenes.numbers[index]}: {error}",
+                code=error.code,
+                fields=error.fields,
+            ) from error
         seconds[index] = time.perf_counter() - start
         yield view
 

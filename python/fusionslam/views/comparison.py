@@ -10,14 +10,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ShapeError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.scene_set import pack_bytes, scene_values, unpack_bytes
 from fusionslam.views.scenes import (
     Scene,
     SceneConfig,
-    build_scene,
     scene_from_arrays,
+    scene_of_cloud,
     scene_to_arrays,
 )
 
@@ -160,9 +160,7 @@ class SceneComparison(ABC):
 
     def view(self, item: Item) -> View:
         if isinstance(item, Cloud):
-            if item.colors is None:
-                raise DataError("scenes need colours and the cloud has none", code="no-colors")
-            item = build_scene(item.points, item.colors, config=self._scene)
+            item = scene_of_cloud(item, self._scene)
         if not isinstance(item, Scene):
             raise ShapeError(f"expected a Scene or a Cloud, got {type(item).__name__}")
         return View(item, self._recognisable(item))

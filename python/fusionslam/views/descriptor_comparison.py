@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
-from fusionslam.descriptors import DescriptorConfig, describe, find_descriptor, length_of
+from fusionslam.descriptors import DescriptorConfig, describe, find_descriptor, length_of, no_colors
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.comparison import Arrays, Candidate, Item, View
@@ -69,7 +69,7 @@ class DescriptorComparison:
         if not np.isfinite(cloud.points).all():
             raise DataError(f"{name}: the cloud holds NaN or infinity", code="not-finite")
         if self._descriptor.needs_colors and cloud.colors is None:
-            raise DataError(f"{name} needs colours and the cloud has none", code="no-colors")
+            raise no_colors(name)
         try:
             return View(describe(cloud, name, self._config), 1)
         except DataError:

@@ -6,13 +6,14 @@
 parameter ``source`` take these names. docs/development/recognisers.md shows how to add one.
 """
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from pydantic import field_validator, model_validator
 
-from fusionslam.config import Section, core_section, explain_choice, option
+from fusionslam.config import Section, core_section, explain_choice, merged, option
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig
 from fusionslam.errors import ConfigError
 from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
@@ -34,6 +35,8 @@ else:
     SceneSection = core_section("SceneSection", SceneConfig, __name__, optional=True)
     SimilaritySection = core_section("SimilaritySection", SimilarityConfig, __name__, optional=True)
     AlignmentSection = core_section("AlignmentSection", AlignmentConfig, __name__)
+
+logger = logging.getLogger(__name__)
 
 OBJECT_THRESHOLDS = {"robust": 0.74, "paper": 0.737, "author": 0.737}
 """Lowest similarity of a match by preset: the published ones; robust, where accuracy and
@@ -170,6 +173,9 @@ RECOGNISERS: dict[str, Recogniser] = {
 }
 """Every recogniser by name."""
 
+PLAIN = "m2dp"
+"""Recognises clouds without colours, which the default needs."""
+
 RENAMED: Mapping[str, str] = {
     "scenes": "objects",
     "descriptor": "m2dp, cm2dp, shot or cshot",
@@ -190,6 +196,22 @@ def find_recogniser(name: str, key: str = "views") -> Recogniser:
 def method_of(config: ViewMatcherConfig) -> str:
     """The recogniser's name; the preset decides it if ``views.method`` is null."""
     return config.method or ("alignment" if config.preset == "robust" else "objects")
+
+
+def settle_method(config: ViewMatcherConfig, *, colored: bool, name: str) -> ViewMatcherConfig:
+    """Return a configuration that recognises clouds without colours unless it names a method.
+
+    Args:
+        config: returned as it is if the clouds have colours, or it names a method, a second stage
+            or another preset.
+        colored: whether the clouds have colours.
+        name: of the recording; the log says what replaces the default.
+    """
+    chosen = config.method is not None or config.second_stage is not None
+    if colored or chosen or config.preset != "robust":
+        return config
+    logger.warning("%s has no colours: %s instead of %s", name, PLAIN, method_of(config))
+    return merged(config, {"method": PLAIN})
 
 
 def second_stage_of(config: ViewMatcherConfig) -> str | None:

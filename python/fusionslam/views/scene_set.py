@@ -20,19 +20,18 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import format_of, load_archive, save_archive
 from fusionslam.storage.progress import Progress
-from fusionslam.views.scenes import Scene, SceneConfig, build_scene
+from fusionslam.views.scenes import Scene, SceneConfig, scene_of_cloud
 
 FORMAT = "fusionslam.scene_set.1"
-_CLOUDS = ("points", "colors", "offsets")
 _FEATURE = "feature."
 
 
 @dataclass(frozen=True, eq=False)
 class CloudArray:
-    """Concatenated clouds: points float32 (m, 3), colours uint8 (m, 3), offsets (n + 1)."""
+    """Concatenated clouds: points float32 (m, 3), colours uint8 (m, 3) or None, offsets (n + 1)."""
 
     points: NDArray[np.float32]
-    colors: NDArray[np.uint8]
+    colors: NDArray[np.uint8] | None
     offsets: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -40,7 +39,7 @@ class CloudArray:
 
     def __getitem__(self, index: int) -> Cloud:
         span = slice(*self.offsets[index : index + 2].tolist())
-        return Cloud(self.points[span], self.colors[span])
+        return Cloud(self.points[span], None if self.colors is None else self.colors[span])
 
     @property
     def sizes(self) -> NDArray[np.int64]:
@@ -49,18 +48,18 @@ class CloudArray:
 
     @classmethod
     def of(cls, clouds: Sequence[Cloud]) -> "CloudArray":
-        """Concatenate copies of the clouds. Raises DataError if one has no colours."""
-        for index, cloud in enumerate(clouds):
-            if cloud.colors is None:
-                raise DataError(
-                    f"cloud {index} has no colours, which scenes need",
-                    code="no-colors",
-                    fields=[str(index)],
-                )
+        """Concatenate copies of the clouds. Raises DataError if only some have colours."""
+        lacking = [index for index, cloud in enumerate(clouds) if cloud.colors is None]
+        if 0 < len(lacking) < len(clouds):
+            raise DataError(
+                f"cloud {lacking[0]} has no colours and others have",
+                code="no-colors",
+                fields=[str(lacking[0])],
+            )
         offsets = np.cumsum([0, *map(len, clouds)]).astype(np.int64)
         points = [np.empty((0, 3), np.float32), *(cloud.points for cloud in clouds)]
         colors = [np.empty((0, 3), np.uint8), *(c.colors for c in clouds if c.colors is not None)]
-        return cls(np.concatenate(points), np.concatenate(colors), offsets)
+        return cls(np.concatenate(points), None if lacking else np.concatenate(colors), offsets)
 
     def subset(self, indices: NDArray[np.int64]) -> "CloudArray":
         """Select the clouds with these indices."""
@@ -78,7 +77,8 @@ class SceneSet:
         empty: bool (n), scans without points left (only floor, for example).
         frame: "robot", "odometry", ...: the frame of the clouds.
         poses: float64 (n, 3), true x, y in metres and yaw in radians; None if unknown.
-        clouds: coloured, without ground; None if only scenes or features were kept.
+        clouds: without ground, coloured if the data have colours; None if only scenes or features
+            were kept.
         scenes: the scenes of ``scene_config``; None if they have to be built from the clouds.
         scene_config: the configuration that ``scenes`` were built with.
         features: descriptors by name, float32 (n, D); NaN rows for scans that cannot be described.
@@ -121,6 +121,11 @@ class SceneSet:
         """float64 (n), time stamps in seconds."""
         return np.asarray(self.stamps_ns / 1e9, np.float64)
 
+    @property
+    def has_colors(self) -> bool:
+        """Whether the clouds have colours; a set without clouds was made from coloured ones."""
+        return self.clouds is None or self.clouds.colors is not None
+
     def true_poses(self) -> NDArray[np.float64]:
         """The true poses. Raises DataError if the set has none."""
         if self.poses is None:
@@ -139,7 +144,8 @@ class SceneSet:
         """Build the scenes of a configuration from the clouds, or return the stored ones that fit.
 
         Raises:
-            DataError: the set has neither clouds nor scenes of that configuration.
+            DataError: the set has neither clouds nor scenes of that configuration, or the clouds
+                have no colours.
         """
         if self.scenes is not None and self.fits(config):
             return list(self.scenes)
@@ -151,7 +157,7 @@ class SceneSet:
         scenes = []
         for index in range(len(self)):
             cloud = self.clouds[index]
-            scenes.append(build_scene(cloud.points, cloud.colors, config=config))
+            scenes.append(scene_of_cloud(cloud, config))
             if progress is not None:
                 progress(index + 1, len(self))
         return scenes
@@ -257,8 +263,10 @@ def is_scene_set(path: str | os.PathLike[str]) -> bool:
 
 def _parse_arrays(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     """The arguments of a set from its arrays. Raises DataError if they do not fit together."""
-    clouds = CloudArray(*(arrays.pop(name) for name in _CLOUDS)) if "points" in arrays else None
-    if clouds is not None:
+    clouds = None
+    if "points" in arrays:
+        points, offsets = arrays.pop("points"), arrays.pop("offsets")
+        clouds = CloudArray(points, arrays.pop("colors", None), offsets)
         _check_clouds(clouds)
     scenes = None
     if "scene_bytes" in arrays:
@@ -273,8 +281,8 @@ def _check_clouds(clouds: CloudArray) -> None:
     count = len(clouds.points)
     _check_offsets(clouds.offsets, count)
     for name in ("points", "colors"):
-        shape = getattr(clouds, name).shape
-        if shape != (count, 3):
+        shape = np.shape(getattr(clouds, name))
+        if shape != (count, 3) and not (name == "colors" and clouds.colors is None):
             raise DataError(f"{name} has shape {shape}, expected {(count, 3)}")
 
 

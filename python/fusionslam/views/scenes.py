@@ -21,6 +21,7 @@ from fusionslam._core import (
     scene_similarity,
 )
 from fusionslam.errors import DataError
+from fusionslam.sensors.frame import Cloud
 
 __all__ = [
     "Scene",
@@ -32,6 +33,7 @@ __all__ = [
     "color_difference",
     "dbscan",
     "scene_from_arrays",
+    "scene_of_cloud",
     "scene_similarity",
     "scene_to_arrays",
 ]
@@ -41,6 +43,17 @@ _OBJECTS = _NOTHING.objects.dtype
 _CELLS = _NOTHING.image.cells.dtype
 # Without padding, whose bytes are undefined, so that equal scenes have equal bytes.
 _PACKED_CELLS = np.dtype([(name, _CELLS[name]) for name in _CELLS.names or ()])
+
+
+def scene_of_cloud(cloud: Cloud, config: SceneConfig) -> Scene:
+    """Build the scene of a cloud. Raises DataError if it has no colours."""
+    if cloud.colors is None:
+        raise DataError(
+            "scenes need colours and the cloud has none; descriptors such as m2dp recognise places "
+            "without (views.method=m2dp, of ratslam --views m2dp)",
+            code="no-colors",
+        )
+    return build_scene(cloud.points, cloud.colors, config=config)
 
 
 def scene_to_arrays(scene: Scene) -> dict[str, NDArray[Any]]:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every command with every kind of DATA: it does its work, or says what it found and lacks."""
 
+import shutil
 from itertools import product
 from pathlib import Path
 
@@ -24,8 +25,11 @@ from fusionslam.pipelines.frame_check import FrameCheck, check_frames
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Cloud
+from fusionslam.views.scene_set import SceneSet
+from fusionslam.views.scenes import SceneConfig
 from kitti import write_sequence
 from recordings import write_drive
+from refusals import refuses
 
 WINDOW = ("--set", "loop_closure.window=2", "--set", "evaluation.window=2")
 KINDS = ("ranges", "scenes", "scenes alone")
@@ -319,3 +323,70 @@ def test_no_page_of_earlier_results_stays_beside_new_ones(
     assert last_line(succeeds(*words)) == str(tmp_path / page)
     assert last_line(succeeds(*words, "--no-report")) != str(tmp_path / page)
     assert not list(tmp_path.glob("*.html"))
+
+
+@pytest.fixture(scope="module")
+def colorless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scans in KITTI's layout, numbered from 720 on, without images."""
+    folder = tmp_path_factory.mktemp("colorless")
+    root = write_sequence(folder, [0, 1, 2, 3, 0, 1], [400] * 6, metres=3, width=64)
+    for name in ("image_2", "image_3"):
+        shutil.rmtree(root / name)
+    (root / "times.txt").write_text("".join(f"{0.1 * n:e}\n" for n in range(726)))
+    poses = folder / "poses/03.txt"
+    lines = poses.read_text().splitlines(keepends=True)
+    poses.write_text("".join([*lines[:1] * 720, *lines]))
+    for number in range(6):
+        path = root / f"velodyne/{number:06d}.bin"
+        path.rename(path.with_name(f"{number + 720:06d}.bin"))
+    return root
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("views", "match", "--no-report"),
+        ("views", "curve"),
+        ("ratslam", "--no-report"),
+        ("loops", *WINDOW),
+    ],
+    ids=" ".join,
+)
+def test_without_colours_the_default_is_one_that_needs_none(
+    words: tuple[str, ...], colorless: Path, tmp_path: Path
+) -> None:
+    result = succeeds(*words, colorless, "-o", tmp_path / "out")
+    (line,) = (line for line in result.stderr.splitlines() if "WARNING" in line)
+    assert "m2dp" in line.split()
+
+
+def test_a_set_of_clouds_without_colours_is_stored_and_matched(
+    colorless: Path, tmp_path: Path
+) -> None:
+    succeeds("views", "record", colorless, "-o", tmp_path / "set.npz")
+    kept = SceneSet.load(tmp_path / "set.npz")
+    assert kept.clouds is not None and kept.clouds.colors is None and not kept.has_colors
+    assert kept.clouds[5].colors is None and len(kept.clouds[5])
+    succeeds("views", "match", tmp_path / "set.npz", "-o", tmp_path / "out", "--no-report")
+    with refuses("no-colors"):
+        kept.scenes_with(SceneConfig())
+
+
+@pytest.mark.parametrize(
+    ("words", "cure"),
+    [
+        (("views", "match", "--set", "views.method=alignment"), "views.method=m2dp"),
+        (("ratslam", "--views", "alignment", "--no-report"), "--views m2dp"),
+        (("loops", "-d", "cm2dp:author"), "m2dp:author"),
+        (("describe", "-d", "cshot"), "shot"),
+    ],
+)
+def test_what_needs_colours_is_refused_with_what_does_not(
+    words: tuple[str, ...], cure: str, colorless: Path, tmp_path: Path
+) -> None:
+    error = error_of(1, *words, colorless, "-o", tmp_path / "out")
+    assert error.code == "no-colors" and cure in str(error)
+    said = run(*words, colorless, "-o", tmp_path / "out")
+    assert "WARNING" not in said.stderr  # the reason is given once
+    if "ratslam" not in words:  # its frames are named by their stamps
+        assert "720" in str(error)

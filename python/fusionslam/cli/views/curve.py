@@ -37,6 +37,7 @@ def curve(
     """Judge the ids at many thresholds, and name the best ones."""
     from fusionslam.pipelines.results import refuse_input
     from fusionslam.pipelines.views import sweep_thresholds
+    from fusionslam.views.recognisers import settle_method
 
     whole = views_config()
     recording = build_recording()
@@ -45,7 +46,7 @@ def curve(
         scenes = open_scenes(recording, whole, step)
         found = sweep_thresholds(
             scenes,
-            whole.views,
+            settle_method(whole.views, colored=scenes.has_colors, name=scenes.name),
             descriptors=whole.descriptors,
             rule=rule,
             progress=label_progress(step, "matching"),

@@ -36,7 +36,7 @@ def match(
     from fusionslam.pipelines.results import delete_page, refuse_input
     from fusionslam.pipelines.views import run_views
     from fusionslam.views.matcher import ViewMatcher
-    from fusionslam.views.recognisers import describe_method
+    from fusionslam.views.recognisers import describe_method, settle_method
 
     whole = views_config()
     matcher = ViewMatcher(whole.views, fusion=whole.fusion, descriptors=whole.descriptors)
@@ -44,6 +44,9 @@ def match(
     refuse_input(recording, output)
     with progress() as step:
         scenes = open_scenes(recording, whole, step)
+        views = settle_method(whole.views, colored=scenes.has_colors, name=scenes.name)
+        if views is not whole.views:
+            matcher = ViewMatcher(views, fusion=whole.fusion, descriptors=whole.descriptors)
         if scenes.poses is not None and not no_report:
             needs_extra("report", unless="--no-report")
         run = run_views(scenes, matcher, label_progress(step, "matching"))
