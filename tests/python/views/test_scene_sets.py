@@ -127,7 +127,7 @@ def test_arrays_that_do_not_fit_each_other_are_refused(
         replace(drive((0, 1)), **change)
 
 
-def test_clouds_without_colours_are_refused_by_number() -> None:
+def test_a_cloud_without_colours_among_coloured_ones_is_refused_by_number() -> None:
     with refuses("no-colors", "1"):
         CloudArray.of([place(0), Cloud(place(1).points)])
 
