@@ -196,9 +196,10 @@ def _check_count(path: Path, count: int, needed: int, recorded: int | None, stri
             needed,
         )
         return
+    here = "" if needed == recorded else f" (or {needed}, up to the last one here)"
     raise DataError(
-        f"{path} has {count} poses without times and the recording has {recorded} frames: expected "
-        f"the poses of this drive, {recorded} lines (or {needed}, up to the last frame here)",
+        f"{path} has {count} poses without times: expected those of this drive, one for each of "
+        f"its {recorded} frames{here}",
         code="other-drive",
         fields=(str(path), str(count), str(recorded)),
     )
