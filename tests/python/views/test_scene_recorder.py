@@ -12,6 +12,7 @@ import pytest
 
 from cli import succeeds
 from fusionslam import open_dataset
+from fusionslam.datasets import write_poses_tum
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fusion import ROBOT_FUSION, fuse
@@ -91,7 +92,11 @@ def test_a_bag_gives_its_set_frame_by_frame(tmp_path: Path) -> None:
             poses.add(event.message)
     for frame in dataset:
         recorder.add(frame.stamp_ns, fuse(frame, ROBOT_FUSION), poses.at(frame.stamp_ns))
-    live, whole = recorder.scene_set(), record_scenes(dataset)
+    # As a file of true poses: odometry is none.
+    write_poses_tum(tmp_path / "poses.txt", dataset.stamps_ns, dataset.poses)
+    judged = open_dataset(path, poses=tmp_path / "poses.txt")
+    live, whole = recorder.scene_set(), record_scenes(judged)
+    assert record_scenes(dataset).poses is None
     assert len(live) > 5 and np.ptp(live.true_poses()[:, 0]) > 0.5
     np.testing.assert_allclose(live.true_poses(), whole.true_poses(), atol=1e-9)
     assert differing(replace(live, poses=whole.poses), whole) == []
