@@ -313,10 +313,16 @@ def _hint(name: str, known: Collection[str]) -> str:
     return f"did you mean {near!r}? " if near else ""
 
 
+def reason_of(problem: Mapping[str, Any]) -> str:
+    """What is wrong, in our words, of a problem that pydantic found."""
+    reason = str(problem["msg"]).removeprefix("Value error, ")
+    return reason.replace("Input should be", "expected", 1)
+
+
 def _first_problem(error: ValidationError, where: str) -> str:
     first = error.errors()[0]
     key = where + ".".join(str(part) for part in first["loc"])
-    reason = str(first["msg"]).removeprefix("Value error, ")
+    reason = reason_of(first)
     if first["type"] == "value_error" and isinstance(first["input"], Mapping):
         # Values that contradict each other: the reason names them; listing all would hide it.
         return f"{key.rstrip('.')}: {reason}" if key else reason

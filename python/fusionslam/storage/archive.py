@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from fusionslam.config import reason_of
 from fusionslam.errors import DataError
 from fusionslam.storage.files import PathLike, atomic_path, check_expansion, reading
 
@@ -202,7 +203,7 @@ def check_types(value: T) -> T:
             try:
                 checked.validate_python(getattr(value, name), strict=True)
             except ValidationError as error:
-                problem = error.errors()[0]["msg"]
+                problem = reason_of(error.errors()[0])
                 raise DataError(f"{name}: {problem}", code="wrong-type", fields=(name,)) from error
     return value
 

@@ -18,8 +18,10 @@ from cli import (
     succeeds,
     vectors,
 )
+from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines import describe as pipeline
+from fusionslam.pipelines import export_bag
 from fusionslam.pipelines.describe import CHUNK
 from fusionslam.sensors.frame import Cloud, Frame
 
@@ -51,6 +53,22 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
     assert set(range(CHUNK)).isdisjoint(fused[: FRAMES - CHUNK])
     whole, parts = (vectors(tmp_path / name / "lidar-cm2dp.npz") for name in ("whole", "parts"))
     assert whole == parts
+
+
+def test_an_interrupted_bag_says_that_it_is_not_complete_and_keeps_its_part(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(frame: Frame, config: fusionslam.FusionConfig) -> Cloud:
+        if frame.index == 3:
+            raise KeyboardInterrupt
+        return fusionslam.fuse(frame, config)
+
+    monkeypatch.setattr(export_bag, "fuse", interrupted)
+    result = run("fuse", kitti, "-o", tmp_path / "a.bag", "--jobs", "1")
+    assert result.exit_code == 130
+    last = result.stderr.splitlines()[-1]
+    assert str(tmp_path / "a.bag") in last and "nothing" not in last
+    assert len(open_dataset(tmp_path / "a.partial.bag")) == 3
 
 
 def test_fusing_goes_on_with_the_clouds_that_are_missing(kitti: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bags import (
@@ -75,6 +76,17 @@ def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str)
         DataError, match=r"\.db3 .*\.mcap", check=has_code("not-a-bag", tmp_path / "empty")
     ):
         open_bag(tmp_path / "empty")
+
+
+@pytest.mark.parametrize("start", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"])
+def test_bytes_behind_the_first_of_a_bag_are_refused_in_words(tmp_path: Path, start: bytes) -> None:
+    random = np.random.default_rng(0)
+    for size in (0, 3, 90, 900):
+        path = tmp_path / f"{size}.bag"
+        path.write_bytes(start + random.bytes(size))
+        with pytest.raises(DataError) as refused:
+            open_bag(path)
+        assert str(refused.value).startswith(str(path)) and "', " not in str(refused.value)
 
 
 def test_a_broken_message_names_topic_and_time(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from fusionslam.config import Section, merged, walk, with_file, with_settings
 from fusionslam.descriptors import M2dpSection, find_descriptor
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation.loops.protocols import find_protocol
-from fusionslam.fusion import PlaneSection, StereoSection
+from fusionslam.fusion import FusionConfig, PlaneSection, StereoSection
 from fusionslam.pipelines.methods import find_method
 from fusionslam.sim.catalogue import check_world
 from fusionslam.sim.robot import robot_named
@@ -39,6 +39,15 @@ CORE_NUMBERS = [
 
 
 # The core's options and the sections made of them
+
+
+def test_problems_are_told_without_the_words_of_pydantic() -> None:
+    for setting in ("voxel=abc", "voxel=-1", "ground=5"):
+        with pytest.raises(ConfigError) as refused:
+            with_settings(FusionConfig(), [setting])
+        message = str(refused.value)
+        assert setting.split("=")[0] in message and "expected" in message
+        assert "Input" not in message and "type=" not in message and "pydantic" not in message
 
 
 @pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)

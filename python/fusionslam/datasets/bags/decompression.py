@@ -3,7 +3,10 @@
 """Bounds what a chunk, message or file of a bag expands to.
 
 rosbags, whose versions are pinned, decompresses whatever it finds and has no option for a limit:
-its tables of decompressors are replaced, for the whole process.
+its tables of decompressors are replaced, for the whole process. They are looked up by name in its
+modules, deep in its readers, so a subclass of a reader would copy most of it. A program that uses
+rosbags beside us reads the same bytes as before, and gets a ValueError for what expands beyond the
+limit.
 """
 
 import bz2

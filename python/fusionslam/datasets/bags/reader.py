@@ -371,4 +371,7 @@ def _reading_bag(path: Path) -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    return str(error).rstrip(".") or type(error).__name__
+    """The error's message; rosbags and the decoders that it uses raise some with several values."""
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    return ": ".join(map(str, error.args)).rstrip(".") or type(error).__name__

@@ -38,8 +38,8 @@ def open_cut(path: Path, kind: str) -> Reader | Reader2 | None:
     """Open the complete records of a bag without index; None if there are none."""
     if kind == "rosbag2":  # a database is not a sequence of records
         return None
-    reader: Any = _CutRosbag1(path) if kind == "rosbag1" else _cut_mcap(path)
-    with suppress(Exception):  # damaged bytes may raise anything
+    with suppress(Exception):  # damaged bytes may raise anything, and so may a wrong suffix
+        reader: Any = _CutRosbag1(path) if kind == "rosbag1" else _cut_mcap(path)
         reader.open()
         if any(connection.msgcount for connection in reader.connections):
             return cast("Reader | Reader2", reader)

@@ -16,6 +16,7 @@ from pydantic import (
     field_validator,
 )
 
+from fusionslam.config import reason_of
 from fusionslam.datasets.cloud_files import read_image
 from fusionslam.errors import DataError
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
@@ -120,9 +121,8 @@ def _read_description(path: Path) -> _Description:
         first = error.errors()[0]
         key = str(first["loc"][0]) if first["loc"] else ""
         why = f"{key} is {first['input']!r}" if first["type"] != "missing" else f"no {key!r}"
-        reason = str(first["msg"]).removeprefix("Value error, ")
         raise DataError(
-            f"{path}: {why if key else 'no keys'}: {reason}; expected {_EXPECTED}",
+            f"{path}: {why if key else 'no keys'}: {reason_of(first)}; expected {_EXPECTED}",
             code="map-file",
             fields=(key,),
         ) from error
