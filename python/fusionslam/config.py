@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 from pydantic.fields import FieldInfo
 
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, reason_of
 from fusionslam.storage.files import parse_yaml, read_yaml
 
 
@@ -311,12 +311,6 @@ def _explain_unknown_key(path: str, key: str, known: list[str]) -> str:
 def _hint(name: str, known: Collection[str]) -> str:
     near = nearest_name(name, known)
     return f"did you mean {near!r}? " if near else ""
-
-
-def reason_of(problem: Mapping[str, Any]) -> str:
-    """What is wrong, in our words, of a problem that pydantic found."""
-    reason = str(problem["msg"]).removeprefix("Value error, ")
-    return reason.replace("Input should be", "expected", 1)
 
 
 def _first_problem(error: ValidationError, where: str) -> str:

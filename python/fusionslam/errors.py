@@ -7,7 +7,7 @@ Messages are for people and may be reworded: programs decide by class, ``code`` 
 """
 
 import copyreg
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -93,6 +93,12 @@ def cause_of(error: BaseException) -> tuple[str, ...]:
             trace.tb_next,
         )
     return type(error).__name__, place
+
+
+def reason_of(problem: Mapping[str, Any]) -> str:
+    """What is wrong, in our words, of a problem that pydantic found."""
+    reason = str(problem["msg"]).removeprefix("Value error, ")
+    return reason.replace("Input should be", "expected", 1)
 
 
 def one_line(error: Exception) -> str:

@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from fusionslam.config import reason_of
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, reason_of
 from fusionslam.storage.files import PathLike, atomic_path, check_expansion, reading
 
 T = TypeVar("T")

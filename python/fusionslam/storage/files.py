@@ -20,7 +20,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fusionslam.errors import DataError, FusionSlamError, naming
+from fusionslam.errors import DataError, FusionSlamError, naming, reason_of
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -139,10 +139,20 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
     except Exception as error:  # damaged files make numpy, zipfile and others raise anything
         subject = "" if path is None else f"{path} cannot be read: "
         why = f"no {error}" if isinstance(error, KeyError) else error
-        why = getattr(error, "strerror", None) or why
+        why = getattr(error, "strerror", None) or _first_of(error) or why
         raise DataError(
             f"{subject}expected {expected} ({why})", code="damaged-file", fields=(str(path),)
         ) from error
+
+
+def _first_of(error: Exception) -> str:
+    """The first problem that pydantic, which other readers use, found; "" for other errors."""
+    from pydantic import ValidationError  # takes long to import
+
+    if not isinstance(error, ValidationError):
+        return ""
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {reason_of(first)}"
 
 
 def check_regular(path: PathLike, expected: str) -> None:

@@ -226,3 +226,13 @@ def test_a_header_that_is_cut_is_named_in_plain_words(
     with pytest.raises(DataError, check=has_code("bad-header", path)) as caught:
         read_cloud(path)
     assert type(caught.value.__cause__) is DataError  # not one of the library that reads it
+
+
+def test_a_pcd_without_fields_is_refused_in_our_words(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcd"
+    write_cloud(path, Cloud(np.ones((5, 3), np.float32)))
+    path.write_bytes(path.read_bytes().replace(b"FIELDS", b"FYELDS"))
+    with pytest.raises(DataError, check=has_code("damaged-file", path)) as refused:
+        read_cloud(path)
+    assert "fields" in str(refused.value) and "\n" not in str(refused.value)
+    assert "pydantic" not in str(refused.value) and "type=" not in str(refused.value)

@@ -92,8 +92,8 @@ class BagDataset(Dataset):
     def camera_images(self) -> ImageSeries | None:
         """All images of the left camera from the first frame to the last, by their stamps."""
         images = super().camera_images()
-        if images is None:
-            return None
+        if images is None or not len(images):
+            return images
         series, topic = self.source.series("left"), self.source.roles["left"]
         rows = np.argsort(series.stamps_ns, kind="stable")
         seconds = series.stamps_ns[rows] / 1e9

@@ -16,9 +16,8 @@ from pydantic import (
     field_validator,
 )
 
-from fusionslam.config import reason_of
 from fusionslam.datasets.cloud_files import read_image
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, reason_of
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
 from fusionslam.storage.files import PathLike, atomic_path, read_yaml, reading
 
