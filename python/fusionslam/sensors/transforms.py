@@ -8,6 +8,7 @@ and rotations at constant angular velocity.
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -103,14 +104,16 @@ class TransformTree:
 
         Raises:
             ShapeError: no FrameTransform.
-            DataError: the matrix is not a rigid transform, or the frame would become its own
-                ancestor or already has another parent. The tree stays as it was.
+            DataError: the matrix is not a rigid transform, the stamp no whole number, or the frame
+                would become its own ancestor or already has another parent. The tree stays as it
+                was.
         """
         if not isinstance(transform, FrameTransform):
             found = type(transform).__name__
             raise ShapeError(f"transform: expected a FrameTransform, got {found}")
         parent, child = _name(transform.parent), _name(transform.child)
         matrix = _rigid(transform.parent_from_child, parent, child)
+        stamp_ns = None if transform.static else as_stamp(transform.stamp_ns)
         link = self._links.get(child)
         if link is None:
             self._refuse_loop(parent, child)
@@ -118,8 +121,8 @@ class TransformTree:
         elif link.parent != parent:
             message = f"frame '{child}' has two parents, '{link.parent}' and '{parent}'"
             raise DataError(message, code="two-parents", fields=(child, link.parent, parent))
-        if not transform.static:
-            self._put(link, as_stamp(transform.stamp_ns), matrix)
+        if stamp_ns is not None:
+            self._put(link, stamp_ns, matrix)
         elif not link.stamps:
             link.static = matrix
 
@@ -263,16 +266,17 @@ def _name(frame: str) -> str:
 
 
 def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
-    matrix = np.asarray(value, dtype=np.float64)
-    if matrix.shape == (4, 4) and np.isfinite(matrix).all():
-        rotation = matrix[:3, :3]
-        skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
-        is_rotation = skew <= _ORTHOGONAL and np.linalg.det(rotation) > 0
-        if is_rotation and (matrix[3] == (0, 0, 0, 1)).all():
-            return matrix
+    with suppress(TypeError, ValueError):  # text, rows of different lengths
+        matrix = np.asarray(value, dtype=np.float64)
+        if matrix.shape == (4, 4) and np.isfinite(matrix).all():
+            rotation = matrix[:3, :3]
+            skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
+            is_rotation = skew <= _ORTHOGONAL and np.linalg.det(rotation) > 0
+            if is_rotation and (matrix[3] == (0, 0, 0, 1)).all():
+                return matrix
     raise DataError(
         f"transform of '{child}' in '{parent}' is no rotation and translation, finite and 4x4: "
-        f"{matrix.tolist()}",
+        f"{np.asarray(value, dtype=object).tolist()}",
         code="no-transform",
         fields=(parent, child),
     )

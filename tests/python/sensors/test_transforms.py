@@ -3,6 +3,7 @@
 """Transforms at any time: against scipy's Slerp, closed forms and the odometry of a real bag."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -161,11 +162,25 @@ def test_loops_and_second_parents_are_refused(
 
 
 @pytest.mark.parametrize(
-    "pose", [np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4), np.diag([1.0, 1, -1, 1])]
+    "pose",
+    [
+        np.full((4, 4), np.nan),
+        np.eye(3),
+        2 * np.eye(4),
+        np.diag([1.0, 1, -1, 1]),
+        np.full((4, 4), "x"),
+    ],
 )
 def test_what_is_no_rotation_and_translation_is_refused(pose: NDArray[np.float64]) -> None:
     with pytest.raises(DataError, check=has_code("no-transform", "odom", "base")):
         TransformTree().add(link("odom", "base", pose))
+
+
+def test_a_stamp_that_is_no_whole_number_is_refused_and_changes_nothing() -> None:
+    tree = TransformTree()
+    with pytest.raises(DataError, check=has_code("stamp", "0.5")):
+        tree.add(replace(link("odom", "base", np.eye(4)), stamp_ns=0.5))
+    assert tree.frames == []
 
 
 def test_history_is_bounded_where_it_is_asked_for() -> None:
