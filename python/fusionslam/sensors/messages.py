@@ -8,6 +8,7 @@ value has the stamp of its header (integer nanoseconds) and the name of its fram
 
 import operator
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,26 +23,28 @@ NANOSECONDS = 1_000_000_000
 
 
 def as_stamp(stamp_ns: Any) -> int:
-    """A stamp as Python's int, which never overflows. Raises DataError for anything else."""
-    try:
-        return operator.index(stamp_ns)
-    except TypeError as error:
-        raise DataError(
-            f"a stamp is {stamp_ns!r}, expected integer nanoseconds",
-            code="stamp",
-            fields=(str(stamp_ns),),
-        ) from error
+    """A stamp as Python's int, which never overflows. Raises DataError beyond 64 bits."""
+    with suppress(TypeError):
+        stamp = operator.index(stamp_ns)
+        if -(2**63) <= stamp < 2**63:
+            return stamp
+    raise DataError(
+        f"a stamp is {stamp_ns!r}, expected integer nanoseconds of 64 bits",
+        code="stamp",
+        fields=(str(stamp_ns),),
+    )
 
 
 def as_nanoseconds(name: str, seconds: float) -> int:
     """Nanoseconds of a duration. Raises ConfigError if it is negative or beyond 64 bits."""
-    if not 0 <= seconds < 2**63 / NANOSECONDS:
-        raise ConfigError(
-            f"{name} is {seconds}, expected a number of seconds from 0 to 9e9",
-            code="out-of-range",
-            fields=(name,),
-        )
-    return round(float(seconds) * NANOSECONDS)
+    with suppress(TypeError, ValueError, OverflowError):
+        if 0 <= float(seconds) < 2**63 / NANOSECONDS:
+            return round(float(seconds) * NANOSECONDS)
+    raise ConfigError(
+        f"{name} is {seconds}, expected a number of seconds from 0 to 9e9",
+        code="out-of-range",
+        fields=(name,),
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

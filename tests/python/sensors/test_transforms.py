@@ -5,6 +5,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,10 +177,11 @@ def test_what_is_no_rotation_and_translation_is_refused(pose: NDArray[np.float64
         TransformTree().add(link("odom", "base", pose))
 
 
-def test_a_stamp_that_is_no_whole_number_is_refused_and_changes_nothing() -> None:
+@pytest.mark.parametrize("stamp_ns", [0.5, 2**63])
+def test_a_stamp_of_another_type_is_refused_and_changes_nothing(stamp_ns: Any) -> None:
     tree = TransformTree()
-    with pytest.raises(DataError, check=has_code("stamp", "0.5")):
-        tree.add(replace(link("odom", "base", np.eye(4)), stamp_ns=0.5))
+    with pytest.raises(DataError, check=has_code("stamp", str(stamp_ns))):
+        tree.add(replace(link("odom", "base", np.eye(4)), stamp_ns=stamp_ns))
     assert tree.frames == []
 
 
@@ -260,8 +262,8 @@ def _pose(place: object, turn: object) -> NDArray[np.float64]:
     return matrix(rotation, [getattr(place, axis) for axis in "xyz"])
 
 
-@pytest.mark.parametrize("seconds", [math.inf, math.nan, -1.0, 1e300, 10**400])
+@pytest.mark.parametrize("seconds", [math.inf, math.nan, -1.0, 1e300, 10**400, np.ones(2)])
 @pytest.mark.parametrize("name", ["history_s", "extrapolation_s"])
-def test_durations_that_are_no_finite_time_are_refused(name: str, seconds: float) -> None:
+def test_durations_that_are_no_finite_time_are_refused(name: str, seconds: Any) -> None:
     with pytest.raises(ConfigError, check=has_code("out-of-range", name)):
         TransformTree(**{name: seconds})
