@@ -240,9 +240,10 @@ def _scan(frame: Frame) -> Cloud:
         message = f"frame {frame.number} has no scan{_suggest_source(frame)}"
         raise DataError(message, code="missing-sensor", fields=("points",))
     scan = Cloud(frame.points, frame.colors)
-    if scan.colors is not None and scan.colors.shape != (len(scan), 3):
+    valid = drop_invalid(scan.points)
+    if scan.colors is not None and np.shape(scan.colors) != (len(scan), 3):
         raise ShapeError(
-            f"frame {frame.number}: colors have shape {scan.colors.shape}, expected "
+            f"frame {frame.number}: colors have shape {np.shape(scan.colors)}, expected "
             f"({len(scan)}, 3), one of each point",
             fields=("colors",),
         )
@@ -253,7 +254,6 @@ def _scan(frame: Frame) -> Cloud:
             *(frame.index, here, len(scan)),
             extra={PER_FRAME: "most points lie at the scanner (0, 0, 0)"},
         )
-    valid = drop_invalid(scan.points)
     if len(valid) < len(scan):
         logger.warning(
             "frame %d: dropped %s with NaN or infinity",
