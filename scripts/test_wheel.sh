@@ -41,7 +41,11 @@ mkdir elsewhere
   "$bin/fusionslam" doctor
   "$bin/fusionslam" demo --set sim.drive.spacing_m=10 -o demo
 )
-"$bin/python" -c 'from fusionslam import _core; assert "environment" in _core.__file__, _core.__file__'
+"$bin/python" -c '
+from importlib.util import find_spec
+from fusionslam import _core
+assert "environment" in _core.__file__, _core.__file__
+assert find_spec("fusionslam_ros.msg"), "no messages of ROS"'
 "$bin/python" -m pytest -q -p no:cacheprovider tests/python/descriptors tests/python/fusion \
   tests/python/matching tests/python/package/test_other_libraries.py
 END
