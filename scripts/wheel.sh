@@ -10,6 +10,8 @@ bin=$PWD/${VENV:-.venv}/bin work=$PWD/build/wheel dist=$PWD/out/dist
 tools=$work/tools/bin
 scripts/debian.sh dpkg-dev libpcl-dev libopencv-dev libeigen3-dev libqhull-dev \
   python3-genpy ros-std-msgs ros-geometry-msgs  # which make the messages of the ROS nodes
+# Each Python would name the compiler that it was built with, which compiles the core once more.
+export CC=${CC:-gcc} CXX=${CXX:-g++}
 ! command -v ccache >/dev/null || export CMAKE_C_COMPILER_LAUNCHER=ccache CMAKE_CXX_COMPILER_LAUNCHER=ccache
 
 mkdir -p "$work"
