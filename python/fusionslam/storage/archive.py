@@ -194,13 +194,17 @@ def check_types(value: T) -> T:
     Arrays and classes of this package check themselves.
 
     Raises:
-        DataError: a field has a value of another type than it is declared with.
+        DataError: a field has a value of another type than it is declared with, or a whole number
+            beyond 64 bits.
     """
     for name, declared in get_type_hints(type(value)).items():
+        given = getattr(value, name)
+        if isinstance(given, int) and abs(given) >= 2**63:
+            raise DataError(f"{name}: number beyond 64 bits", code="wrong-type", fields=(name,))
         checked = _adapter(declared)
         if checked is not None:
             try:
-                checked.validate_python(getattr(value, name), strict=True)
+                checked.validate_python(given, strict=True)
             except ValidationError as error:
                 problem = reason_of(error.errors()[0])
                 raise DataError(f"{name}: {problem}", code="wrong-type", fields=(name,)) from error
