@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command eval: stored runs against ground truth."""
 
+import logging
+
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_summary, progress
+
+logger = logging.getLogger(__name__)
 
 
 @opt.options_of()
@@ -16,6 +20,8 @@ def evaluate(
     settings: opt.Settings = None,
 ) -> None:
     """Judge the runs in OUT against true poses; write metrics.json there.
+
+    Where nothing can be judged, a metrics.json that is there is kept.
 
     --set takes keys of the section evaluation.
     """
@@ -34,6 +40,10 @@ def evaluate(
     changes |= {key: value for key, value in given.items() if value is not None}
     with progress() as step:
         evaluations, config = evaluate_stored(folder, changes, gt, step)
-    path = write_stored_metrics(folder, evaluations, command=opt.command_line())
     print_summary(evaluations, config.protocol)
-    print(path)
+    path = folder / "metrics.json"
+    judged = any(curve.n_revisits for each in evaluations for curve in each.curves.values())
+    if judged or not path.exists():
+        print(write_stored_metrics(folder, evaluations, command=opt.command_line()))
+    else:
+        logger.warning("nothing could be judged: %s is kept as it was", path)

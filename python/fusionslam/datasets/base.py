@@ -69,6 +69,8 @@ class Dataset(ABC):
         poses: float64 (N, 4, 4), world_from_body, of ``poses_origin``; None if there are none.
         cameras: calibration by camera name; the first frame's if each frame has its own.
         gaps: numbers of the incomplete frames, which were left out.
+        recorded: number of frames of the whole recording, of which some may be missing here; None
+            if unknown.
     """
 
     kind: str
@@ -82,6 +84,7 @@ class Dataset(ABC):
     poses: NDArray[np.float64] | None = None
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     gaps: Sequence[int] = ()
+    recorded: int | None = None
 
     @property
     def short_name(self) -> str:

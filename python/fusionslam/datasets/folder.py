@@ -67,6 +67,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         else None,
         cameras=_cameras(calibration, chosen),
         gaps=gaps,
+        recorded=recorded,
         robot_from_points=read_place_on_robot(calibration) if calibration else None,
     )
 

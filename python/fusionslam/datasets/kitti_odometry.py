@@ -68,6 +68,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         else None,
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},
         gaps=gaps,
+        recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
     )
 

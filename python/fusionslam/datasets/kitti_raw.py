@@ -66,6 +66,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
             if name in chosen
         },
         gaps=gaps,
+        recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
     )
 

@@ -165,7 +165,12 @@ def evaluate_stored(
     config = merged(config, {"evaluation": changes or {}})
     runs = load_runs(runs_folder(folder))
     if truth is not None:
-        runs = [replace(run, poses=match_poses(truth, run.numbers, run.stamps_ns)) for run in runs]
+        runs = [
+            replace(
+                run, poses=match_poses(truth, run.numbers, run.stamps_ns, recorded=run.recorded)
+            )
+            for run in runs
+        ]
     return [time_and_evaluate(run, config, step) for run in runs], config.evaluation
 
 

@@ -330,6 +330,7 @@ class _Work:
             config=for_descriptor(self.config, name).model_dump(mode="json"),
             numbers=self.dataset.numbers[rows],
             skipped=skipped,
+            recorded=self.dataset.recorded,
         )
 
     def _working_memory(self, name: str, largest: int) -> int:

@@ -267,6 +267,24 @@ def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: 
     assert "7 revisits in 19 frames" in text
 
 
+def test_eval_refuses_poses_of_another_drive_and_keeps_its_figures(
+    kitti: Path, tmp_path: Path
+) -> None:
+    out, given = tmp_path / "out", tmp_path / "other.txt"
+    succeeds("describe", kitti, "-d", "m2dp", "-o", out, *NO_WINDOW)
+    succeeds("eval", out)
+    before = (out / "metrics.json").read_bytes()
+    truth = (kitti.parent.parent / "poses/03.txt").read_text().splitlines()
+    given.write_text("\n".join([*truth, truth[-1]]))
+    error = error_of(1, "eval", out, "--gt", given)
+    assert (error.code, error.fields) == ("other-drive", (str(given), "21", "20"))
+    # Poses of a car that never comes back: as many, but nothing to judge.
+    given.write_text("".join(f"1 0 0 0 0 1 0 0 0 0 1 {100 * n}\n" for n in range(20)))
+    result = succeeds("eval", out, "--gt", given)
+    assert str(out / "metrics.json") in " ".join(result.stderr.split())
+    assert (out / "metrics.json").read_bytes() == before
+
+
 def test_bench_compares_both_sources_and_ends_with_the_report(kitti: Path, tmp_path: Path) -> None:
     result = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW)
     for name in ("LiDAR-camera", "Stereo", *fusionslam_descriptors()):

@@ -198,8 +198,8 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
     if request.poses is None:
         matched = with_poses(source, matched, moved)
     stamps_ns = _stamps(source, matched, sensors[0])
+    recorded = len(source.series(sensors[0]).stamps)
     if request.poses is not None:
-        recorded = len(source.series(sensors[0]).stamps)
         poses = match_poses(request.poses, matched.numbers, stamps_ns, recorded=recorded)
         origin = PosesOrigin.FILE
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
@@ -217,6 +217,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         poses=poses,
         cameras=_cameras(source, matched, 0),
         gaps=matched.gaps,
+        recorded=recorded,
         source=source,
         matched=matched,
     )

@@ -15,7 +15,7 @@ from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_archive, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
-_TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped")
+_TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped", "recorded")
 _STAGE = "seconds."
 
 
@@ -37,6 +37,7 @@ class DescriptorRun:
         config: the effective configuration, in types that JSON can hold.
         numbers: int64 (N,), frame numbers of the file names; None takes those of ``frames``.
         skipped: number -> reason, for frames left out because they cannot be described.
+        recorded: number of frames of the whole recording; None if unknown.
 
     Raises:
         ShapeError: an array whose shape does not fit the descriptors'.
@@ -56,6 +57,7 @@ class DescriptorRun:
     config: dict[str, Any] = field(default_factory=dict)
     numbers: NDArray[np.int64] = None  # type: ignore[assignment]
     skipped: dict[int, str] = field(default_factory=dict)
+    recorded: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "descriptors", validate_descriptors(self.descriptors))
