@@ -10,7 +10,7 @@ core's own tables, so their values are defined only once too.
 import difflib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, TypeVar, get_args
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 from pydantic.fields import FieldInfo
@@ -22,6 +22,9 @@ from fusionslam.storage.files import parse_yaml, read_yaml
 class Section(BaseModel):
     """Configuration of one stage: immutable, strictly typed, without unknown keys.
 
+    Raises:
+        ConfigError: unknown key (the message names the nearest), wrong type or out of range.
+
     Attributes:
         former_keys: by key of an earlier version, what replaced it; for error messages.
     """
@@ -29,6 +32,14 @@ class Section(BaseModel):
     former_keys: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, validate_default=True)
+
+    def __init__(self, **values: Any) -> None:
+        for key in values:
+            _check_key(type(self), key)
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise _first_problem(type(self), error) from error
 
     @model_validator(mode="before")
     @classmethod
@@ -107,16 +118,10 @@ def merged(
         ConfigError: unknown key or name (the message names the nearest), wrong type or out of
             range.
     """
-    known = list(type(section).model_fields)
     values = {name: getattr(section, name) for name in section.model_fields_set}
     for key, value in changes.items():
         path = f"{where}{key}"
-        if key in section.former_keys:
-            raise ConfigError(f"unknown configuration key {path!r}: {section.former_keys[key]}")
-        if key not in known:
-            raise ConfigError(
-                _explain_unknown_key(path, key, known), code="unknown-key", fields=(path,)
-            )
+        _check_key(type(section), key, where)
         current, kind = getattr(section, key), _named_sections(section, key)
         if isinstance(current, Section):
             values[key] = _merge_inner(current, value, path, new_names)
@@ -131,8 +136,10 @@ def merged(
             values[key] = value
     try:
         return type(section)(**values)
-    except ValidationError as error:
-        raise ConfigError(_first_problem(error, where)) from error
+    except ConfigError as error:
+        # Only here is the whole key known. The keys are checked, so it is a value that is wrong.
+        cause = cast(ValidationError, error.__cause__)
+        raise _first_problem(type(section), cause, where) from cause
 
 
 def flatten(values: Mapping[str, Any], where: str = "") -> dict[str, Any]:
@@ -302,10 +309,19 @@ def _names(section: Section) -> str:
     return ", ".join(type(section).model_fields)
 
 
-def _explain_unknown_key(path: str, key: str, known: list[str]) -> str:
-    if not known:
-        return f"unknown configuration key {path!r}: there is nothing to configure"
-    return f"unknown configuration key {path!r}; {_hint(key, known)}known: {', '.join(known)}"
+def _check_key(kind: type[Section], key: str, where: str = "") -> None:
+    """Raise ConfigError unless a section has this key; ``where`` is the prefix in the message."""
+    path, known = f"{where}{key}", list(kind.model_fields)
+    if key in known:
+        return
+    reason = "; there is nothing to configure"
+    if key in kind.former_keys:
+        reason = f": {kind.former_keys[key]}"
+    elif known:
+        reason = f"; {_hint(key, known)}known: {', '.join(known)}"
+    raise ConfigError(
+        f"unknown configuration key {path!r}{reason}", code="unknown-key", fields=(path,)
+    )
 
 
 def _hint(name: str, known: Collection[str]) -> str:
@@ -313,11 +329,23 @@ def _hint(name: str, known: Collection[str]) -> str:
     return f"did you mean {near!r}? " if near else ""
 
 
-def _first_problem(error: ValidationError, where: str) -> str:
+def _first_problem(kind: type[Section], error: ValidationError, where: str = "") -> ConfigError:
     first = error.errors()[0]
-    key = where + ".".join(str(part) for part in first["loc"])
-    reason = reason_of(first)
+    key = (where + ".".join(str(part) for part in first["loc"])).rstrip(".")
+    reason, cause = reason_of(first), first.get("ctx", {}).get("error")
+    if first["type"] == "literal_error" and len(first["loc"]) == 1:
+        reason += suggest(first["input"], _choices(kind.model_fields[str(first["loc"][0])]))
     if first["type"] == "value_error" and isinstance(first["input"], Mapping):
         # Values that contradict each other: the reason names them; listing all would hide it.
-        return f"{key.rstrip('.')}: {reason}" if key else reason
-    return f"{key.rstrip('.')} is {first['input']!r}: {reason}"
+        message = f"{key}: {reason}" if key else reason
+    else:
+        message = f"{key} is {first['input']!r}: {reason}"
+    if isinstance(cause, ConfigError):
+        return ConfigError(message, code=cause.code, fields=cause.fields)
+    return ConfigError(message, fields=(key,) if key else ())
+
+
+def _choices(definition: FieldInfo) -> list[str]:
+    """The texts that a field accepts; empty if it is no choice."""
+    kinds = (definition.annotation, *get_args(definition.annotation))
+    return [text for kind in kinds if get_origin(kind) is Literal for text in get_args(kind)]

@@ -97,8 +97,20 @@ def cause_of(error: BaseException) -> tuple[str, ...]:
 
 def reason_of(problem: Mapping[str, Any]) -> str:
     """What is wrong, in our words, of a problem that pydantic found."""
+    if limit := _LIMITS.get(problem["type"]):
+        name, words = limit
+        return f"expected {words} {problem['ctx'][name]:.15g}"
     reason = str(problem["msg"]).removeprefix("Value error, ")
     return reason.replace("Input should be", "expected", 1)
+
+
+_LIMITS = {
+    "greater_than_equal": ("ge", "at least"),
+    "greater_than": ("gt", "more than"),
+    "less_than_equal": ("le", "at most"),
+    "less_than": ("lt", "less than"),
+}
+# By kind of pydantic's problem: the limit that was broken, and our words for it.
 
 
 def one_line(error: Exception) -> str:

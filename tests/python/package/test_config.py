@@ -325,3 +325,26 @@ def test_limits_are_finite_where_they_are_shown() -> None:
         for option in core.options():
             if "minimum" in option:
                 assert math.isfinite(option["minimum"]) and math.isfinite(option["maximum"])
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "fields", "near"),
+    [
+        (lambda: FusionConfig(voxl=0.2), "unknown-key", ("voxl",), "'voxel'"),
+        (lambda: FusionConfig(source="sterio"), "config", ("source",), "'stereo'?"),
+        (lambda: FusionConfig(voxel=-1.0), "config", ("voxel",), "at least 0"),
+        (
+            lambda: FusionConfig(stereo={"metod": "bm"}),
+            "unknown-key",
+            ("metod",),
+            "stereo: .*'method'",
+        ),
+    ],
+)
+def test_a_section_made_in_python_refuses_wrong_values_with_our_error(
+    make: Callable[[], Section], code: str, fields: tuple[str, ...], near: str
+) -> None:
+    with pytest.raises(ConfigError, match=near) as error:
+        make()
+    assert (error.value.code, error.value.fields) == (code, fields)
+    assert "pydantic" not in str(error.value)

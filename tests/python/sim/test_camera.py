@@ -4,11 +4,11 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy import optimize
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+from fusionslam.errors import ConfigError
 from fusionslam.sim.camera import (
     CameraMount,
     camera_info,
@@ -163,5 +163,5 @@ def test_camera_info_says_what_the_picture_was_made_with() -> None:
     ],
 )
 def test_a_camera_that_cannot_be_is_refused(values: dict[str, object], message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(ConfigError, match=message):
         CameraMount(**values)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
 from benchmarks.accuracy.recordings import SHAPES, range_errors, rays_apart
+from fusionslam.errors import ConfigError
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sim.lidar import LidarMount, Sweep, column_seconds, lidar_rays, point_fields, scan
 from fusionslam.sim.robot import base_from, robot_named
@@ -182,7 +182,7 @@ def test_a_scan_without_motion_has_no_times(caster: RayCaster) -> None:
     ],
 )
 def test_a_lidar_that_cannot_be_is_refused(values: dict[str, object], message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(ConfigError, match=message):
         LidarMount(**values)
 
 
