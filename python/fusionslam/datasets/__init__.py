@@ -135,7 +135,9 @@ def open_dataset(
         if calibration and not found.calibration:
             raise ConfigError(
                 f"a calibration can be given for bags and plain folders, but {root} is of kind "
-                f"{found.name}, which has its own"
+                f"{found.name}, whose own files are read",
+                code="other-kind",
+                fields=(str(root), found.name),
             )
         return found.open(root, request)
     except PermissionError as error:

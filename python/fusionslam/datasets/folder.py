@@ -23,6 +23,7 @@ from fusionslam.datasets.streams import (
     itself,
     regular_stamps,
     unique,
+    warn_uncalibrated,
 )
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
@@ -53,6 +54,9 @@ def open_folder(path: Path, request: Request) -> Dataset:
     poses = request.poses or find_existing(root / "poses.txt")
     stamps, recorded = _stamps(root, numbers, name_stamps, poses)
     calibration = request.calibration or find_existing(root / "calib.yaml")
+    cameras = _cameras(calibration, chosen)
+    if not cameras:
+        warn_uncalibrated(chosen, f"cameras in {calibration or root / 'calib.yaml'}")
     return FileDataset(
         kind="folder",
         name=root.name,
@@ -65,7 +69,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         poses=match_poses(poses, numbers, stamps, recorded=recorded, strict=poses == request.poses)
         if poses
         else None,
-        cameras=_cameras(calibration, chosen),
+        cameras=cameras,
         gaps=gaps,
         recorded=recorded,
         robot_from_points=read_place_on_robot(calibration) if calibration else None,

@@ -23,6 +23,7 @@ from fusionslam.datasets.streams import (
     one_of,
     regular_stamps,
     scan,
+    warn_uncalibrated,
 )
 from fusionslam.sensors.frame import Camera
 
@@ -115,9 +116,10 @@ def _stamps(root: Path, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], 
 
 
 def _calibration(root: Path, streams: dict[str, Stream]) -> Calibration | None:
-    """Read calib.txt; None if it is missing and only scans are used."""
+    """Read calib.txt; None if it is missing, which the log says."""
     path = root / "calib.txt"
-    if set(streams) == {"points"} and not path.exists():
+    if not path.exists():
+        warn_uncalibrated(streams, str(path))
         return None
     return read_calibration(path)
 

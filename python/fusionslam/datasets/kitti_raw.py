@@ -25,8 +25,8 @@ from fusionslam.datasets.streams import (
     named_and_linked,
     one_of,
     regular_stamps,
+    warn_uncalibrated,
 )
-from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
 
 STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_03")
@@ -43,10 +43,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
     stamps, recorded = _stamps(root, numbers, chosen)
-    cam_to_cam = _calibration(root, "calib_cam_to_cam.txt")
-    velo_to_cam = _calibration(root, "calib_velo_to_cam.txt")
-    rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
-    rectified_from_points = rectified_from_camera @ velo_to_cam.transform("R", "T")
+    rectified_from_points, cameras = _calibration(root, chosen, camera_numbers)
     return FileDataset(
         kind="kitti-raw",
         name=f"KITTI raw {root.name}",
@@ -60,11 +57,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
         poses=match_poses(request.poses, numbers, stamps, recorded=recorded)
         if request.poses
         else None,
-        cameras={
-            name: _camera(cam_to_cam, number, rectified_from_points)
-            for name, number in camera_numbers.items()
-            if name in chosen
-        },
+        cameras=cameras,
         gaps=gaps,
         recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
@@ -113,12 +106,25 @@ def _camera(
     )
 
 
-def _calibration(root: Path, name: str) -> Calibration:
-    """Read a calibration file of the drive or of its date's folder, as in the published data."""
-    path = find_existing(root / name, *(one.parent / name for one in named_and_linked(root)))
-    if path is None:
-        raise DataError(f"{root / name} is missing, and so is {root.parent / name}")
-    return read_calibration(path)
+def _calibration(
+    root: Path, streams: dict[str, Stream], numbers: dict[str, int]
+) -> tuple[NDArray[np.float64] | None, dict[str, Camera]]:
+    """Where the scanner is in camera 0, and the cameras; nothing if a file is missing, logged."""
+    found = []
+    for name in ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt"):
+        # Of the drive or of its date's folder, as in the published data.
+        path = find_existing(root / name, *(one.parent / name for one in named_and_linked(root)))
+        if path is None:
+            warn_uncalibrated(streams, f"{root / name} and no {root.parent / name}")
+            return None, {}
+        found.append(read_calibration(path))
+    cam_to_cam, velo_to_cam = found
+    rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
+    rectified_from_points = rectified_from_camera @ velo_to_cam.transform("R", "T")
+    used = {name: number for name, number in numbers.items() if name in streams}
+    return rectified_from_points, {
+        name: _camera(cam_to_cam, number, rectified_from_points) for name, number in used.items()
+    }
 
 
 def is_kitti_raw(path: Path) -> bool:

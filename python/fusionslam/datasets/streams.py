@@ -242,6 +242,15 @@ def regular_stamps(numbers: NDArray[np.int64], missing: str) -> NDArray[np.int64
     return numbers * PERIOD_NS
 
 
+def warn_uncalibrated(streams: Mapping[str, Stream], missing: str) -> None:
+    """Log what a missing calibration costs: nothing for scans alone or images of one camera."""
+    if len(streams) > 1:
+        logger.warning(
+            "no %s: images neither colour scans (source lidar) nor give clouds (source stereo)",
+            missing,
+        )
+
+
 def one_of(root: Path, available: Mapping[str, Path], name: str | None) -> Path:
     """Find the sequence of that name; without a name, the only one.
 

@@ -42,7 +42,7 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
     """Fuse the first frame and return the outcome, or why it cannot be fused."""
     if isinstance(dataset, CloudDataset):
         return FirstCloud("not needed", detail="the clouds have their colours")
-    if dataset.sensors == ("points",):
+    if dataset.sensors == ("points",) or (dataset.has_points and not dataset.cameras):
         return _only_scans(dataset)
     is_pair = dataset.has_stereo and not (dataset.has_points and dataset.cameras)
     if not is_pair and not dataset.has_points:
@@ -55,16 +55,17 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
 
 
 def _only_scans(dataset: "Dataset") -> FirstCloud:
-    """Tell whether scans without images have colours of their own."""
+    """Tell whether scans without calibrated images have colours of their own."""
     try:
         colors = dataset[0].colors
     except FusionSlamError as error:
         return FirstCloud("not possible", problem=one_line(error))
     if colors is not None:
         return FirstCloud("not needed", detail="the scans have their colours (source cloud)")
+    lacking = "images" if dataset.sensors == ("points",) else "calibration"
     return FirstCloud(
         "not possible",
-        problem="no images to colour the scans with: commands take them without colours "
+        problem=f"no {lacking} to colour the scans with: commands take them without colours "
         "(source cloud)",
     )
 

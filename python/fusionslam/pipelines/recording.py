@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
-from fusionslam.datasets.base import CloudDataset, PosesOrigin
+from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.datasets.streams import (
     GapsError,
     absolute_path,
@@ -100,7 +100,9 @@ class Recording:
             everything = self.open()
             if everything.sensors == ("points",) or isinstance(everything, CloudDataset):
                 return ("cloud",)
-            if everything.has_points and not everything.cameras and has_colors(everything):
+            # A calibration can be lacking in files; that of a bag can be named by option.
+            is_complete = isinstance(everything, FileDataset) or has_colors(everything)
+            if everything.has_points and not everything.cameras and is_complete:
                 return ("cloud",)
         except DataError as error:
             problem = error

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from error_codes import has_code
 from fusionslam.datasets import open_dataset, write_poses_tum
 from fusionslam.errors import DataError
+from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.recording import Recording
 from kitti import P2, P3, POSE_LINE, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
 from refusals import refuses
 
@@ -157,11 +159,27 @@ def test_a_sequence_without_times_runs_at_10_hz_and_says_so(
     assert str(sequence / "times.txt") in caplog.text
 
 
-def test_scans_alone_need_no_calibration(tmp_path: Path) -> None:
+def test_scans_alone_need_no_calibration(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     sequence = odometry(tmp_path)
     (sequence / "calib.txt").unlink()
     assert open_dataset(sequence, sensors=["points"]).body_from_points is None
-    with pytest.raises(DataError, check=has_code("missing-file", sequence / "calib.txt")):
+    assert not caplog.records
+
+
+def test_a_sequence_without_calibration_gives_its_scans_and_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    sequence = odometry(tmp_path)
+    (sequence / "calib.txt").unlink()
+    dataset = open_dataset(sequence)
+    assert (dataset.cameras, dataset.body_from_points) == ({}, None)
+    assert [str(sequence / "calib.txt") in record.getMessage() for record in caplog.records] == [
+        True
+    ]
+    assert Recording.at(sequence).sources() == ("cloud",)
+    assert first_cloud(dataset).status == "not possible"
+    put_text(sequence / "calib.txt", "P2: 1 2 3\n")
+    with pytest.raises(DataError, match=r"calib\.txt"):
         open_dataset(sequence)
 
 
@@ -178,11 +196,16 @@ def test_published_raw_drives_lie_under_their_date_and_have_exact_times(tmp_path
         open_dataset(tmp_path)
 
 
-def test_a_raw_drive_without_calibration_names_both_places(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"])
+def test_a_raw_drive_without_calibration_gives_its_scans_and_names_both_places(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str
+) -> None:
     drive = raw_drive(tmp_path)
-    (tmp_path / "calib_cam_to_cam.txt").unlink()
-    with pytest.raises(DataError, match=f"{drive}/calib_cam.* {tmp_path}/calib_cam"):
-        open_dataset(drive)
+    (tmp_path / name).unlink()
+    dataset = open_dataset(drive)
+    assert (dataset.cameras, dataset.body_from_points) == ({}, None)
+    assert all(str(folder / name) in caplog.text for folder in (drive, tmp_path))
+    assert Recording.at(drive).sources() == ("cloud",)
 
 
 def test_object_frames_have_their_own_calibration_and_no_gaps_between_numbers(
