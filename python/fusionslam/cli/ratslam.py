@@ -14,7 +14,7 @@ from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
 from fusionslam.cli.recordings import build_recording
 from fusionslam.errors import DataError
-from fusionslam.storage.files import make_folder
+from fusionslam.storage.files import delay_interrupts, make_folder
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -173,13 +173,19 @@ def _finish(
     from fusionslam.ratslam.map_export import export_run
 
     run = recorder.record()
-    run.save(output / "run.npz")
-    export_run(output, run)
     if interrupted:
         save = save or output / "state.npz"
-    if save is not None:
-        recorder.slam.save(save, run=run)
-    print(_page(run, output, no_report or interrupted))
+    try:
+        with delay_interrupts():
+            if save is not None:
+                recorder.slam.save(save, run=run)
+            run.save(output / "run.npz")
+            export_run(output, run)
+        print(_page(run, output, no_report or interrupted))
+    except KeyboardInterrupt:
+        also = "" if save is None else f", its state {save}"
+        typer.echo(f"interrupted: {output} holds the map{also}, but no judgement of it", err=True)
+        raise typer.Exit(INTERRUPTED) from None
     if interrupted:
         typer.echo(f"interrupted: resume with --resume {save}", err=True)
         raise typer.Exit(INTERRUPTED)

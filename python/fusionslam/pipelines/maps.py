@@ -53,7 +53,7 @@ class RunRecorder:
     def __init__(
         self, slam: RatSlam, events: RunEvents, *, earlier: RatSlamRun | None = None
     ) -> None:
-        self.slam, self.events, self._earlier = slam, events, earlier
+        self.slam, self.events, self.earlier = slam, events, earlier
         self._steps: list[Step] = []
         self._activity: list[tuple[NDArray[np.float32], ...]] = []
         self._notes: list[str] = []
@@ -123,7 +123,7 @@ class RunRecorder:
             activity_x=x,
             activity_y=y,
         )
-        return run if self._earlier is None else join_runs(self._earlier, run)
+        return run if self.earlier is None else join_runs(self.earlier, run)
 
     def _sums(self, place: int) -> NDArray[np.float32]:
         size = self.slam.cells.activity.shape[0 if place == 0 else 1]
@@ -182,7 +182,11 @@ def run_events(
         recorder: keeps the steps made, even if this call is interrupted.
         progress: progress callback.
         watch: called after each step.
+
+    Raises:
+        DataError: the events are those of another recording and begin before the map's end.
     """
+    _check_overlap(recorder)
     label = f"{recorder.events.name}: mapping"
     events = recorder.events.after(*recorder.slam.seen_ns)
     for done, event in enumerate(events, 1):
@@ -193,16 +197,53 @@ def run_events(
             progress(label, done, len(events))
 
 
+def _check_overlap(recorder: RunRecorder) -> None:
+    """Refuse or log views that are earlier than the map's end, unless the map was made of them."""
+    events, earlier, end_ns = recorder.events, recorder.earlier, recorder.slam.seen_ns[1]
+    stamps_ns = events.look_stamps_ns
+    if end_ns is None or not (count := int(np.count_nonzero(stamps_ns <= end_ns))):
+        return
+    mapped = np.empty(0, np.int64) if earlier is None else earlier.stamps_ns[earlier.is_view]
+    # The map may lack some: those that could not be read.
+    same = 2 * np.count_nonzero(np.isin(stamps_ns[:count], mapped)) >= count
+    if same and earlier is not None and earlier.name == events.name:
+        return
+    message = (
+        f"{events.name}: {count} of {len(stamps_ns)} views, from {stamps_ns[0] / 1e9:.3f} s on, "
+        f"are earlier than the end of the map, {end_ns / 1e9:.3f} s"
+    )
+    if same or earlier is None:
+        logger.warning("%s: they are left out", message)
+        return
+    raise DataError(
+        f"{message}, and are not those that it was made of: a recording that continues a map has "
+        "later stamps; --stamps bag takes the times at which a bag was written",
+        code="stamps-overlap",
+        fields=(events.name, str(count)),
+    )
+
+
 def join_runs(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
     """Join the steps of two runs of the same ``RatSlam``; the map is that of the later one."""
     changes: dict[str, Any] = {}
     for name, value in vars(later).items():
         before = getattr(earlier, name)
-        if name in ("why", "notes"):
+        if name == "truth":
+            changes[name] = _join_truth(earlier, later)
+        elif name in ("why", "notes"):
             changes[name] = [*before, *value]
         elif isinstance(value, np.ndarray) and name not in _OF_THE_MAP:
-            changes[name] = None if before is None else np.concatenate([before, value])
+            changes[name] = np.concatenate([before, value])
     return replace(later, **changes)
+
+
+def _join_truth(*runs: RatSlamRun) -> NDArray[np.float64] | None:
+    """The true poses of all steps, NaN in runs without; None if all are."""
+    if all(run.truth is None for run in runs):
+        return None
+    return np.concatenate(
+        [np.full((len(run), 3), np.nan) if run.truth is None else run.truth for run in runs]
+    )
 
 
 def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float64] | None:

@@ -187,6 +187,22 @@ def test_a_real_ctrl_c_keeps_what_there_is(recording: Path, tmp_path: Path) -> N
     assert RatSlam.load(tmp_path / "state.npz").seen_ns[0] is not None
 
 
+def test_ctrl_c_after_the_last_step_keeps_map_and_state(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fusionslam.evaluation.maps.judge.judge_map", interrupted)
+    out, state = tmp_path / "out", tmp_path / "state.npz"
+    result = run("ratslam", recording, "--views", "objects", "-o", out, "--save", state, *QUICK)
+    assert result.exit_code == 130
+    said = " ".join(result.stderr.split())
+    assert str(out) in said and str(state) in said
+    assert len(RatSlamRun.load(out / "run.npz")) and (out / "map.json").exists()
+    assert RatSlam.load(state).seen_ns[0] is not None
+
+
 def test_ctrl_c_before_the_first_step_writes_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

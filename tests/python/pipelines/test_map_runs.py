@@ -220,6 +220,59 @@ def test_a_recording_in_two_parts_gives_the_same_map_as_in_one(tmp_path: Path) -
     assert equal(join_runs(first, second), expected)
 
 
+@pytest.fixture
+def halfway(recording: Path) -> tuple[RatSlam, RatSlamRun, RunEvents]:
+    """A map of the first half of a drive, its run, and the events of the whole drive."""
+    source = build_view_source(OBJECTS)
+    whole = events_of(open_drive(recording), source)
+    stamps_ns = whole.look_stamps_ns[:PLACES]
+    motions = [one for one in whole.motions if one.stamp_ns <= stamps_ns[-1]]
+    taking = RunRecorder(
+        RatSlam(views=source), replace(whole, motions=motions, look_stamps_ns=stamps_ns)
+    )
+    run_events(taking)
+    return taking.slam, taking.record(), whole
+
+
+def test_another_recording_within_the_time_of_the_map_is_refused(
+    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
+) -> None:
+    slam, earlier, whole = halfway
+    other = replace(whole, name="other", look_stamps_ns=whole.look_stamps_ns - SECOND // 100)
+    with pytest.raises(DataError, check=has_code("stamps-overlap")) as found:
+        run_events(RunRecorder(slam, other, earlier=earlier))
+    assert found.value.fields == ("other", str(PLACES))
+
+
+@pytest.mark.parametrize(("name", "warned"), [("drive", 0), ("longer", 1)])
+def test_the_recording_of_the_map_goes_on_and_under_another_name_is_warned_of(
+    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
+    name: str,
+    warned: int,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    slam, earlier, whole = halfway
+    taking = RunRecorder(slam, replace(whole, name=name), earlier=earlier)
+    run_events(taking)
+    assert np.count_nonzero(taking.record().is_view) == 2 * PLACES
+    said = [entry.getMessage() for entry in caplog.records]
+    assert len(said) == warned and all(f"{PLACES} of {2 * PLACES}" in text for text in said)
+
+
+def test_a_part_without_truth_leaves_that_of_the_other(
+    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
+) -> None:
+    _, run, _ = halfway
+    blind = replace(run, truth=None)
+    for joined, known in (
+        (join_runs(blind, run), slice(len(run), None)),
+        (join_runs(run, blind), slice(len(run))),
+    ):
+        assert joined.truth is not None and len(joined.truth) == 2 * len(run)
+        assert np.isfinite(joined.truth).sum() == 3 * len(run)
+        assert np.isfinite(joined.truth[known]).all()
+
+
 def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:
     from fusionslam.pipelines.map_events import motions_of
 
