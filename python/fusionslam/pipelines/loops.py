@@ -18,9 +18,13 @@ from fusionslam.descriptors import PRESETS, DescriptorConfig, in_file_names
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted, listed
-from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector
+from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector, default_threshold
 from fusionslam.storage.files import atomic_path
 
+_FEWEST = 4
+"""Frames of which the last may come back to the first, with others in between."""
+_FAR = 2.0
+"""No threshold is advised beyond this multiple of the fitted one: its loops would be wrong."""
 COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns")
 
 
@@ -78,12 +82,17 @@ class LoopReport:
 
     def _remedy(self) -> str:
         """Return advice for a run in which nothing is found, else an empty string."""
+        queries, window = len(self.run), self.config.window
         if (nearest := self.threshold_of_nearest) is not None and not self.loops:
+            known = default_threshold(self.run.descriptor, _preset_of(self.run), self.run.source)
+            if nearest > _FAR * max(known, self.threshold):
+                return "; no frame looks like an earlier one: nothing seems to come back"
             return (
                 f"; --threshold {nearest:.2g} accepts the nearest, --threshold FOLDER takes the "
                 "one that was right in a stored bench"
             )
-        queries, window = len(self.run), self.config.window
+        if 0 < queries < _FEWEST:
+            return f"; {counted(queries, 'frame')} are too few for loops"
         if self.without_candidates + len(self.blank) < queries or not 0 < queries <= window + 1:
             return ""
         return (
@@ -100,6 +109,10 @@ class LoopReport:
             for loop in self.loops:
                 pair = [loop.query, loop.match]
                 writer.writerow([*numbers[pair], f"{loop.distance:.9g}", *stamps[pair]])
+
+
+def _preset_of(run: DescriptorRun) -> DescriptorConfig:
+    return merged(DescriptorConfig(), {"preset": run.preset or PRESETS[0]})
 
 
 def loops_path(folder: Path, descriptor: str | None = None) -> Path:
@@ -121,7 +134,7 @@ def find_loops(
     detector = LoopDetector(
         run.descriptor,
         config=config,
-        describe=merged(DescriptorConfig(), {"preset": run.preset or PRESETS[0]}),
+        describe=_preset_of(run),
         fusion=merged(FusionConfig(), {"source": run.source}),
         length=run.descriptors.shape[1],
     )

@@ -134,6 +134,28 @@ def test_a_run_that_finds_nothing_knows_a_threshold_that_finds_the_nearest(
         assert again.loops and again.best == nothing.best
 
 
+def test_no_threshold_is_advised_where_nothing_looks_alike(kitti: Path, tmp_path: Path) -> None:
+    (run,) = describe_dataset(open_dataset(kitti), ["m2dp"], tmp_path)
+    opposite = np.where(np.arange(len(run))[:, None] == 19, -1, 1) * np.abs(run.descriptors)
+    for rows, advised in ((run.descriptors, True), (opposite.astype(np.float32), False)):
+        changed = replace(run, descriptors=rows)
+        found = find_loops(changed, LoopConfig(threshold=0, window=18))
+        assert not found.loops and ("--threshold" in str(found)) == advised
+
+
+@pytest.mark.parametrize(("count", "advice"), [(1, None), (3, None), (4, 1), (20, 5)])
+def test_a_window_is_advised_only_where_it_gives_candidates(
+    kitti: Path, tmp_path: Path, count: int, advice: int | None
+) -> None:
+    (run,) = describe_dataset(open_dataset(kitti)[:count], ["m2dp"], tmp_path)
+    found = find_loops(run, LoopConfig(window=50))
+    words = str(found)
+    assert ("loop_closure.window" in words) == (advice is not None)
+    if advice is not None:
+        assert words.endswith(f"--set loop_closure.window={advice}")
+        assert find_loops(run, LoopConfig(window=advice)).without_candidates < count
+
+
 def test_the_threshold_of_a_stored_bench_is_that_of_its_precision(
     kitti: Path, tmp_path: Path
 ) -> None:
