@@ -95,7 +95,7 @@ RECOGNISERS = (
     *("alignment", "objects", "two_stages", "m2dp", "cm2dp", "shot", "cshot"),
     "visual_templates",
 )
-RULES = ("paper", "author")
+RULES = ("paper", "author", "car")
 SHAPES = ("visual", "collision")
 SOURCES = ("lidar", "stereo", "cloud")
 STAMPS = ("header", "bag")
@@ -214,7 +214,11 @@ Tuned = Annotated[
 ]
 Rule = Annotated[
     str,
-    one_of("--rule", names=RULES, help="How views are judged."),
+    one_of(
+        "--rule",
+        names=RULES,
+        help="How views are judged: by limits for a robot (paper, author) or a car.",
+    ),
 ]
 # By default out/COMMAND; commands that write a single file demand its name.
 Folder = Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")]

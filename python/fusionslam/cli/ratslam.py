@@ -73,6 +73,7 @@ def ratslam(
         Path | None,
         typer.Option("--save", metavar="STATE", help="Write a state file for --resume."),
     ] = None,
+    rule: opt.Rule = "paper",
     resume: Annotated[
         Path | None,
         typer.Option("--resume", metavar="STATE", help="Resume with the map that --save wrote."),
@@ -150,7 +151,7 @@ def ratslam(
             watch = shown.enter_context(_live(live, events))
             interrupted = _process_events(recorder, step, watch)
         # Before the live view is closed, so that the map is kept even if its file fails.
-        _finish(recorder, output, save, interrupted=interrupted, no_report=no_report)
+        _finish(recorder, output, save, rule, interrupted=interrupted, no_report=no_report)
 
 
 def _refuse_other_run(output: Path, name: str) -> None:
@@ -167,7 +168,13 @@ def _refuse_other_run(output: Path, name: str) -> None:
 
 
 def _finish(
-    recorder: "RunRecorder", output: Path, save: Path | None, *, interrupted: bool, no_report: bool
+    recorder: "RunRecorder",
+    output: Path,
+    save: Path | None,
+    rule: str,
+    *,
+    interrupted: bool,
+    no_report: bool,
 ) -> None:
     """Write everything and say where; for an interrupted run also how to resume."""
     from fusionslam.ratslam.map_export import export_run
@@ -181,7 +188,7 @@ def _finish(
                 recorder.slam.save(save, run=run)
             run.save(output / "run.npz")
             export_run(output, run)
-        print(_page(run, output, no_report or interrupted))
+        print(_page(run, output, rule, no_report or interrupted))
     except KeyboardInterrupt:
         also = "" if save is None else f", its state {save}"
         typer.echo(f"interrupted: {output} holds the map{also}, but no judgement of it", err=True)
@@ -296,12 +303,12 @@ def _process_events(recorder: "RunRecorder", step: Step, watch: "Watch | None") 
     return False
 
 
-def _page(run: "RatSlamRun", output: Path, no_report: bool) -> Path:
+def _page(run: "RatSlamRun", output: Path, rule: str, no_report: bool) -> Path:
     """Print how good the map is and write the page if wanted; return the file to look at."""
     from fusionslam.evaluation.maps.judge import judge_map
     from fusionslam.pipelines.results import delete_page
 
-    judged = judge_map(run)
+    judged = judge_map(run, rule=rule)
     judged.save(output / "map_report.json")
     print(judged)
     if no_report:

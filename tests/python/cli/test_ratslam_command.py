@@ -190,7 +190,7 @@ def test_a_real_ctrl_c_keeps_what_there_is(recording: Path, tmp_path: Path) -> N
 def test_ctrl_c_after_the_last_step_keeps_map_and_state(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("fusionslam.evaluation.maps.judge.judge_map", interrupted)

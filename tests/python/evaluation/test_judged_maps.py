@@ -102,6 +102,19 @@ def test_a_perfect_map_has_no_errors_and_every_revisit_linked() -> None:
     assert report.linked_revisit_share == 1
 
 
+def test_a_car_that_comes_back_beside_its_track_is_told_of_its_rule() -> None:
+    run = square_run()
+    assert run.truth is not None
+    # The second lap is 3 m further out, along both axes.
+    half = run.stamps_ns > run.stamps_ns[-1] // 2
+    away = replace(run, truth=run.truth + 3.0 * np.outer(half, [1, 1, 0]))
+    paper, car = judge_map(away), judge_map(away, rule="car")
+    assert paper.revisits == 0 and car.revisits
+    (said,) = paper.unjudged
+    assert "0.5 m" in said and f"--rule car), by which {car.revisits} do" in said
+    assert car.unjudged == () and car.rule.loop_distance == 10
+
+
 def test_nodes_are_compared_with_the_truth_when_they_were_made() -> None:
     run = square_run()
     moved = run.nodes.copy()

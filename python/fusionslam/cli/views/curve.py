@@ -11,7 +11,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.recordings import build_recording, open_scenes
-from fusionslam.cli.views.tables import HEADS, curve_row, without_sensor
+from fusionslam.cli.views.tables import HEADS, curve_row, print_limits, without_sensor
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -59,4 +59,5 @@ def curve(
     rows = [curve_row(found, *item) for item in best.items()]
     rows += [[name, "", *shares] for name, *shares in without_sensor(scenes, rule)]
     print_table(["", "threshold", *HEADS], rows)
+    print_limits(scenes, rule)
     print(output / "curve.json")

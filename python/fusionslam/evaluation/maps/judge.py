@@ -9,7 +9,12 @@ import numpy as np
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.evaluation.views.rules import ViewRule, view_rule
+from fusionslam.evaluation.views.rules import (
+    VIEW_RULES,
+    ViewRule,
+    explain_no_revisit,
+    view_rule,
+)
 from fusionslam.geometry.rigid import fit_rigid
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.storage.arrays import Floats, Integers, Mask
@@ -26,8 +31,8 @@ def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
 
     Args:
         run: the run to judge.
-        rule: "paper", "author", or a ``ViewRule``, of which the loop limits (the view radius), the
-            loop age and the revisit limits are used.
+        rule: "paper", "author", "car", or a ``ViewRule``, of which the loop limits (the view
+            radius), the loop age and the revisit limits are used.
 
     Raises:
         DataError: a true pose that is partly NaN or infinite, a pose of the run that is not
@@ -59,7 +64,11 @@ def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
         return MapReport(**counted, unjudged=("not judged: the map has no node",))
     found: dict[str, Any] = {**judge.metric(), **judge.links(), **judge.loops()}
     found |= {**judge.refusals(), **judge.revisits()}
-    return MapReport(**counted, **found, unjudged=judge.list_unjudged())
+    remarks = judge.list_unjudged()
+    if not found["revisits"]:
+        by_car = _Judge(run, VIEW_RULES["car"]).revisits()["revisits"]
+        remarks = (*remarks, explain_no_revisit(values, by_car))
+    return MapReport(**counted, **found, unjudged=remarks)
 
 
 class _Judge:

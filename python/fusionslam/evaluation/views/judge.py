@@ -29,7 +29,7 @@ def judge_views(
             recognise. It counts as a negative and in ``unplaced``, and is never stored.
         poses: (n, 3), true x, y in metres and yaw in radians.
         stamps: (n,), seconds, not decreasing.
-        rule: "paper", "author" (FACTS: angles of the author's program), or a ``ViewRule``.
+        rule: "paper", "author" (FACTS: angles of the author's program), "car", or a ``ViewRule``.
 
     Raises:
         ShapeError: wrong shape, length or dtype.

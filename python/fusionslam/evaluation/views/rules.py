@@ -51,8 +51,32 @@ VIEW_RULES = {
     "paper": ViewRule(),
     # The author's program compares yaw / pi: its 0.4 and 0.04 are these angles.
     "author": ViewRule(false_positive_angle=72.0, false_negative_angle=7.2),
+    # The paper's distances times 12.5: a view is right within 10 m, as in the evaluation of loops.
+    "car": ViewRule(
+        false_positive_distance=10.0,
+        false_negative_distance=2.5,
+        revisit_distance=6.25,
+        loop_distance=10.0,
+        loop_age=5.0,
+    ),
 }
-"""Rules by name: the thesis's text and its author's program. Both judge loops alike."""
+"""Rules by name: the thesis's text, its author's program, which judges loops alike, and limits for
+a car, whose scans are metres apart and which hardly drives in its own tracks."""
+
+
+def explain_no_revisit(rule: ViewRule, by_car: int) -> str:
+    """Say that no scan of a drive comes back under a rule.
+
+    Args:
+        rule: the limits that judged it.
+        by_car: number of scans that come back under the rule "car".
+    """
+    said = (
+        f"no scan comes back within {rule.revisit_distance:g} m and {rule.revisit_angle:g} deg of "
+        f"where it was more than {rule.loop_age:g} s before"
+    )
+    cure = ": a car's loops are judged by the rule 'car' (--rule car), by which"
+    return f"{said}{cure} {by_car} do" if by_car else said
 
 
 def view_rule(rule: str | ViewRule) -> tuple[str, ViewRule]:
