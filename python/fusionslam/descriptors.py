@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from fusionslam._core import M2dpConfig, cloud_resolution, cm2dp, cshot, m2dp, shot
 from fusionslam.config import Section, core_section, explain_choice, merged, option, split_preset
-from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.sensors.frame import Cloud
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.sensors.frame import Cloud, require_cloud
 
 if TYPE_CHECKING:
 
@@ -71,8 +71,7 @@ def describe(
             all points equal, ...).
     """
     kind = find_descriptor(name)
-    if not isinstance(cloud, Cloud):
-        raise ShapeError(f"{name} needs a Cloud, got {type(cloud).__name__}")
+    require_cloud(cloud)
     if kind.needs_colors and cloud.colors is None:
         raise no_colors(name)
     return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))

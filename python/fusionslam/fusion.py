@@ -127,7 +127,11 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
         DataError: the frame lacks a sensor, a calibration or a robot pose that the configuration
             needs, and the message names it; an image does not have the calibration's size; or
             most points are farther away than any LiDAR sees.
+        ShapeError: not a frame.
     """
+    if not isinstance(frame, Frame):
+        kind = type(frame).__name__
+        raise ShapeError(f"expected a Frame, got {kind}", code="no-frame", fields=(kind,))
     config = config or FusionConfig()
     cloud = remove_ground(frame, color_cloud(frame, config), config)
     cloud = _transform(cloud, frame_from_points(frame, config.frame))

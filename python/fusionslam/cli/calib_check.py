@@ -35,11 +35,16 @@ def calib_check(
     Tries small turns, shifts and delays of the camera, and draws scans over their images.
     """
     from fusionslam.calibration.check import check_calibration, frames_of, write_overlays
+    from fusionslam.datasets.streams import MissingSensorError
 
     if pictures:
         needs_extra("report", module="matplotlib", unless="--pictures 0")
     chosen = read_config().calib_check
-    dataset = build_recording().open("lidar")
+    try:
+        dataset = build_recording().open("lidar")
+    except MissingSensorError as error:
+        message = f"calib-check needs scans and left images: {error}"
+        raise MissingSensorError(message, fields=error.fields) from error
     keep_parts(ctx, output)
     with progress() as step:
         show = label_progress(step, "finding edges")

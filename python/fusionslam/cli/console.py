@@ -180,7 +180,7 @@ def left_out(run: "DescriptorRun") -> str:
         return ""
     reason = next(iter(run.skipped.values()))
     numbers = listed(run.skipped)
-    return f", {len(run.skipped)} left out that cannot be described: {numbers} ({reason})"
+    return f"; {len(run.skipped)} left out that cannot be described: {numbers} ({reason})"
 
 
 def _print_groups(table: "Table", groups: Sequence[tuple[str, int]]) -> None:

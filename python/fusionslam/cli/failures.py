@@ -155,9 +155,25 @@ def _report_usage(error: Any) -> Exception:
         return error  # type: ignore[no-any-return]
     command = error.ctx.command_path if error.ctx else "fusionslam"
     problem = _one_line(error.format_message()).rstrip(".")
+    if settings := _settings_of(error):
+        problem = f"No such option: {error.option_name}; {' or '.join(settings)} sets it"
     see = " See" if problem.endswith("?") else "; see"
     print(f"error: {problem}{see} {command} --help", file=sys.stderr)
     return typer.Exit(USAGE)
+
+
+def _settings_of(error: Any) -> list[str]:
+    """Return the settings of the keys that end with the name of an unknown option."""
+    if type(error).__name__ != "NoSuchOption" or error.ctx is None:
+        return []
+    if not any("--set" in each.opts for each in error.ctx.command.params):
+        return []
+    from fusionslam.cli.system_config import SystemConfig
+    from fusionslam.config import walk
+
+    name = error.option_name.lstrip("-").replace("-", "_")
+    keys = [key for key, _, _ in walk(SystemConfig()) if key.rpartition(".")[2] == name]
+    return [f"--set {key}=VALUE" for key in keys]
 
 
 def _cure_of(error: FusionSlamError, command: Any) -> str:

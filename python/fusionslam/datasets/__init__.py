@@ -12,6 +12,7 @@ import stat
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+from fusionslam.config import explain_choice
 from fusionslam.datasets.bags import open_bag, open_writer
 from fusionslam.datasets.bags.reader import bag_kind
 from fusionslam.datasets.base import Dataset
@@ -194,4 +195,5 @@ def _sensors(names: Sequence[str] | None) -> Sequence[str] | None:
 
 def _one_of(key: str, value: str, values: Collection[str]) -> None:
     if value not in values:
-        raise ConfigError(f"{key} is '{value}', expected one of {', '.join(values)}")
+        problem = explain_choice(value, values)
+        raise ConfigError(f"{key} is {value!r}, {problem}", code="choice", fields=(key, value))

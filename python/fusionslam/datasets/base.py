@@ -204,20 +204,27 @@ class Dataset(ABC):
             DataError: its calibration cannot be read, or a slice runs backwards. A scan or an
                 image that cannot be read raises on first access.
         """
-        rows = range(len(self))
         if isinstance(index, slice):
-            return self.only(rows[index])
+            return self.only(range(len(self))[index])
+        return self._frame(self._row(index))
+
+    def _row(self, index: int) -> int:
+        """The index counted from the beginning. Raises IndexError if there is no such frame."""
         row = operator.index(index)
         if not -len(self) <= row < len(self):
             raise IndexError(f"{self.name} has no frame {row}: expected 0 to {len(self) - 1}")
-        return self._frame(rows[row])
+        return row % len(self)
 
     def only(self, rows: Sequence[int]) -> Self:
         """The dataset of the frames with these indices, which must rise. Reads no frame.
 
         ``gaps`` stay those of the recording, and ``counts`` those of its sensors.
+
+        Raises:
+            IndexError: there is no such frame.
+            DataError: the indices do not rise.
         """
-        kept = np.asarray(rows, dtype=np.int64)
+        kept = np.asarray([self._row(row) for row in rows], dtype=np.int64)
         if (np.diff(kept) <= 0).any():
             message = f"{self.name}: the indices of frames must rise, as stamps do"
             raise DataError(message, code="frame-order", fields=(self.name,))

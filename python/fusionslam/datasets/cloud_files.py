@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.frame import Cloud, require_cloud
 from fusionslam.storage.files import PathLike, atomic_path, check_pixels, reading
 
 CLOUD_SUFFIXES = (".bin", ".pcd", ".ply")
@@ -125,8 +125,9 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
 
     Raises:
         DataError: the suffix is another one, or the file cannot be written.
-        ShapeError: the points are not (N, 3), or the colours have another shape.
+        ShapeError: not a cloud, the points are not (N, 3), or the colours have another shape.
     """
+    require_cloud(cloud)
     path = Path(path)
     encoders = {".bin": _encode_bin, ".pcd": _encode_pcd, ".ply": _encode_ply}
     encode = encoders[_cloud_suffix(path)]

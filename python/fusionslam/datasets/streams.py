@@ -19,7 +19,6 @@ from fusionslam.sensors.synchronizer import SyncConfig
 logger = logging.getLogger(__name__)
 
 SENSORS = ("points", "left", "right")
-_SOURCES = "points and left, left and right, or points alone (source lidar, stereo or cloud)"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 # If the numbers of the first and the last file are further apart (28 hours at 10 Hz), the file
 # names are not frame numbers.
@@ -166,7 +165,10 @@ def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]
     files: dict[Key, Path] = {}
     for path in paths:
         if (other := files.setdefault(key(path), path)) is not path:
-            message = f"{other} and {path} are both frame {key(path)}: expected one file"
+            message = (
+                f"{other} and {path} are both frame {key(path)}: expected one file of each number, "
+                "which are the digits at the end of the name"
+            )
             raise DataError(message, code="two-files", fields=(str(other), str(path)))
     return files
 
@@ -184,9 +186,7 @@ def choose(streams: Mapping[str, Stream | None], request: Request, root: Path) -
     for sensor in wanted:
         if sensor not in found:
             others = f", only of {', '.join(found)}" if found else ""
-            message = (
-                f"{root} has no files of sensor '{sensor}'{others}; clouds come from {_SOURCES}"
-            )
+            message = f"{root} has no files of sensor '{sensor}'{others}"
             raise MissingSensorError(message, fields=(sensor,))
     return {sensor: found[sensor] for sensor in SENSORS if sensor in wanted}
 

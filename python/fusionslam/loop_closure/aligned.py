@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.detector import FILE, Loop, LoopDetector
-from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.frame import Cloud, require_cloud
 from fusionslam.storage.archive import load_archive
 from fusionslam.storage.files import reading
 from fusionslam.views.alignment_comparison import align_scenes
@@ -76,7 +76,9 @@ class AlignedLoopDetector:
 
         Raises:
             DataError: a cloud that cannot be described or has no colours; nothing is stored.
+            ShapeError: not a cloud.
         """
+        require_cloud(cloud)
         if cloud.colors is None:
             raise DataError(
                 "loops are aligned by coloured clouds and this one has no colours", code="no-colors"

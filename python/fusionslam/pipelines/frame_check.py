@@ -24,6 +24,8 @@ BAD_FRAMES = ("error", "skip")
 """Ways to treat frames that cannot be read, fused or described."""
 _NAMED = 20
 """Most frames that a row names."""
+_SMALL = 0.25
+"""Share of the median number of points below which a scan is small."""
 
 
 @dataclass(frozen=True)
@@ -125,10 +127,23 @@ def check_rows(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
     empty = [check.number for check in checks if check.points == 0]
     if empty:
         yield "empty scans", _name(empty)
+    yield from _small_scans(checks)
     yield from _shares(checks, "invalid points", "with NaN or infinity", lambda one: one.invalid)
     yield from _shares(
         checks, "no distance", "at the scanner (0, 0, 0)", lambda one: one.at_scanner
     )
+
+
+def _small_scans(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
+    """Yield a row about scans with far fewer points than others: a file may be cut short."""
+    counts = [check.points for check in checks if check.points]
+    usual = float(np.median(counts)) if counts else 0.0
+    small = [one.number for one in checks if one.points and one.points < _SMALL * usual]
+    if small:
+        yield (
+            "small scans",
+            f"below {_SMALL:.0%} of the usual {usual:.0f} points, cut short? {_name(small)}",
+        )
 
 
 def _shares(

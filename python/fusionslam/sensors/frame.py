@@ -76,6 +76,18 @@ class Cloud:
         return len(self.points)
 
 
+def require_cloud(value: object) -> None:
+    """Raise ShapeError (code "no-cloud") unless a value is a ``Cloud``."""
+    if not isinstance(value, Cloud):
+        is_frame = isinstance(value, Frame)
+        cure = "fuse it first (fusionslam.fuse)" if is_frame else "Cloud(points, colors) makes one"
+        raise ShapeError(
+            f"expected a Cloud, got {type(value).__name__}: {cure}",
+            code="no-cloud",
+            fields=(type(value).__name__,),
+        )
+
+
 class Frame:
     """Sensor data of one instant. Points and images are loaded on first access.
 

@@ -21,7 +21,7 @@ from fusionslam._core import (
     scene_similarity,
 )
 from fusionslam.errors import DataError
-from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.frame import Cloud, require_cloud
 
 __all__ = [
     "Scene",
@@ -46,7 +46,8 @@ _PACKED_CELLS = np.dtype([(name, _CELLS[name]) for name in _CELLS.names or ()])
 
 
 def scene_of_cloud(cloud: Cloud, config: SceneConfig) -> Scene:
-    """Build the scene of a cloud. Raises DataError if it has no colours."""
+    """Build the scene of a cloud. Raises DataError without colours, ShapeError for no cloud."""
+    require_cloud(cloud)
     if cloud.colors is None:
         raise DataError(
             "scenes need colours and the cloud has none; descriptors such as m2dp recognise places "

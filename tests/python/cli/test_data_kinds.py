@@ -202,6 +202,12 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
     assert "000002.png" in printed.stdout
 
 
+def test_info_names_scans_that_have_far_fewer_points_than_the_others(tmp_path: Path) -> None:
+    write_sequence(tmp_path, [0, 1, 2, 3], [300, 74, 301, 300], metres=3, width=64)
+    rows = dict(look_at(Recording.at(tmp_path), check_frames).rows)
+    assert rows["small scans"].endswith("1 frame: 1") and "0 cannot be read" in rows["checked"]
+
+
 @pytest.mark.parametrize("name", ["out", "out.mcap"])
 def test_fuse_names_frames_without_points(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

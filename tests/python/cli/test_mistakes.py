@@ -28,6 +28,8 @@ from fusionslam.sensors.frame import Cloud
     [
         (("info", "DATA", "--bogus"), "No such option: --bogus"),
         (("--bogus",), "No such option: --bogus"),
+        (("loops", "DATA", "--window", "5"), "--set loop_closure.window="),
+        (("fuse", "DATA", "--ground-height=1"), "--set fusion.ground_height="),
         (("inof", "DATA"), "No such command 'inof'"),
         (("info",), "Missing argument 'DATA'"),
         (("describe", "DATA", "-o", "x", "--jobs", "0"), "'--jobs'"),
@@ -109,9 +111,14 @@ def test_a_gap_is_reported_and_skipped_only_on_request(recording: Path, tmp_path
 
 
 @pytest.mark.parametrize("command", ["info", "describe", "bench"])
-def test_a_missing_calibration_is_named(recording: Path, tmp_path: Path, command: str) -> None:
+def test_without_calibration_scans_serve_and_the_file_is_named(
+    recording: Path, tmp_path: Path, command: str
+) -> None:
     (recording / "calib.txt").unlink()
-    output = () if command == "info" else ("-o", tmp_path / "out")
+    output = () if command == "info" else ("-d", "m2dp", "-o", tmp_path / "out")
+    result = succeeds(command, recording, *output)
+    assert "calib.txt" in "".join(result.stderr.split())
+    (recording / "calib.txt").write_text("P0: 1 2 3\n")
     assert "calib.txt" in fails(1, command, recording, *output)
 
 

@@ -57,7 +57,7 @@ def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_pat
     words = ("describe", recording, "-d", "m2dp", "-o", out, *NO_WINDOW)
     assert "frame 4" in fails(1, *words)
     skip = "--skip-bad-frames"
-    assert "19 frames, 1 left out" in succeeds(*words, skip).stdout
+    assert "19 frames; 1 left out" in succeeds(*words, skip).stdout
     # The stored run says so as well, and does not pass for a whole one.
     assert "1 left out" in succeeds(*words, skip).stdout
     assert "frame 4" in fails(1, *words)

@@ -60,6 +60,14 @@ def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffi
         write_bag(tmp_path / "file" / f"drive.{suffix}", drive(0.1))
 
 
+def test_a_damaged_database_is_named_once(tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.db3"
+    damaged.write_bytes(b"SQLite format 3\0" + b"noise" * 500)
+    with pytest.raises(DataError) as error:
+        open_bag(damaged)
+    assert str(error.value).count(str(damaged)) == 1
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"drive.{suffix}"

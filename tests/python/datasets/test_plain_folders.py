@@ -43,6 +43,8 @@ def test_a_slice_is_a_dataset_of_these_frames(tmp_path: Path) -> None:
     for index in (4, -5):
         with pytest.raises(IndexError, match=f"{index}: expected 0 to 3"):
             dataset[index]
+        with pytest.raises(IndexError, match=f"{index}: expected 0 to 3"):
+            dataset.only([index])
 
 
 def test_datasets_and_frames_say_in_a_line_what_they_are(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 """Descriptors by name, their normals and resolution, and whether they repeat."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 import fusionslam
 from clouds import Points, distance, load_made, street
+from error_codes import has_code
+from fusionslam.datasets import write_cloud
+from fusionslam.views.scenes import SceneConfig, scene_of_cloud
 from refusals import refuses
 
 
@@ -97,8 +101,21 @@ def test_describe_names_what_is_missing_or_unknown() -> None:
         fusionslam.describe(fusionslam.Cloud(points), "cm2dp")
     with pytest.raises(fusionslam.ConfigError, match=r"m3dp.*m2dp, cm2dp, shot, cshot"):
         fusionslam.describe(fusionslam.Cloud(points), "m3dp")
-    with pytest.raises(fusionslam.ShapeError, match="ndarray"):
-        fusionslam.describe(points, "m2dp")
+
+
+def test_what_is_no_cloud_or_no_frame_is_refused_by_its_kind(tmp_path: Path) -> None:
+    points, _ = street(63, 200)
+    cloud, frame = fusionslam.Cloud(points), fusionslam.Frame(points=points)
+    for given, kind in ((points, "ndarray"), (frame, "Frame")):
+        for take in (
+            lambda each: fusionslam.describe(each, "m2dp"),
+            lambda each: scene_of_cloud(each, SceneConfig()),
+            lambda each: write_cloud(tmp_path / "cloud.ply", each),
+        ):
+            with pytest.raises(fusionslam.ShapeError, check=has_code("no-cloud", kind)):
+                take(given)
+    with pytest.raises(fusionslam.ShapeError, check=has_code("no-frame", "Cloud")):
+        fusionslam.fuse(cloud)
 
 
 def test_two_visits_of_a_place_are_nearer_than_other_places() -> None:

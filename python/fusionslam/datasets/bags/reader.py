@@ -367,7 +367,8 @@ def _reading_bag(path: Path) -> Iterator[None]:
     except DataError:
         raise
     except Exception as error:
-        raise DataError(f"{path} cannot be read as a bag: {_reason(error)}") from error
+        reason = _reason(error).replace(f"Cannot open database {path}: ", "")
+        raise DataError(f"{path} cannot be read as a bag: {reason}") from error
 
 
 def _reason(error: Exception) -> str:
