@@ -20,6 +20,9 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 # Largest time difference between a frame and its pose.
 POSE_TOLERANCE_NS = 10_000_000
+# Largest distance of two poses between which a frame's is interpolated. Every second pose of the
+# simulated drive of 8 m/s, 0.5 s apart, gives those between with errors of 6 cm, in bends 35 cm.
+POSE_GAP_NS = 500_000_000
 # Largest deviation from a rotation matrix: text files have few digits.
 ROTATION_TOLERANCE = 1e-2
 # Columns of TUM's quaternion in trimesh's order.
@@ -37,7 +40,8 @@ def read_poses(path: PathLike) -> tuple[NDArray[np.int64] | None, NDArray[np.flo
             a number.
     """
     path = Path(path)
-    columns = _table(path, (8, 12), "poses, one a line").shape[1]
+    expected = "poses, one a line: 12 numbers (KITTI) or 8 (TUM)"
+    columns = _table(path, (8, 12), expected).shape[1]
     return read_poses_tum(path) if columns == 8 else (None, read_poses_kitti(path))
 
 
@@ -143,6 +147,8 @@ def match_poses(
 ) -> NDArray[np.float64]:
     """Read the poses of frames: KITTI lines are matched by frame number, TUM lines by time.
 
+    A frame between two TUM poses at most 0.5 s apart gets one in between, and the log says so.
+
     Args:
         path: file in KITTI or TUM format.
         numbers: int64 (N), ascending.
@@ -158,7 +164,7 @@ def match_poses(
 
     Raises:
         DataError: the file cannot be read, is too short, has more KITTI lines than there are
-            frames, or has no pose within 10 ms of a frame.
+            frames, or has no pose within 10 ms of a frame, nor two around it.
     """
     path = Path(path)
     pose_stamps, poses = read_poses(path)
@@ -166,16 +172,24 @@ def match_poses(
         _check_count(path, len(poses), int(numbers[-1]) + 1, recorded, strict)
         return pick(poses, numbers, path)
     nearest = _nearest(pose_stamps, stamps_ns)
-    distance = np.abs(pose_stamps[nearest] - stamps_ns)
-    if (far := np.flatnonzero(distance > POSE_TOLERANCE_NS)).size:
+    found, far = poses[nearest], np.abs(pose_stamps[nearest] - stamps_ns) > POSE_TOLERANCE_NS
+    if not far.any():
+        return found
+    found[far], gaps_ns = _interpolate(pose_stamps, poses, stamps_ns[far])
+    if (lacking := np.flatnonzero(far)[gaps_ns > POSE_GAP_NS]).size:
+        first = lacking[0]
         raise DataError(
-            f"{path} has no pose within 10 ms of {far.size} of {len(numbers)} frames; the first "
-            f"is frame {numbers[far[0]]} at {stamps_ns[far[0]] / 1e9:.9f} s; the poses are from "
+            f"{path} has no pose within 10 ms of {lacking.size} of {len(numbers)} frames, nor two "
+            f"around them at most {POSE_GAP_NS / 1e9:g} s apart; the first is frame "
+            f"{numbers[first]} at {stamps_ns[first] / 1e9:.9f} s; the poses are from "
             f"{_span(pose_stamps)}, the frames from {_span(stamps_ns)}",
             code="no-pose",
-            fields=(str(path), str(numbers[far[0]])),
+            fields=(str(path), str(numbers[first])),
         )
-    return poses[nearest]
+    logger.warning(
+        "%s: the poses of %d of %d frames are interpolated", path, far.sum(), len(numbers)
+    )
+    return found
 
 
 def _span(stamps_ns: NDArray[np.int64]) -> str:
@@ -227,12 +241,41 @@ def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
     return order[np.where(wanted - earlier < later - wanted, before, after)]
 
 
+def _interpolate(
+    stamps: NDArray[np.int64], poses: NDArray[np.float64], wanted: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses at the wanted stamps, and the time between the two around each; infinite outside."""
+    from scipy.spatial.transform import Rotation
+
+    order = np.argsort(stamps)
+    after = np.searchsorted(stamps, wanted, sorter=order).clip(1, len(stamps) - 1)
+    first, last = order[after - 1], order[after]
+    inside = (stamps[first] <= wanted) & (wanted <= stamps[last])
+    gaps_ns = np.where(inside, stamps[last].astype(np.float64) - stamps[first], np.inf)
+    share = np.where(inside, (wanted - stamps[first]) / np.maximum(gaps_ns, 1), 0)[:, None]
+    start = Rotation.from_matrix(poses[first, :3, :3])
+    turn = (start.inv() * Rotation.from_matrix(poses[last, :3, :3])).as_rotvec()
+    between = poses[first]
+    between[:, :3, :3] = (start * Rotation.from_rotvec(share * turn)).as_matrix()
+    between[:, :3, 3] += share * (poses[last, :3, 3] - poses[first, :3, 3])
+    return between, gaps_ns
+
+
 def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.float64]:
     """Read numbers separated by blanks, float64 (N, columns), N > 0, all finite."""
     with reading(path, expected), warnings.catch_warnings():
         # An empty file is an error below.
         warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
-        rows = np.loadtxt(path, dtype=np.float64, ndmin=2, encoding="utf-8")
+        try:
+            rows = np.loadtxt(path, dtype=np.float64, ndmin=2, encoding="utf-8")
+        except ValueError as error:
+            if (bad_line := _find_bad_line(path)) is None:
+                raise
+            raise DataError(
+                f"{path}, line {bad_line}: expected {expected}, with blanks between numbers",
+                code="damaged-file",
+                fields=(str(path),),
+            ) from error
     if not rows.size:
         raise DataError(f"{path} is empty: expected {expected}")
     if rows.shape[1] not in columns:
@@ -241,6 +284,21 @@ def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.fl
         line = _line_of(path, bad[0])
         raise DataError(f"{path}, line {line}: NaN or infinity, expected {expected}")
     return rows
+
+
+def _find_bad_line(path: Path) -> int | None:
+    """Number (from 1) of the first line that is no row of numbers, or not as long as the first."""
+    columns = None
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        words = line.partition("#")[0].split()
+        columns = columns or len(words)
+        try:
+            [float(word) for word in words]
+        except ValueError:
+            return number
+        if words and len(words) != columns:
+            return number
+    return None
 
 
 def _line_of(path: Path, row: int) -> int:

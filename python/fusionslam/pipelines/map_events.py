@@ -182,8 +182,8 @@ def _choose_odometry(drive: Drive) -> OdometryName:
     if drive.truth is not None:
         return "truth"
     raise DataError(
-        f"{drive.name} has neither odometry messages nor true poses; odometry may be 'visual' "
-        "where there are images",
+        f"{drive.name} has neither odometry messages nor true poses: --odometry visual "
+        "(odometry='visual') takes the motion from images, --gt FILE names true poses",
         code="no-motion",
     )
 

@@ -134,8 +134,9 @@ def test_tum_poses_are_matched_to_times_and_must_be_near(tmp_path: Path) -> None
     put_text(tmp_path / "poses.txt", "# t x\n" + "".join(map(line.format, (10.2, 10.1, 10), "210")))
     dataset = open_dataset(folder(tmp_path))
     assert dataset.poses[:, 0, 3].tolist() == [0, 1, 2]
-    put_text(tmp_path / "poses.txt", "".join(map(line.format, (10, 10.15, 10.2), "012")))
-    with pytest.raises(DataError, check=has_code("no-pose", tmp_path / "poses.txt", 1)):
+    put_text(tmp_path / "poses.txt", "".join(map(line.format, (10, 10.9, 10.2), "012")))
+    put_text(tmp_path / "times.txt", "10.0\n10.1\n10.4\n")
+    with pytest.raises(DataError, check=has_code("no-pose", tmp_path / "poses.txt", 2)):
         open_dataset(tmp_path)
 
 

@@ -203,6 +203,33 @@ def test_the_nearest_pose_is_found_whatever_the_order_of_the_file(tmp_path: Path
     assert np.array_equal(np.abs(found - wanted), np.abs(brute - wanted))
 
 
+def test_poses_at_half_the_rate_of_the_frames_are_interpolated(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    # A constant screw motion along z: 3 degrees and 0.2 m every 0.1 s, poses every 0.2 s.
+    stamps = np.arange(11) * 100_000_000
+    angles = np.radians(3.0) * np.arange(11)
+    poses = np.tile(np.eye(4), (11, 1, 1))
+    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(angles)
+    poses[:, 1, 0], poses[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    poses[:, 2, 3] = 0.2 * np.arange(11)
+    path = tmp_path / "poses.txt"
+    write_poses_tum(path, stamps[::2], poses[::2])
+    np.testing.assert_allclose(match_poses(path, np.arange(11), stamps), poses, atol=1e-12)
+    assert "5 of 11" in caplog.text
+    write_poses_tum(path, stamps[::6], poses[::6])
+    with pytest.raises(DataError, check=has_code("no-pose", path, 1)):
+        match_poses(path, np.arange(10), stamps[:10])
+
+
+@pytest.mark.parametrize("bad", ["1,2,3,4,5,6,7,8", "1 2 3 4 5 6 7", "1 2 3 4 5 6 7 eight"])
+def test_a_line_that_is_no_row_of_poses_is_named(tmp_path: Path, bad: str) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"# t x\n1 0 0 0 0 0 0 1\n{bad}\n")
+    with pytest.raises(DataError, match="line 3", check=has_code("damaged-file", path)):
+        read_poses(path)
+
+
 @pytest.mark.parametrize(
     "row",
     ["2 0 0 0 0 2 0 0 0 0 2 0", "1 0 0 0 0 1 0 0 0 0 -1 0", "1 0.2 0 5 0 1 0 5 0 0 1 5"],
