@@ -13,7 +13,6 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import INTERRUPTED, needs_extra
 from fusionslam.cli.recordings import build_recording
-from fusionslam.errors import DataError
 from fusionslam.storage.files import delay_interrupts, make_folder
 from fusionslam.storage.progress import Step
 
@@ -100,7 +99,7 @@ def ratslam(
     from fusionslam.pipelines.drives import open_drive
     from fusionslam.pipelines.map_events import events_of, expected_drift
     from fusionslam.pipelines.maps import RunRecorder
-    from fusionslam.pipelines.results import refuse_input
+    from fusionslam.pipelines.results import refuse_input, refuse_other_data
     from fusionslam.sim.rendered_images import rendered_images
     from fusionslam.views.recognisers import find_recogniser
 
@@ -134,7 +133,7 @@ def ratslam(
             )
             step(OPENING, 1, 1)
             if resume is None:
-                _refuse_other_run(output, drive.name)
+                refuse_other_data(output, recording, drive.name)
             assert slam.views is not None  # holds for every named source
             events = events_of(
                 drive,
@@ -152,19 +151,6 @@ def ratslam(
             interrupted = _process_events(recorder, step, watch)
         # Before the live view is closed, so that the map is kept even if its file fails.
         _finish(recorder, output, save, rule, interrupted=interrupted, no_report=no_report)
-
-
-def _refuse_other_run(output: Path, name: str) -> None:
-    """Raise DataError if the folder holds the map of another drive, whose files would mix."""
-    from fusionslam.evaluation.maps.run import RatSlamRun
-
-    path = output / "run.npz"
-    if path.exists() and (earlier := RatSlamRun.load(path).name) != name:
-        raise DataError(
-            f"{output} holds the map of {earlier}: choose another folder or delete this one",
-            code="other-results",
-            fields=(str(output), earlier),
-        )
 
 
 def _finish(

@@ -61,23 +61,47 @@ def claim(folder: str | os.PathLike[str], work: Work) -> Work:
         DataError: the folder is the recording or holds work on other data, or cannot be written.
     """
     refuse_input(work.recording, folder)
+    refuse_other_data(folder, work.recording, work.dataset)
     earlier = Work.load(folder)
     if earlier is not None:
-        if (_place(earlier.recording), earlier.dataset, earlier.about) != (
-            _place(work.recording),
-            work.dataset,
-            work.about,
-        ):
+        if (earlier.dataset, earlier.about) != (work.dataset, work.about):
             different = " made with other settings or of other frames" if earlier.about else ""
-            raise DataError(
-                f"{folder} holds results of {earlier.dataset} ({earlier.recording.path})"
-                f"{different}: choose another folder or delete this one",
-                code="other-results",
-                fields=(str(folder), earlier.dataset),
-            )
+            raise _other_results(folder, earlier, different)
         work = replace(work, configs=earlier.configs | work.configs)
     work.save(folder)
     return work
+
+
+def refuse_other_data(folder: str | os.PathLike[str], recording: Recording, dataset: str) -> None:
+    """Raise DataError if a folder holds results of other data, a map or work of any command.
+
+    Args:
+        folder: of the results.
+        recording: the input data.
+        dataset: name of the dataset or of its drive, which begin alike.
+    """
+    from fusionslam.evaluation.maps.run import RatSlamRun
+
+    earlier, path = Work.load(folder), Path(folder) / "run.npz"
+    if earlier is not None and _place(earlier.recording) != _place(recording):
+        raise _other_results(folder, earlier)
+    if path.exists():
+        drive, names = RatSlamRun.load(path).name, (dataset, f"simulated {recording.simulated}")
+        if not any(name.startswith(drive) for name in names):
+            raise DataError(
+                f"{folder} holds the map of {drive}: choose another folder or delete this one",
+                code="other-results",
+                fields=(str(folder), drive),
+            )
+
+
+def _other_results(folder: str | os.PathLike[str], earlier: Work, how: str = "") -> DataError:
+    return DataError(
+        f"{folder} holds results of {earlier.dataset} ({earlier.recording.path}){how}: choose "
+        "another folder or delete this one",
+        code="other-results",
+        fields=(str(folder), earlier.dataset),
+    )
 
 
 def refuse_input(recording: Recording, target: str | os.PathLike[str]) -> None:

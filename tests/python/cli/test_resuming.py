@@ -136,3 +136,7 @@ def test_a_map_is_not_written_among_the_files_of_another_drive(kitti: Path, tmp_
     write_bag(tmp_path / "other.bag", drive())
     words = ("ratslam", tmp_path / "other.bag", "-o", out, "--views", "m2dp", "--no-report")
     assert error_of(1, *words).code == "other-results"
+    assert error_of(1, "loops", tmp_path / "other.bag", "-o", out).code == "other-results"
+    succeeds("loops", kitti, "-o", out, "-d", "m2dp")
+    (out / "run.npz").unlink()
+    assert error_of(1, *words).code == "other-results"
