@@ -99,11 +99,12 @@ def _check_header(path: Path, last: bytes, first: bytes) -> None:
     """Raise DataError unless a header begins and ends as expected: the readers trust it."""
     with path.open("rb") as file:
         lines = list(islice(file, _LONGEST_HEADER))
-    message = None
+    message, kind = None, path.suffix[1:].upper()
     if not lines or not lines[0].startswith(first):
-        message = f"does not begin like a {path.suffix[1:].upper()} file"
+        message = f"does not begin like a {kind} file"
     elif not any(line.startswith(last) for line in lines):
-        message = f"is cut short in its header: there is no line {last.decode().strip()}"
+        end = last.decode().strip()
+        message = f"has no line {end}: it is cut short in its header, or no {kind} file"
     if message:
         raise DataError(message, code="bad-header", fields=(str(path),))
 

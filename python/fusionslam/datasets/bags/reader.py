@@ -254,7 +254,7 @@ class Bag:
             content = deserialize(data, connection.msgtype)
         except Exception as error:
             raise DataError(
-                f"{topic}, arrived at {time_ns} ns: {len(data)} bytes are no {type_name} "
+                f"{topic}, arrived at {time_ns / 1e9:.3f} s: {len(data)} bytes are no {type_name} "
                 f"({_reason(error)})",
                 code="undecodable",
                 fields=(topic,),
