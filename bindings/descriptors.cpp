@@ -100,6 +100,34 @@ Raises:
 8 rings x 16 bins for each colour channel. Arguments and errors as cm2dp.)");
 }
 
+void bind_scan_context(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "scan_context",
+      [](const PointsArg& points, std::optional<double> height, const ScanContextConfig& config) {
+        ScanContextConfig settings = config;
+        settings.height = height.value_or(settings.height);
+        return to_numpy(without_gil([&] { return scan_context(points.view(), settings); }));
+      },
+      "points"_a, py::kw_only(), "height"_a = py::none(), "config"_a = ScanContextConfig(),
+      R"(Scan Context of a cloud (Kim, Kim, IROS 2018).
+
+Of 60 sectors of azimuth, from x towards y, and 20 rings up to 80 m the height of the highest point
+above the ground, 0 where there is none. compare_scan_contexts compares two, at every turn.
+
+Args:
+    points: float32 (N, 3), metres, in a frame whose z axis points up.
+    height: of the frame's origin above the ground, metres; None is that of config, 2.
+    config: a ScanContextConfig.
+
+Returns:
+    float32 (1200,): sector after sector, from the innermost ring outwards.
+
+Raises:
+    DataError: NaN or infinity, or no point above the ground within range.
+    ShapeError, ConfigError: wrong array, value out of range.)");
+}
+
 void bind_shot(py::module_& module) {
   using namespace py::literals;
   module.def(
@@ -227,7 +255,11 @@ void bind_descriptors(py::module_& module) {
            }),
            py::kw_only(), py::arg("preset") = "robust",
            "The preset's values, with the given options in their place.");
+  bind_config<ScanContextConfig>(module, "ScanContextConfig", "Parameters of Scan Context.")
+      .def(py::init(
+          [](const Options& options) { return with_options(ScanContextConfig{}, options); }));
   bind_m2dp(module);
+  bind_scan_context(module);
   bind_cm2dp(module);
   bind_singular_vectors(module);
   bind_shot_at_centroid(module);

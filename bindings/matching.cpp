@@ -20,6 +20,8 @@ ExclusionWindow window_of(py::ssize_t frames, double seconds) {
   return {static_cast<std::size_t>(frames), std::llround(seconds * 1e9)};
 }
 
+Metric metric_of(const std::string& name) { return choice_from_name<Metric>("metric", name); }
+
 std::size_t count_of(py::ssize_t k) {
   if (k < 1) throw ConfigError("k is " + std::to_string(k) + ", expected at least 1");
   return static_cast<std::size_t>(k);
@@ -47,19 +49,23 @@ MatchTuple to_tuple(MatchTable&& table) {
 void bind_matching(py::module_& module) {
   using namespace py::literals;
   py::class_<SharedDescriptors>(module, "DescriptorIndex",
-                                R"(Exact, causal L2 nearest neighbours over added descriptors.
+                                R"(Exact, causal nearest neighbours over added descriptors.
 
 A query is answered as if it were the next descriptor to be added, number len(index): candidates
 are older by more than window frames and by more than window_seconds.
-Equal distances go to the lowest index. Threads may share an index; processes get copies (pickle).)")
-      .def(py::init([](py::ssize_t dimension, py::ssize_t window, double window_seconds) {
+Distances are L2, or with metric="scan_context" those of compare_scan_contexts. Equal ones go to
+the lowest index. Threads may share an index; processes get copies (pickle).)")
+      .def(py::init([](py::ssize_t dimension, py::ssize_t window, double window_seconds,
+                       const std::string& metric) {
              if (dimension < 1)
                throw ConfigError("dimension is " + std::to_string(dimension) +
                                  ", expected at least 1");
-             return std::make_unique<SharedDescriptors>(DescriptorIndex(
-                 static_cast<std::size_t>(dimension), window_of(window, window_seconds)));
+             return std::make_unique<SharedDescriptors>(
+                 DescriptorIndex(static_cast<std::size_t>(dimension),
+                                 window_of(window, window_seconds), metric_of(metric)));
            }),
-           "dimension"_a, py::kw_only(), "window"_a = 0, "window_seconds"_a = 0.0)
+           "dimension"_a, py::kw_only(), "window"_a = 0, "window_seconds"_a = 0.0,
+           "metric"_a = "l2")
       .def(
           "add",
           [](SharedDescriptors& self, const DescriptorArg& descriptor,
@@ -147,30 +153,37 @@ Raises:
           [](const SharedDescriptors& self) {
             return self.read([](const DescriptorIndex& index) { return index.window().frames; });
           })
-      .def_property_readonly("window_seconds", [](const SharedDescriptors& self) {
-        return self.read([](const DescriptorIndex& index) {
-          return static_cast<double>(index.window().nanoseconds) * 1e-9;
-        });
+      .def_property_readonly("window_seconds",
+                             [](const SharedDescriptors& self) {
+                               return self.read([](const DescriptorIndex& index) {
+                                 return static_cast<double>(index.window().nanoseconds) * 1e-9;
+                               });
+                             })
+      .def_property_readonly("metric", [](const SharedDescriptors& self) {
+        return std::string(
+            choice_name(self.read([](const DescriptorIndex& index) { return index.metric(); })));
       });
   module.def(
       "nearest",
       [](const DescriptorTableArg& queries, const DescriptorTableArg& descriptors, py::ssize_t k,
-         int threads) {
+         int threads, const std::string& metric) {
         const auto dimension = descriptors.array.shape(1);
         if (queries.array.shape(1) != dimension)
           throw ShapeError("queries have " + std::to_string(queries.array.shape(1)) +
                            " columns, descriptors have " + std::to_string(dimension));
         const std::size_t count = count_of(k);
+        const Metric chosen = metric_of(metric);
         return to_tuple(without_gil([&] {
           return nearest(queries.values(), descriptors.values(),
-                         static_cast<std::size_t>(dimension), count, threads);
+                         static_cast<std::size_t>(dimension), count, threads, chosen);
         }));
       },
-      "queries"_a, "descriptors"_a, py::kw_only(), "k"_a = 1, "threads"_a = 0,
+      "queries"_a, "descriptors"_a, py::kw_only(), "k"_a = 1, "threads"_a = 0, "metric"_a = "l2",
       R"(The k nearest descriptors of each query, exactly; equal distances go to the lowest row.
 
 Args:
     queries, descriptors: float32 (N, D) and (M, D).
+    metric: "l2", or "scan_context" as in compare_scan_contexts.
 
 Returns:
     (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
@@ -179,23 +192,50 @@ Raises:
     ShapeError, DataError: other lengths, NaN.)");
   module.def(
       "nearest_causal",
-      [](const DescriptorTableArg& descriptors, py::ssize_t window, py::ssize_t k, int threads) {
+      [](const DescriptorTableArg& descriptors, py::ssize_t window, py::ssize_t k, int threads,
+         const std::string& metric) {
         const std::size_t frames = window_of(window, 0).frames;
         const std::size_t count = count_of(k);
+        const Metric chosen = metric_of(metric);
         return to_tuple(without_gil([&] {
           return nearest_causal(descriptors.values(),
                                 static_cast<std::size_t>(descriptors.array.shape(1)), frames, count,
-                                threads);
+                                threads, chosen);
         }));
       },
-      "descriptors"_a, py::kw_only(), "window"_a, "k"_a = 1, "threads"_a = 0,
+      "descriptors"_a, py::kw_only(), "window"_a, "k"_a = 1, "threads"_a = 0, "metric"_a = "l2",
       R"(For each row i the k nearest rows j < i - window, as an online run would find them.
 
 Args:
     descriptors: float32 (N, D).
+    metric: as nearest.
 
 Returns:
     (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).)");
+  module.def(
+      "compare_scan_contexts",
+      [](const DescriptorArg& query,
+         const DescriptorArg& match) -> py::typing::Tuple<py::float_, py::float_> {
+        const TurnedMatch found =
+            without_gil([&] { return compare_scan_contexts(query.values(), match.values()); });
+        return py::make_tuple(found.distance, found.yaw);
+      },
+      "query"_a, "match"_a,
+      R"(How alike two Scan Contexts are (Kim, Kim, IROS 2018), and the turn between them.
+
+The distance is 1 - the sum over the sectors of their cosines, divided by the sectors that are
+filled in the fuller one, at the turn where that is least. The paper divides by the sectors that
+are filled in both, which is the same for scans of the full circle; of narrow ones it takes any two
+slivers for one place.
+
+Args:
+    query, match: float32 (60 R,), of scan_context.
+
+Returns:
+    (distance, 0 to 1; yaw of the query's frame in the match's, radians).
+
+Raises:
+    ShapeError, DataError: other lengths, NaN.)");
 }
 
 }  // namespace fusionslam::bindings

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
     from fusionslam._core import GroundSegmentsConfig as GroundSegmentsConfig
     from fusionslam._core import M2dpConfig as M2dpConfig
+    from fusionslam._core import ScanContextConfig as ScanContextConfig
     from fusionslam._core import StereoConfig as StereoConfig
     from fusionslam._core import __version__ as __version__
     from fusionslam._core import above_height as above_height
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp as cm2dp
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
+    from fusionslam._core import compare_scan_contexts as compare_scan_contexts
     from fusionslam._core import cshot as cshot
     from fusionslam._core import demosaic as demosaic
     from fusionslam._core import depth_image as depth_image
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from fusionslam._core import rectify_image as rectify_image
     from fusionslam._core import remove_ground_plane as remove_ground_plane
     from fusionslam._core import remove_ground_segments as remove_ground_segments
+    from fusionslam._core import scan_context as scan_context
     from fusionslam._core import shot as shot
     from fusionslam._core import shot_at_centroid as shot_at_centroid
     from fusionslam._core import simd_level as simd_level
@@ -78,12 +81,12 @@ if TYPE_CHECKING:
 # Loaded on first use: the command line must answer --help before any of this is loaded.
 _HOMES = {
     "_core": (
-        "DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig StereoConfig "
-        "__version__ above_height cloud_from_disparity cloud_resolution cm2dp cm2dp_signature "
-        "colorize cshot demosaic depth_image drop_invalid estimate_normals "
-        "first_singular_vectors m2dp m2dp_signature nearest nearest_causal rectify_image "
-        "remove_ground_plane remove_ground_segments shot shot_at_centroid simd_level "
-        "stereo_disparity voxel_downsample"
+        "DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig ScanContextConfig "
+        "StereoConfig __version__ above_height cloud_from_disparity cloud_resolution cm2dp "
+        "cm2dp_signature colorize compare_scan_contexts cshot demosaic depth_image drop_invalid "
+        "estimate_normals first_singular_vectors m2dp m2dp_signature nearest nearest_causal "
+        "rectify_image remove_ground_plane remove_ground_segments scan_context shot "
+        "shot_at_centroid simd_level stereo_disparity voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

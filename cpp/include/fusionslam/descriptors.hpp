@@ -130,6 +130,34 @@ std::vector<float> cm2dp(PointsView points, ColorsView colors,
                          ColorSpace color_space = ColorSpace::rgb, const M2dpConfig& config = {},
                          int threads = 1);
 
+/// Parameters of Scan Context (Kim, Kim, IROS 2018, section III).
+struct ScanContextConfig {
+  static constexpr const char* section = "scan_context";
+
+  int rings = 20;
+  double max_range = 80;
+  double height = 2;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor("rings", config.rings, OptionInfo{"rings about the sensor", "", 1, 1000});
+    visitor("max_range", config.max_range,
+            OptionInfo{"radius of the outermost ring; points beyond are left out", "m", 1e-3, 1e6});
+    visitor(
+        "height", config.height,
+        OptionInfo{"height of the cloud's origin above the ground, added to every point; points "
+                   "below the ground count as on it",
+                   "m", -1e6, 1e6});
+  }
+};
+
+/// Scan Context of a cloud whose z axis points up: for each of 60 sectors of azimuth, from x
+/// towards y, and of its rings the height of the highest point above the ground, 0 where there is
+/// none (sector after sector, 60 x 20 floats with the default rings). DescriptorIndex compares them
+/// with Metric::scan_context. Throws DataError for NaN or infinity and for a cloud without a point
+/// above the ground within `max_range`.
+std::vector<float> scan_context(PointsView points, const ScanContextConfig& config = {});
+
 /// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
 /// both of length 1 and >= 0, as m2dp and cm2dp compute them of a signature. Iterates until
 /// convergence; if the two largest singular values are close, uses eigenvectors of A A^T in double.

@@ -2,15 +2,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "fusionslam/config.hpp"
+
 namespace fusionslam {
+
+/// Parts of the full circle of azimuth by which Scan Contexts are divided.
+inline constexpr std::size_t scan_context_sectors = 60;
+
+/// How two descriptors are compared.
+enum class Metric {
+  l2,            ///< length of the difference
+  scan_context,  ///< compare_scan_contexts()
+};
+
+template <>
+struct ChoiceNames<Metric> {
+  static constexpr std::array<std::string_view, 2> value{"l2", "scan_context"};
+};
 
 /// Recent past that is left out of the search for a query.
 struct ExclusionWindow {
@@ -20,18 +38,20 @@ struct ExclusionWindow {
 
 struct Match {
   std::int64_t index;  ///< of the descriptor, in the order of adding
-  float distance;      ///< L2
+  float distance;
 };
 
-/// Exact, causal L2 nearest neighbours over descriptors of one length.
+/// Exact, causal nearest neighbours over descriptors of one length.
 ///
 /// A query is answered as if it were the next descriptor to be added, number size(): only older
 /// ones outside the exclusion window are candidates. Equal distances go to the lowest index.
 /// Threads may share it through const members while none changes it.
 class DescriptorIndex {
  public:
-  /// Throws ConfigError if dimension is 0 or the window is negative.
-  explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {});
+  /// Throws ConfigError if dimension is 0 or the window is negative, and ShapeError if the metric
+  /// is for descriptors of another length.
+  explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {},
+                           Metric metric = Metric::l2);
   ~DescriptorIndex();
   DescriptorIndex(const DescriptorIndex& other);
   DescriptorIndex& operator=(const DescriptorIndex& other);
@@ -65,6 +85,7 @@ class DescriptorIndex {
   std::size_t size() const { return stamps_ns_.size(); }
   std::size_t dimension() const;
   ExclusionWindow window() const { return window_; }
+  Metric metric() const { return metric_; }
   /// Stays where it is while descriptors are added.
   std::span<const float> descriptor(std::size_t i) const;
 
@@ -76,12 +97,15 @@ class DescriptorIndex {
   template <class Source>
   static DescriptorIndex read(Source&& source);
   void check_content(const std::string& name) const;
+  void append_spectrum(std::span<const float> descriptor);
 
   void check_stamp(std::optional<std::int64_t> stamp_ns) const;
   bool is_old_enough(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
 
   ExclusionWindow window_;
+  Metric metric_;
   std::unique_ptr<Rows> rows_;
+  std::unique_ptr<Rows> spectra_;  ///< of Scan Contexts
   std::vector<std::int64_t> stamps_ns_;
 };
 
@@ -96,12 +120,27 @@ struct MatchTable {
 /// columns. Equal distances go to the lowest index; the result does not depend on `threads` (0:
 /// all cores). Throws ShapeError, ConfigError or DataError as DescriptorIndex does.
 MatchTable nearest(std::span<const float> queries, std::span<const float> descriptors,
-                   std::size_t dimension, std::size_t k = 1, int threads = 0);
+                   std::size_t dimension, std::size_t k = 1, int threads = 0,
+                   Metric metric = Metric::l2);
 
 /// For each row i of `descriptors` (row-major, `dimension` columns) its k nearest rows
 /// j < i - window, as if the rows had been added and queried one after the other.
 /// The result does not depend on `threads` (0: all cores).
 MatchTable nearest_causal(std::span<const float> descriptors, std::size_t dimension,
-                          std::size_t window, std::size_t k = 1, int threads = 0);
+                          std::size_t window, std::size_t k = 1, int threads = 0,
+                          Metric metric = Metric::l2);
+
+/// How alike two Scan Contexts are, and the turn between them.
+struct TurnedMatch {
+  float distance;  ///< 0 to 1 for entries >= 0
+  double yaw;      ///< of the query's frame in the match's, radians, above -pi to pi
+};
+
+/// Compares two Scan Contexts (Kim, Kim, IROS 2018, equations 6 and 7): 1 - the sum
+/// over the sectors of their cosines, divided by the sectors that are filled in the fuller one, at
+/// the turn where that is least. The paper divides by the sectors that are filled in both, which
+/// is the same for scans of the full circle; of narrow ones it takes any two slivers for one place.
+/// Throws ShapeError or DataError as DescriptorIndex does.
+TurnedMatch compare_scan_contexts(std::span<const float> query, std::span<const float> match);
 
 }  // namespace fusionslam

@@ -6,6 +6,7 @@
 #include "direct_search.hpp"
 #include "fusionslam/errors.hpp"
 #include "row_chunks.hpp"
+#include "turn_search.hpp"
 
 namespace fusionslam {
 namespace {
@@ -24,15 +25,20 @@ std::size_t check_dimension(std::size_t dimension) {
 
 }  // namespace
 
-DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window)
-    : window_(window), rows_(std::make_unique<Rows>(check_dimension(dimension))) {
+DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window, Metric metric)
+    : window_(window), metric_(metric), rows_(std::make_unique<Rows>(check_dimension(dimension))) {
+  if (metric != Metric::scan_context) return;
+  detail::check_sectors(dimension);
+  spectra_ = std::make_unique<Rows>(detail::spectrum_size(dimension));
   if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
 }
 
 DescriptorIndex::~DescriptorIndex() = default;
 DescriptorIndex::DescriptorIndex(const DescriptorIndex& other)
     : window_(other.window_),
+      metric_(other.metric_),
       rows_(std::make_unique<Rows>(*other.rows_)),
+      spectra_(other.spectra_ ? std::make_unique<Rows>(*other.spectra_) : nullptr),
       stamps_ns_(other.stamps_ns_) {}
 DescriptorIndex& DescriptorIndex::operator=(const DescriptorIndex& other) {
   return *this = DescriptorIndex(other);
@@ -49,11 +55,17 @@ std::int64_t DescriptorIndex::add(std::span<const float> descriptor,
   stamps_ns_.push_back(stamp_ns.value_or(0));
   try {
     rows_->append(descriptor);
+    append_spectrum(descriptor);
   } catch (...) {
     stamps_ns_.pop_back();
+    rows_->truncate(size());
     throw;
   }
   return static_cast<std::int64_t>(size() - 1);
+}
+
+void DescriptorIndex::append_spectrum(std::span<const float> descriptor) {
+  if (spectra_) detail::write_spectrum(descriptor, spectra_->append_rows(1));
 }
 
 std::vector<Match> DescriptorIndex::query(std::span<const float> descriptor, std::size_t k,
@@ -61,10 +73,19 @@ std::vector<Match> DescriptorIndex::query(std::span<const float> descriptor, std
   check_descriptor(descriptor, dimension(), size());
   if (k == 0) throw ConfigError("k is 0, expected at least 1");
   check_stamp(stamp_ns);
-  detail::DirectSearch search(
-      descriptor, k, [&](std::size_t i) { return rows_->row(i).data(); }, simd_level());
   // The last window_.frames are no candidates in any case.
   const std::size_t end = size() - std::min(size(), window_.frames);
+  if (metric_ == Metric::scan_context) {
+    detail::TurnSearch search(descriptor, k);
+    for (std::size_t i = 0; i < end; ++i) {
+      if (i % 1024 == 0) detail::check_interrupt();
+      if (is_old_enough(i, stamp_ns))
+        search.offer(i, rows_->row(i).data(), spectra_->row(i).data());
+    }
+    return search.matches();
+  }
+  detail::DirectSearch search(
+      descriptor, k, [&](std::size_t i) { return rows_->row(i).data(); }, simd_level());
   for (std::size_t begin = 0; begin < end; begin += rows_->chunk_rows())
     search.scan(begin, std::min(begin + rows_->chunk_rows(), end),
                 [&](std::size_t i) { return is_old_enough(i, stamp_ns); });

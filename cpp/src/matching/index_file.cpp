@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// The file: magic, version, byte order mark, dimension, window, count, stamps, descriptors,
-// checksum.
+// The file: magic, version, byte order mark, dimension, window, count, in version 2 the metric
+// (version 1: L2), stamps, descriptors, checksum.
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -24,7 +24,8 @@ namespace fusionslam {
 namespace {
 
 constexpr char magic[8] = {'F', 'S', 'L', 'M', 'I', 'N', 'D', 'X'};
-constexpr std::uint32_t version = 1;
+constexpr std::uint32_t version_of_l2 = 1;  // earlier programs read it
+constexpr std::uint32_t version_with_metric = 2;
 constexpr std::uint32_t byte_order_mark = 0x01020304;
 
 struct Header {
@@ -164,14 +165,15 @@ void check_header(const std::string& path, const Header& header) {
     refuse(path, "not a fusionslam descriptor index");
   if (header.byte_order != byte_order_mark)
     refuse(path, "written on a machine of other byte order");
-  if (header.version != version)
+  if (header.version != version_of_l2 && header.version != version_with_metric)
     refuse(path, "version " + std::to_string(header.version) + ", this program reads version " +
-                     std::to_string(version));
+                     std::to_string(version_of_l2) + " and " + std::to_string(version_with_metric));
   if (header.dimension == 0 || header.window_nanoseconds < 0) refuse(path, "damaged header");
 }
 
-void check_size(const std::string& path, const Header& header, std::uintmax_t size) {
-  const std::uintmax_t body = size - sizeof(Header) - sizeof(std::uint64_t);
+/// `body` is what remains for stamps and descriptors.
+void check_size(const std::string& path, const Header& header, std::uintmax_t size,
+                std::uintmax_t body) {
   const std::uintmax_t row = sizeof(std::int64_t) + header.dimension * sizeof(float);
   const bool too_short = header.dimension > size || body / row < header.count;
   if (!too_short && body % row == 0 && body / row == header.count) return;
@@ -184,13 +186,23 @@ void check_size(const std::string& path, const Header& header, std::uintmax_t si
          detail::count_text(body - header.count * row, "byte") + " longer than the " + descriptors);
 }
 
+DescriptorIndex make_index(const std::string& path, const Header& header, std::uint64_t metric) {
+  if (metric >= ChoiceNames<Metric>::value.size()) refuse(path, "damaged header");
+  try {
+    return DescriptorIndex(header.dimension, {header.window_frames, header.window_nanoseconds},
+                           static_cast<Metric>(metric));
+  } catch (const ShapeError& error) {
+    refuse(path, error.what());
+  }
+}
+
 }  // namespace
 
 template <class Sink>
 void DescriptorIndex::write(Sink& sink) const {
   Header header{};
   std::memcpy(header.magic, magic, sizeof(magic));
-  header.version = version;
+  header.version = metric_ == Metric::l2 ? version_of_l2 : version_with_metric;
   header.byte_order = byte_order_mark;
   header.dimension = dimension();
   header.window_frames = window_.frames;
@@ -198,6 +210,8 @@ void DescriptorIndex::write(Sink& sink) const {
   header.count = size();
   Writer writer(sink);
   writer.write(std::span<const Header>(&header, 1));
+  const auto metric = static_cast<std::uint64_t>(metric_);
+  if (metric_ != Metric::l2) writer.write(std::span<const std::uint64_t>(&metric, 1));
   writer.write(std::span<const std::int64_t>(stamps_ns_));
   for (std::size_t i = 0; i < rows_->chunk_count(); ++i) writer.write(rows_->chunk(i));
   writer.write_sum();
@@ -215,16 +229,25 @@ void DescriptorIndex::check_content(const std::string& name) const {
 template <class Source>
 DescriptorIndex DescriptorIndex::read(Source&& source) {
   const std::uintmax_t size = source.size();
-  if (size < sizeof(Header) + sizeof(std::uint64_t))
+  const auto too_short = [&] {
     refuse(source.name,
            "too short for a descriptor index, " + detail::count_text(size, "byte") + " (cut off?)");
+  };
+  std::uintmax_t rest = sizeof(Header) + sizeof(std::uint64_t);
+  if (size < rest) too_short();
   Reader reader(source);
   Header header{};
   reader.read(std::span(&header, 1));
   check_header(source.name, header);
-  check_size(source.name, header, size);
+  std::uint64_t metric = 0;
+  if (header.version == version_with_metric) {
+    rest += sizeof(metric);
+    if (size < rest) too_short();
+    reader.read(std::span(&metric, 1));
+  }
+  check_size(source.name, header, size, size - rest);
 
-  DescriptorIndex index(header.dimension, {header.window_frames, header.window_nanoseconds});
+  DescriptorIndex index = make_index(source.name, header, metric);
   index.stamps_ns_.resize(header.count);
   reader.read(std::span(index.stamps_ns_));
   for (std::size_t left = header.count; left > 0;) {
@@ -234,6 +257,7 @@ DescriptorIndex DescriptorIndex::read(Source&& source) {
   }
   reader.check_sum();
   index.check_content(source.name);
+  for (std::size_t i = 0; i < index.size(); ++i) index.append_spectrum(index.descriptor(i));
   return index;
 }
 

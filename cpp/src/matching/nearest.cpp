@@ -9,6 +9,7 @@
 #include "../detail/interrupt.hpp"
 #include "batch_search.hpp"
 #include "fusionslam/errors.hpp"
+#include "turn_search.hpp"
 
 namespace fusionslam {
 namespace detail {
@@ -51,17 +52,21 @@ void check_k(std::size_t k, std::size_t queries) {
 }  // namespace
 
 MatchTable nearest(std::span<const float> queries, std::span<const float> descriptors,
-                   std::size_t dimension, std::size_t k, int threads) {
+                   std::size_t dimension, std::size_t k, int threads, Metric metric) {
   const auto wanted = check_table(queries, dimension);
   const auto rows = check_table(descriptors, dimension);
   check_k(k, wanted.count);
+  if (metric == Metric::scan_context)
+    return detail::search_turns(queries, descriptors, dimension, std::nullopt, k, threads);
   return detail::BatchSearch(wanted, rows, std::nullopt, k, simd_level()).run(threads);
 }
 
 MatchTable nearest_causal(std::span<const float> descriptors, std::size_t dimension,
-                          std::size_t window, std::size_t k, int threads) {
+                          std::size_t window, std::size_t k, int threads, Metric metric) {
   const auto rows = check_table(descriptors, dimension);
   check_k(k, rows.count);
+  if (metric == Metric::scan_context)
+    return detail::search_turns(descriptors, descriptors, dimension, window, k, threads);
   return detail::BatchSearch(rows, rows, window, k, simd_level()).run(threads);
 }
 

@@ -62,6 +62,13 @@ class RowChunks {
     return std::span(last).subspan(begin);
   }
 
+  /// Drops all but the first rows.
+  void truncate(std::size_t rows) {
+    chunks_.resize(std::min(chunks_.size(), (rows + chunk_rows_ - 1) / chunk_rows_));
+    if (rows % chunk_rows_ != 0 && chunks_.size() == rows / chunk_rows_ + 1)
+      chunks_.back().resize(rows % chunk_rows_ * dimension_);
+  }
+
   std::span<const float> row(std::size_t i) const {
     return {chunks_[i / chunk_rows_].data() + i % chunk_rows_ * dimension_, dimension_};
   }
