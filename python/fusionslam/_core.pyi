@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -276,13 +276,46 @@ class M2dpConfig:
         """
         what the singular vectors are taken of
         """
+class ScanContextConfig:
+    """
+    Parameters of Scan Context.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def height(self) -> float:
+        """
+        height of the cloud's origin above the ground, added to every point; points below the ground count as on it [m]
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        radius of the outermost ring; points beyond are left out [m]
+        """
+    @property
+    def rings(self) -> int:
+        """
+        rings about the sensor
+        """
 class DescriptorIndex:
     """
-    Exact, causal L2 nearest neighbours over added descriptors.
+    Exact, causal nearest neighbours over added descriptors.
     
     A query is answered as if it were the next descriptor to be added, number len(index): candidates
     are older by more than window frames and by more than window_seconds.
-    Equal distances go to the lowest index. Threads may share an index; processes get copies (pickle).
+    Distances are L2, or with metric="scan_context" those of compare_scan_contexts. Equal ones go to
+    the lowest index. Threads may share an index; processes get copies (pickle).
     """
     @staticmethod
     def load(path: os.PathLike[str] | str | bytes) -> DescriptorIndex:
@@ -291,7 +324,7 @@ class DescriptorIndex:
         """
     def __getstate__(self) -> bytes:
         ...
-    def __init__(self, dimension: typing.SupportsInt | typing.SupportsIndex, *, window: typing.SupportsInt | typing.SupportsIndex = 0, window_seconds: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
+    def __init__(self, dimension: typing.SupportsInt | typing.SupportsIndex, *, window: typing.SupportsInt | typing.SupportsIndex = 0, window_seconds: typing.SupportsFloat | typing.SupportsIndex = 0.0, metric: str = 'l2') -> None:
         ...
     def __len__(self) -> int:
         ...
@@ -327,6 +360,9 @@ class DescriptorIndex:
         """
     @property
     def dimension(self) -> int:
+        ...
+    @property
+    def metric(self) -> str:
         ...
     @property
     def window(self) -> int:
@@ -1136,6 +1172,24 @@ def colorize(points: numpy.typing.NDArray[numpy.float32], image: numpy.typing.ND
     Raises:
         DataError: singular projection, NaN or infinity in a point, empty image.
     """
+def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: numpy.typing.NDArray[numpy.float32]) -> tuple[float, float]:
+    """
+    How alike two Scan Contexts are (Kim, Kim, IROS 2018), and the turn between them.
+    
+    The distance is 1 - the sum over the sectors of their cosines, divided by the sectors that are
+    filled in the fuller one, at the turn where that is least. The paper divides by the sectors that
+    are filled in both, which is the same for scans of the full circle; of narrow ones it takes any two
+    slivers for one place.
+    
+    Args:
+        query, match: float32 (60 R,), of scan_context.
+    
+    Returns:
+        (distance, 0 to 1; yaw of the query's frame in the match's, radians).
+    
+    Raises:
+        ShapeError, DataError: other lengths, NaN.
+    """
 def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
     Global CSHOT: SHOT with colour (Tombari, Salti, Di Stefano 2011; Perdomo 2019, 4.1).
@@ -1240,12 +1294,13 @@ def m2dp_signature(points: numpy.typing.NDArray[numpy.float32], *, preset: str =
     
     Arguments and errors as m2dp.
     """
-def nearest(queries: numpy.typing.NDArray[numpy.float32], descriptors: numpy.typing.NDArray[numpy.float32], *, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
+def nearest(queries: numpy.typing.NDArray[numpy.float32], descriptors: numpy.typing.NDArray[numpy.float32], *, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0, metric: str = 'l2') -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
     """
     The k nearest descriptors of each query, exactly; equal distances go to the lowest row.
     
     Args:
         queries, descriptors: float32 (N, D) and (M, D).
+        metric: "l2", or "scan_context" as in compare_scan_contexts.
     
     Returns:
         (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
@@ -1253,12 +1308,13 @@ def nearest(queries: numpy.typing.NDArray[numpy.float32], descriptors: numpy.typ
     Raises:
         ShapeError, DataError: other lengths, NaN.
     """
-def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: typing.SupportsInt | typing.SupportsIndex, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
+def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: typing.SupportsInt | typing.SupportsIndex, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0, metric: str = 'l2') -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
     """
     For each row i the k nearest rows j < i - window, as an online run would find them.
     
     Args:
         descriptors: float32 (N, D).
+        metric: as nearest.
     
     Returns:
         (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
@@ -1310,6 +1366,25 @@ def remove_ground_segments(points: numpy.typing.NDArray[numpy.float32], *, up: s
     
     Raises:
         ConfigError: the driving axis points up. DataError: NaN or infinity in a point.
+    """
+def scan_context(points: numpy.typing.NDArray[numpy.float32], *, height: typing.SupportsFloat | typing.SupportsIndex | None = None, config: ScanContextConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Scan Context of a cloud (Kim, Kim, IROS 2018).
+    
+    Of 60 sectors of azimuth, from x towards y, and 20 rings up to 80 m the height of the highest point
+    above the ground, 0 where there is none. compare_scan_contexts compares two, at every turn.
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        height: of the frame's origin above the ground, metres; None is that of config, 2.
+        config: a ScanContextConfig.
+    
+    Returns:
+        float32 (1200,): sector after sector, from the innermost ring outwards.
+    
+    Raises:
+        DataError: NaN or infinity, or no point above the ground within range.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def scene_similarity(current: Scene, stored: Scene, *, preset: str = 'robust', config: SimilarityConfig | None = None) -> float:
     """

@@ -359,6 +359,26 @@ TEST_CASE("the bytes of an empty index give an empty index") {
   CHECK(index.to_bytes() == bytes);
 }
 
+TEST_CASE("an index of Scan Contexts finds them at any turn, also after a copy and its bytes") {
+  constexpr std::size_t rings = 3;
+  Rows rows = coarse_rows(12, scan_context_sectors * rings, 3);
+  DescriptorIndex index(scan_context_sectors * rings, {}, Metric::scan_context);
+  for (const auto& row : rows) index.add(row);
+  const DescriptorIndex copy = index;
+  const auto restored = DescriptorIndex::from_bytes(index.to_bytes());
+  CHECK(restored.metric() == Metric::scan_context);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    std::vector<float> turned = rows[i];
+    std::ranges::rotate(turned, turned.begin() + 7 * rings);
+    const auto found = index.query(turned, 12);
+    CHECK(found.front().index == static_cast<std::int64_t>(i));
+    CHECK(found.front().distance == doctest::Approx(0).epsilon(1e-6));
+    CHECK(same(found, copy.query(turned, 12)));
+    CHECK(same(found, restored.query(turned, 12)));
+  }
+  check_refused<ShapeError>([] { DescriptorIndex(61, {}, Metric::scan_context); }, "61");
+}
+
 TEST_CASE("a path that cannot be written is named and nothing is left behind") {
   const Folder folder;
   const std::string inside_none = folder.file("none/a.index");

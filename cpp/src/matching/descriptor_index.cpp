@@ -27,10 +27,10 @@ std::size_t check_dimension(std::size_t dimension) {
 
 DescriptorIndex::DescriptorIndex(std::size_t dimension, ExclusionWindow window, Metric metric)
     : window_(window), metric_(metric), rows_(std::make_unique<Rows>(check_dimension(dimension))) {
+  if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
   if (metric != Metric::scan_context) return;
   detail::check_sectors(dimension);
   spectra_ = std::make_unique<Rows>(detail::spectrum_size(dimension));
-  if (window.nanoseconds < 0) throw ConfigError("window in seconds is negative, expected >= 0");
 }
 
 DescriptorIndex::~DescriptorIndex() = default;

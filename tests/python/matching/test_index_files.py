@@ -77,10 +77,9 @@ def refusal(path: Path) -> str:
 
 def test_an_index_of_another_version_is_refused(stored: Path) -> None:
     content = bytearray(stored.read_bytes())
-    (version,) = struct.unpack_from("<I", content, VERSION_OFFSET)
-    struct.pack_into("<I", content, VERSION_OFFSET, version + 1)
+    struct.pack_into("<I", content, VERSION_OFFSET, 3)
     stored.write_bytes(content)
-    assert re.search(rf"\b{version + 1}\b.*\b{version}\b", refusal(stored))
+    assert re.search(r"\b3\b.*\b1\b.*\b2\b", refusal(stored))
 
 
 def test_an_index_cut_anywhere_is_refused(stored: Path) -> None:

@@ -24,6 +24,7 @@ POINT_CALLS: dict[str, Call] = {
     "m2dp_signature": fusionslam.m2dp_signature,
     "cm2dp": lambda points: fusionslam.cm2dp(points, COLORS),
     "cm2dp_signature": lambda points: fusionslam.cm2dp_signature(points, COLORS),
+    "scan_context": fusionslam.scan_context,
     "shot": fusionslam.shot,
     "cshot": lambda points: fusionslam.cshot(points, COLORS),
     "cloud_resolution": fusionslam.cloud_resolution,
