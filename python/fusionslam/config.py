@@ -12,7 +12,15 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, TypeVar, cast, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
 from fusionslam.errors import ConfigError, reason_of
@@ -46,6 +54,14 @@ class Section(BaseModel):
     def _sequences_are_tuples(cls, values: Any) -> Any:
         """Turn lists into tuples, which YAML and JSON do not have."""
         return _as_tuples(values)
+
+    @field_validator("*")
+    @classmethod
+    def _fits_64_bits(cls, value: Any) -> Any:
+        """Refuse integers that neither the core nor an array can hold."""
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            raise ValueError("expected a number of at most 64 bits")
+        return value
 
 
 def _as_tuples(value: Any) -> Any:

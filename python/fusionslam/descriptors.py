@@ -42,7 +42,7 @@ class DescriptorConfig(Section):
         unit="m",
         gt=0,
     )
-    threads: int = option(1, "threads of one call; 0 is one a core", ge=0)
+    threads: int = option(1, "threads of one call; 0 is one a core", ge=0, le=1024)
 
 
 @dataclass(frozen=True)

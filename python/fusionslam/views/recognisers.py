@@ -107,7 +107,7 @@ class ViewMatcherConfig(Section):
     )
     per_place: int = option(5, "several: most views of one place", ge=1)
     threads: int = option(
-        1, "threads that compare scenes; 0 is one per core; ids stay the same", ge=0
+        1, "threads that compare scenes; 0 is one per core; ids stay the same", ge=0, le=1024
     )
     max_views: int = option(
         0, "most stored views; the one least likely to be needed is dropped; 0 is no limit", ge=0

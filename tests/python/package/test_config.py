@@ -348,3 +348,11 @@ def test_a_section_made_in_python_refuses_wrong_values_with_our_error(
         make()
     assert (error.value.code, error.value.fields) == (code, fields)
     assert "pydantic" not in str(error.value)
+
+
+@pytest.mark.parametrize("value", [2**63, -(2**63) - 1, 10**400], ids=["2^63", "-2^63-1", "10^400"])
+def test_integers_beyond_64_bits_are_refused(value: int) -> None:
+    with pytest.raises(ConfigError):
+        fusionslam.LoopConfig(window=value)
+    with pytest.raises(ConfigError):
+        fusionslam.DescriptorConfig(threads=2000)
