@@ -21,8 +21,8 @@ from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector, default_threshold
 from fusionslam.storage.files import atomic_path
 
-_FEWEST = 4
-"""Frames of which the last may come back to the first, with others in between."""
+_FEWEST = 20
+"""Fewer frames show one place: with a shorter window each would be its neighbour's loop."""
 _FAR = 2.0
 """No threshold is advised beyond this multiple of the fitted one: its loops would be wrong."""
 COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns")
@@ -92,7 +92,7 @@ class LoopReport:
                 "one that was right in a stored bench"
             )
         if 0 < queries < _FEWEST:
-            return f"; {counted(queries, 'frame')} are too few for loops"
+            return f"; too few frames for loops, {queries}"
         if self.without_candidates + len(self.blank) < queries or not 0 < queries <= window + 1:
             return ""
         return (

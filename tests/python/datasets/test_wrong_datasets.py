@@ -71,7 +71,7 @@ def test_a_wrong_calib_txt_is_named_with_the_key(
     [
         ("poses.txt", POSE_LINE * 5, "5 .*frame 5 .*6"),
         ("poses.txt", "1 2 3\n" * 6, "3 columns"),
-        ("poses.txt", "1 0 0 x 0 1 0 0 0 0 1 0\n" * 6, "row 0, column 4"),
+        ("poses.txt", "1 0 0 x 0 1 0 0 0 0 1 0\n" * 6, "line 1: "),
         ("poses.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n" * 6, "line 1: "),
         ("poses.txt", "0 0 0 0 0 0 0 0\n" * 6, "line 1: .*quaternion"),
         ("poses.txt", "", "empty"),

@@ -13,6 +13,7 @@ import pytest
 from drives import SECOND, circles
 from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.evaluation.maps.judge import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.pipelines.drives import Drive, open_drive
@@ -21,6 +22,7 @@ from fusionslam.pipelines.maps import RunRecorder, join_runs, run_events, run_ra
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import TemplateSource, build_view_source
+from fusionslam.report.maps.page import write_ratslam_report
 from fusionslam.sensors.messages import Odometry
 from recordings import PLACES, write_drive
 
@@ -271,6 +273,19 @@ def test_a_part_without_truth_leaves_that_of_the_other(
         assert joined.truth is not None and len(joined.truth) == 2 * len(run)
         assert np.isfinite(joined.truth).sum() == 3 * len(run)
         assert np.isfinite(joined.truth[known]).all()
+
+
+def test_a_map_whose_truth_is_known_in_part_has_a_page(
+    halfway: tuple[RatSlam, RatSlamRun, RunEvents], tmp_path: Path
+) -> None:
+    _, run, _ = halfway
+    assert run.truth is not None
+    for half in (slice(len(run) // 2), slice(len(run) // 2, None)):
+        truth = run.truth.copy()
+        truth[half] = np.nan
+        known = replace(run, truth=truth)
+        page = write_ratslam_report(tmp_path, known, judge_map(known))
+        assert "<img" in page.read_text(encoding="utf-8")
 
 
 def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:

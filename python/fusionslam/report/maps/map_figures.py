@@ -202,7 +202,8 @@ def bounds_of(scenes: Sequence[Scene], *more: Bounds) -> Bounds:
     shown = [scene.nodes for scene in scenes] + [scene.path for scene in scenes]
     shown += [scene.truth for scene in scenes if scene.truth is not None] + list(more)
     places = np.concatenate(shown)[:, :2]
-    low, high = places.min(axis=0), places.max(axis=0)
+    # The truth of a map that was continued may be known in part.
+    low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
     edge = np.maximum(_MARGIN * (high - low).max(), 0.5)
     return np.stack([low - edge, high + edge])
 
