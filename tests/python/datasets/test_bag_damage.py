@@ -20,6 +20,7 @@ from bags import (
     odometry,
     picture,
     same,
+    without,
     write_bag,
 )
 from cli import succeeds
@@ -190,6 +191,25 @@ def test_a_topic_of_which_no_message_can_be_decoded_is_an_error(tmp_path: Path) 
     with pytest.raises(DataError, check=has_code("undecodable", "/odom")):
         open_dataset(path)
     assert len(open_dataset(path, topics={"odometry": ""})) == 5
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_bag_whose_transforms_cannot_be_decoded_opens_like_one_without(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    topic, scans = "/tf_static", without(drive(), "/camera/image")
+    bare = open_dataset(write_bag(tmp_path / f"bare.{suffix}", without(scans, topic)))
+    caplog.clear()
+    path = write_bag(tmp_path / f"cut.{suffix}", scans, cut=lambda name, _: name == topic)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert sum(f"{topic}, arrived at {START / 1e9:.3f} s" in text for text in caplog.messages) == 1
+    assert (len(dataset), dataset.sensors) == (len(bare), bare.sensors) == (5, ("points",))
+    for one, other in zip(dataset, bare, strict=True):
+        assert np.array_equal(one.points, other.points)
+        assert one.robot_from_points is other.robot_from_points is None
+    succeeds("fuse", path, "-o", tmp_path / "out")
 
 
 def test_a_topic_whose_messages_the_index_gives_to_another_is_an_error(tmp_path: Path) -> None:

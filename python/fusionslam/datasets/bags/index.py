@@ -132,7 +132,7 @@ def index_bag(
         stamps: one of ``STAMPS``.
 
     Raises:
-        DataError: the bag cannot be read, or none of the messages of a topic in use; single
+        DataError: the bag cannot be read, or none of the messages of a role's topic; other
             messages that cannot be used are left out, counted and logged.
     """
     index = BagIndex()
@@ -153,24 +153,27 @@ def index_bag(
         except DataError as error:
             index.refuse(error)
     index.series = {name: series for name, series in every.items() if series.times}
-    _check_found(
-        bag, index, {*roles.values(), *(name for name in moving if bag.topics[name].count)}
-    )
+    _check_found(bag, index, {*roles.values()}, [name for name in moving if bag.topics[name].count])
     for count, first in index.refused.values():
         lost = "a message is" if count == 1 else f"{count} messages are"
         logger.warning("%s: %s left out: %s", bag.path, lost, first)
     return index
 
 
-def _check_found(bag: Bag, index: BagIndex, used: Iterable[str]) -> None:
-    """Raise DataError if a topic in use has no message that can be decoded."""
-    for topic in sorted({*used} - index.series.keys()):
+def _check_found(bag: Bag, index: BagIndex, used: set[str], moving: Iterable[str]) -> None:
+    """Raise DataError if a topic in use has no message that can be decoded; of TF, say it only."""
+    for topic in sorted({*used, *moving} - index.series.keys()):
         lost, first = index.refused.get(("undecodable", topic), (0, ""))
         message = f"{bag.path}: {topic} has no messages"
         if lost:
             message = f"{bag.path}: none of the {lost} messages of {topic} can be decoded: {first}"
         elif bag.topics[topic].count:
             message += f", but its index lists {bag.topics[topic].count}: the bag is damaged"
+        if topic not in used:
+            # Messages that cannot be decoded are logged with the others left out.
+            if not lost:
+                logger.warning("%s", message)
+            continue
         raise DataError(message, code="undecodable" if lost else "no-messages", fields=(topic,))
 
 

@@ -264,7 +264,9 @@ def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
         )
     robot = index.frames.robot or ""
     if index.frames.odometry is not None:
-        origin = PosesOrigin.ODOMETRY
+        # Who names one topic for both says that its odometry is the truth.
+        same = source.roles.get("truth") == source.roles.get("odometry", "")
+        origin = PosesOrigin.TRUTH if same else PosesOrigin.ODOMETRY
         found.append(_motion(robot, origin, stamps_ns, index.frames.odometry_from_robot))
     found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), PosesOrigin.NONE))
     # On ties the first: ground truth.
