@@ -18,8 +18,6 @@ logger = logging.getLogger(__name__)
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-# Time between the frames of a recording that has no times.
-PERIOD_NS = 100_000_000
 # Largest time difference between a frame and its pose.
 POSE_TOLERANCE_NS = 10_000_000
 # Largest distance of two poses between which a frame's is interpolated. Every second pose of the
@@ -173,12 +171,6 @@ def match_poses(
     if pose_stamps is None:
         _check_count(path, len(poses), int(numbers[-1]) + 1, recorded, strict)
         return pick(poses, numbers, path)
-    if len(numbers) > 1 and np.array_equal(stamps_ns, numbers * PERIOD_NS):
-        logger.warning(
-            "%s is matched by time, and the frames are exactly 0.1 s apart from 0 s on, as where "
-            "a recording has no times: if it has none, give one line of 12 numbers a frame",
-            path,
-        )
     nearest = _nearest(pose_stamps, stamps_ns)
     found, far = poses[nearest], np.abs(pose_stamps[nearest] - stamps_ns) > POSE_TOLERANCE_NS
     if not far.any():

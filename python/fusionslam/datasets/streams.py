@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.datasets.pose_files import PERIOD_NS
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
 
@@ -24,6 +23,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 # If the numbers of the first and the last file are further apart (28 hours at 10 Hz), the file
 # names are not frame numbers.
 MAX_SPAN = 1_000_000
+PERIOD_NS = 100_000_000
 
 Key = TypeVar("Key", int, str)
 
