@@ -51,7 +51,7 @@ from fusionslam.ratslam.odometry import (
 )
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
 from fusionslam.ratslam.view_sources import KINDS, ViewSource
-from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.files import PathLike
 from fusionslam.storage.timer import Stopwatch
 from fusionslam.views.match import NO_VIEW
@@ -495,5 +495,7 @@ class Memory:
         odometry = values["odometry"]
         if odometry is not None:
             stamp_ns, pose, speed, *sideways = odometry  # files before 0.2.0 end with the speed
-            odometry = Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), *sideways)
-        return cls(**{**values, "odometry": odometry})
+            odometry = check_types(
+                Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), *sideways)
+            )
+        return check_types(cls(**{**values, "odometry": odometry}))
