@@ -255,7 +255,9 @@ def _scan(frame: Frame) -> Cloud:
     if 2 * here > len(scan):
         logger.warning(
             "frame %d: %d of %d points lie at the scanner (0, 0, 0)",
-            *(frame.index, here, len(scan)),
+            frame.number,
+            here,
+            len(scan),
             extra={PER_FRAME: "most points lie at the scanner (0, 0, 0)"},
         )
     if len(valid) < len(scan):

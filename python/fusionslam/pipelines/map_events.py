@@ -88,7 +88,8 @@ class RunEvents:
         if not motions and first == len(self.look_stamps_ns):
             seconds = max(moved_ns or 0, looked_ns or 0) / 1e9
             raise DataError(
-                f"{self.name}: nothing later than {seconds:.3f} s, where the earlier map ended",
+                f"{self.name}: nothing later than {seconds:.3f} s, where the earlier map ended: "
+                "resume with a recording that is later, or map this one anew, without --resume",
                 code="nothing-later",
             )
         return replace(

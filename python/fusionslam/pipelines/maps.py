@@ -198,10 +198,25 @@ def run_events(
 
 
 def _check_overlap(recorder: RunRecorder) -> None:
-    """Refuse or log views that are earlier than the map's end, unless the map was made of them."""
+    """Refuse or log views that are earlier than the map's end, unless the map was made of them.
+
+    A gap before the first view is logged, too: nothing tells whether the robot was carried away.
+    """
     events, earlier, end_ns = recorder.events, recorder.earlier, recorder.slam.seen_ns[1]
     stamps_ns = events.look_stamps_ns
-    if end_ns is None or not (count := int(np.count_nonzero(stamps_ns <= end_ns))):
+    if end_ns is None:
+        return
+    count = int(np.count_nonzero(stamps_ns <= end_ns))
+    if not count:
+        gap_ns = stamps_ns[0] - end_ns
+        # Two parts of one recording are about as far apart as its views.
+        if gap_ns > 2 * np.ptp(stamps_ns) / max(len(stamps_ns) - 1, 1):
+            logger.warning(
+                "%s begins %.1f s after the end of the map: it must be of the same place; a robot "
+                "that was carried elsewhere in between needs a map of its own",
+                events.name,
+                gap_ns / 1e9,
+            )
         return
     mapped = np.empty(0, np.int64) if earlier is None else earlier.stamps_ns[earlier.is_view]
     # The map may lack some: those that could not be read.

@@ -17,8 +17,13 @@ from fusionslam.storage.archive import format_of, load_archive, load_json
 
 _PREFIX = "fusionslam."
 _IN_FOLDERS = (
-    *("run.json", "detector.npz", "detector.json", "run.npz", "matcher.npz"),
-    *("curve.json", "calib_check.json"),
+    "run.json",
+    "detector.npz",
+    "detector.json",
+    "run.npz",
+    "matcher.npz",
+    "curve.json",
+    "calib_check.json",
 )
 """Files by which a folder of results is described, the first of them that is there."""
 _KINDS: Mapping[str, str] = {

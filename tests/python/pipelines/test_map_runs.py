@@ -261,6 +261,22 @@ def test_the_recording_of_the_map_goes_on_and_under_another_name_is_warned_of(
     assert len(said) == warned and all(f"{PLACES} of {2 * PLACES}" in text for text in said)
 
 
+@pytest.mark.parametrize(("gap_s", "warned"), [(2, 0), (3600, 1)])
+def test_a_later_recording_is_warned_of_unless_it_follows_at_once(
+    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
+    gap_s: int,
+    warned: int,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    slam, earlier, whole = halfway  # its views are 2 s apart
+    end_ns = slam.seen_ns[1]
+    assert end_ns is not None
+    later_ns = end_ns + gap_s * SECOND + np.arange(3) * 2 * SECOND
+    later = replace(whole, name="later", motions=[], look_stamps_ns=later_ns)
+    run_events(RunRecorder(slam, later, earlier=earlier))
+    assert [entry.args for entry in caplog.records] == [("later", gap_s)] * warned
+
+
 def test_a_part_without_truth_leaves_that_of_the_other(
     halfway: tuple[RatSlam, RatSlamRun, RunEvents],
 ) -> None:
