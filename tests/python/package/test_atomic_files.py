@@ -1,50 +1,28 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A file is the old one or the new one, whatever happens, and nothing is left behind that grows.
+"""A file is the old one or the new one, whatever happens, and nothing is left behind that grows."""
 
-At least FUSIONSLAM_KILLS writers are killed (30 by default), as many of each kind.
-"""
-
-import math
 import os
 import resource
 import signal
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from arrays import filled
-from bags import drive as bag_drive
-from bags import write_bag
-from drives import circle_events, take
 from error_codes import has_code
-from fusionslam import DescriptorIndex, LoopDetector
-from fusionslam.datasets import open_bag, read_cloud, write_cloud
 from fusionslam.errors import DataError
-from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
-from fusionslam.ratslam import RatSlam
-from fusionslam.report.page.html import about_report, write_page
-from fusionslam.sensors.frame import Cloud
 from fusionslam.storage import files
-from fusionslam.storage.archive import load_archive, load_json, save_archive, save_json
 from fusionslam.storage.files import atomic_path, scratch_folder
-from fusionslam.views import SceneSet, ViewMatcher
+from fuzz.killed_writers import WRITERS, KillCount, Writer, kill_after, kill_writer
 from kitti import write_sequence
-from pages import Page
-from scenes import LAPS, drive, place
-
-KILLS = int(os.environ.get("FUSIONSLAM_KILLS", "30"))
-FORMAT = "fusionslam.test.1"
-ROWS = np.zeros(200_000)
 
 
 def write(path: Path, text: str) -> None:
@@ -122,20 +100,6 @@ def test_long_names_are_written(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == [name]
 
 
-def killed(work: Callable[[], Any], seconds: float) -> None:
-    """Do work again and again in a child, which is killed after some time."""
-    child = os.fork()
-    if not child:
-        try:
-            while True:
-                work()
-        finally:
-            os._exit(1)
-    time.sleep(seconds)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-
-
 def test_what_killed_writers_leave_is_deleted_by_the_next(tmp_path: Path) -> None:
     def begin() -> None:
         with atomic_path(tmp_path / "a") as temporary, scratch_folder(tmp_path / "b") as folder:
@@ -146,7 +110,7 @@ def test_what_killed_writers_leave_is_deleted_by_the_next(tmp_path: Path) -> Non
     others = (".hidden", ".a.fusionslam-00000000-1-0123456789abcdef", "a.fusionslam")
     for name in others:
         (tmp_path / name).write_text("of others")
-    killed(begin, 0.3)
+    kill_after(begin, 0.3)
     assert len(os.listdir(tmp_path)) == 6
     with atomic_path(tmp_path / "c") as alive:
         write(tmp_path / "a", "new")
@@ -163,113 +127,22 @@ def test_old_leftovers_of_other_machines_are_deleted(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["a"]
 
 
-def check_archive(folder: Path) -> None:
-    with load_archive(folder / "a.npz", FORMAT, "a test") as (_, arrays):
-        assert len(arrays["rows"]) == len(ROWS)
-
-
-def check_json(folder: Path) -> None:
-    with load_json(folder / "a.json", FORMAT, "a test") as content:
-        assert len(content["numbers"]) == 20_000
-
-
-def detector() -> LoopDetector:
-    made = LoopDetector("m2dp")
-    for number in range(40):
-        made.add(Cloud(place(number % 5).points))
-    return made
-
-
-def slam() -> RatSlam:
-    made = RatSlam()
-    take(made, circle_events(laps=0.5))
-    return made
-
-
-def matcher() -> ViewMatcher:
-    made = ViewMatcher()
-    for number in range(12):
-        made.process(place(number % 5))
-    return made
-
-
-def write_drive(folder: Path) -> None:
-    write_bag(folder / "drive.mcap", bag_drive(0.5))
-
-
-def read_drive(folder: Path) -> None:
-    with open_bag(folder / "drive.mcap") as bag:
-        assert bag.topics
-
-
-def descriptor_run() -> DescriptorRun:
-    count = 300
-    return DescriptorRun(
-        source="lidar",
-        descriptor="m2dp",
-        dataset="a test",
-        descriptors=np.ones((count, 192), np.float32),
-        frames=np.arange(count),
-        stamps_ns=np.arange(count),
-        poses=np.tile(np.eye(4), (count, 1, 1)),
-        seconds={"describe": np.ones(count)},
-        peak_memory_bytes=1,
-        points=np.ones(count, np.int64),
-    )
-
-
-def write_report(folder: Path) -> None:
-    notes = ["a note of this report"] * 5_000
-    write_page(folder / "a.html", "page.html.j2", ABOUT, title="a test", notes=notes)
-
-
-def check_report(folder: Path) -> None:
-    text = (folder / "a.html").read_text()
-    Page(text)
-    assert text.count("a note") == 5_000 and text.rstrip().endswith("</html>")
-
-
-DETECTOR, SLAM, MATCHER, SCENES, INDEX = detector(), slam(), matcher(), drive(LAPS), filled(500)
-CLOUD, RUN = Cloud(np.ones((20_000, 3), np.float32)), descriptor_run()
-ABOUT = about_report("a test", "fusionslam", {})
-WRITERS: dict[str, tuple[Callable[[Path], Any], Callable[[Path], Any], int]] = {
-    "archive": (
-        lambda folder: save_archive(folder / "a.npz", FORMAT, {}, {"rows": ROWS}),
-        check_archive,
-        1,
-    ),
-    "JSON": (
-        lambda folder: save_json(folder / "a.json", FORMAT, {"numbers": [0.5] * 20_000}),
-        check_json,
-        1,
-    ),
-    "loop detector": (DETECTOR.save, LoopDetector.load, 1),
-    "RatSlam": (lambda at: SLAM.save(at / "a"), lambda at: RatSlam.load(at / "a"), 1),
-    "view matcher": (lambda at: MATCHER.save(at / "a"), lambda at: ViewMatcher.load(at / "a"), 1),
-    "scene set": (lambda at: SCENES.save(at / "a.npz"), lambda at: SceneSet.load(at / "a.npz"), 1),
-    "index": (lambda at: INDEX.save(at / "a"), lambda at: DescriptorIndex.load(at / "a"), 1),
-    "cloud": (lambda at: write_cloud(at / "a.ply", CLOUD), lambda at: read_cloud(at / "a.ply"), 1),
-    "bag": (write_drive, read_drive, 1),
-    "descriptor run": (
-        lambda at: RUN.save(at / "a.npz"),
-        lambda at: DescriptorRun.load(at / "a.npz"),
-        1,
-    ),
-    "page of a report": (write_report, check_report, 1),
-}
-
-
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: str) -> None:
-    save, check, count = WRITERS[name]
-    save(tmp_path)
-    rng = np.random.default_rng(2)
-    for _ in range(math.ceil(KILLS / len(WRITERS))):
-        killed(lambda: save(tmp_path), float(rng.uniform(0.002, 0.05)))
-        check(tmp_path)
-    files._cleaned.clear()
-    save(tmp_path)
-    assert len(os.listdir(tmp_path)) == count
+    assert kill_writer(WRITERS[name], tmp_path, kills=3) == KillCount(kills=3, lost=0, left=0)
+
+
+def test_kills_of_a_writer_that_is_not_atomic_lose_and_leave_files(tmp_path: Path) -> None:
+    def save(folder: Path) -> None:
+        (folder / f"of process {os.getpid()}").touch()
+        (folder / "a").write_text("")
+        time.sleep(0.1)
+        (folder / "a").write_text("whole")
+
+    def check(folder: Path) -> None:
+        assert (folder / "a").read_text() == "whole"
+
+    assert kill_writer(Writer(save, check), tmp_path, kills=3) == KillCount(3, lost=3, left=3)
 
 
 def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path: Path) -> None:
@@ -288,7 +161,7 @@ def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path:
 
     write(tmp_path / "whole")
     whole, names = clouds(tmp_path / "whole"), sorted(os.listdir(tmp_path / "whole"))
-    for last in np.linspace(1, 19, math.ceil(KILLS / len(WRITERS))).astype(int):
+    for last in np.linspace(1, 19, 3).astype(int):
         folder = tmp_path / str(last)
         child = os.fork()
         if not child:
@@ -307,7 +180,7 @@ def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path:
 def test_a_full_disk_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, name: str, share: float
 ) -> None:
-    save, check, count = WRITERS[name]
+    save, check = WRITERS[name].save, WRITERS[name].check
     save(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     room = int(share * max(map(len, before.values())))
@@ -325,4 +198,3 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(
     assert os.waitstatus_to_exitcode(status) == 0
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     check(tmp_path)
-    assert len(before) == count
