@@ -3,6 +3,7 @@
 """The command loops: the loops in a recording, frame after frame."""
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -62,6 +63,7 @@ def loops(
         dataset = recording.open(chosen.fusion.source)
         names = describable(dataset, names, chosen, "skip", replace=True)
 
+    @cache
     def config_of(name: str) -> "LoopConfig":
         if threshold is None or distance is not None:
             return chosen.loop_closure

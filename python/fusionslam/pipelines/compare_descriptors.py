@@ -7,11 +7,14 @@ for evaluation in benchmark(recording, "out", ["m2dp", "cm2dp"]):
     print(evaluation.run.source, evaluation.run.descriptor, evaluation.curves["revisit"])
 """
 
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fusionslam.config import merged
 from fusionslam.datasets import match_poses
@@ -24,6 +27,8 @@ from fusionslam.pipelines.recording import Recording, warn_of_odometry
 from fusionslam.pipelines.results import Work, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.storage.progress import Step, label_progress
+
+logger = logging.getLogger(__name__)
 
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 """Settings that the demo changes, by source: dense stereo clouds are thinned to save time."""
@@ -122,6 +127,7 @@ def benchmark(
             demo=demo,
         )
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
+    _warn_of_radius(evaluations)
     return evaluations
 
 
@@ -171,7 +177,9 @@ def evaluate_stored(
             )
             for run in runs
         ]
-    return [time_and_evaluate(run, config, step) for run in runs], config.evaluation
+    evaluations = [time_and_evaluate(run, config, step) for run in runs]
+    _warn_of_radius(evaluations)
+    return evaluations, config.evaluation
 
 
 def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> float:
@@ -197,7 +205,9 @@ def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> 
             fields=(str(folder), source, name),
         )
     rule = stored_config(folder)
-    curve = evaluate(judged[0], radius=rule.radius, window=rule.window).curves["revisit"]
+    evaluation = evaluate(judged[0], radius=rule.radius, window=rule.window)
+    _warn_of_radius([evaluation])
+    curve = evaluation.curves["revisit"]
     if not curve.n_revisits:
         raise DataError(
             f"{folder}: no threshold, as its drive does not return within {rule.radius:g} m after "
@@ -215,6 +225,27 @@ def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> 
             fields=(str(folder), source, name),
         )
     return threshold
+
+
+def _warn_of_radius(evaluations: Sequence[Evaluation]) -> None:
+    """Log once a radius so large, for the path, that every frame with candidates is a revisit.
+
+    Where a drive's first round is within the window, each frame rightly is one: the radius is at
+    fault only if a place, twice the radius wide, spans half of the path or more.
+    """
+    for curve, places in ((c, e.run.positions) for e in evaluations for c in e.curves.values()):
+        assert places is not None  # there are no curves without
+        revisit, extent = curve.revisit[curve.window + 1 :], np.linalg.norm(np.ptp(places, axis=0))
+        if len(revisit) and revisit.all() and 4 * curve.radius >= extent:
+            logger.warning(
+                "all %d frames that have candidates count as revisits: the radius is %g m and the "
+                "path extends %.1f m, so that figures and thresholds tell little; choose a smaller "
+                "radius (--set evaluation.radius=..., EvaluationConfig(radius=...))",
+                len(revisit),
+                curve.radius,
+                extent,
+            )
+            return
 
 
 def stored_config(folder: str | os.PathLike[str]) -> EvaluationConfig:

@@ -26,7 +26,7 @@ from fusionslam import LoopConfig, LoopDetector, describe_dataset
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun, evaluate
 from fusionslam.pipelines import describe as pipeline
-from fusionslam.pipelines.compare_descriptors import stored_threshold
+from fusionslam.pipelines.compare_descriptors import evaluate_stored, stored_threshold
 from fusionslam.pipelines.describe import load_runs
 from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording
@@ -175,6 +175,39 @@ def test_the_threshold_of_a_stored_bench_is_that_of_its_precision(
     assert (error.code, error.fields) == ("no-runs", (str(stored), "lidar", "cm2dp"))
     error = error_of(2, *words, "--threshold", "near")
     assert (error.code, error.fields) == ("choice", ("--threshold", "near"))
+
+
+@pytest.mark.parametrize(("radius", "count"), [(60, 0), (61, 1)])
+def test_a_radius_that_makes_every_frame_a_revisit_is_warned_of_once(
+    kitti: Path, tmp_path: Path, radius: int, count: int
+) -> None:
+    # On the way there, 200 m, the nearest candidate of a frame is 60 m away.
+    settings = ("--source", "lidar", *NO_WINDOW, "--set", f"evaluation.radius={radius}")
+    loops = ("loops", kitti, "-d", "m2dp", "--threshold", tmp_path, "-o", tmp_path / "loops")
+    for words in (
+        ("bench", kitti, "-d", "m2dp,m2dp:paper", "-o", tmp_path, *settings),
+        ("eval", tmp_path),
+        (*loops, *NO_WINDOW),
+    ):
+        said = " ".join(succeeds(*words).stderr.split())
+        assert said.count("evaluation.radius") == count, said
+        assert all(text in said for text in ("17 frames", "61 m", "200.0 m")) or not count
+
+
+def test_an_early_return_within_the_window_is_no_matter_of_the_radius(
+    kitti: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    # All rounds after the first, which the window excludes, are revisits.
+    (run,) = describe_dataset(open_dataset(kitti), ["m2dp"], tmp_path)
+    angles = np.radians(90.0 * np.arange(len(run)))
+    poses = np.tile(np.eye(4), (len(run), 1, 1))
+    poses[:, :2, 3] = 20 * np.c_[np.cos(angles), np.sin(angles)]
+    replace(run, poses=poses).save(tmp_path / "lidar-m2dp.npz")
+    for radius, warned in ((5, 0), (15, 1)):
+        caplog.clear()
+        ((evaluation,), _) = evaluate_stored(tmp_path, {"radius": radius, "window": 3})
+        curve = evaluation.curves["revisit"]
+        assert curve.revisit[4:].all() and len(caplog.records) == warned
 
 
 def test_a_bench_of_a_drive_without_revisits_is_refused_before_anything_is_described(
