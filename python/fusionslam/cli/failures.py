@@ -18,17 +18,30 @@ DATA, USAGE, INTERRUPTED = 1, 2, 130
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
 COMMAND = "fusionslam.command"
-"""Where a context holds the command that runs."""
+"""Where the program's context holds that of the command that runs."""
+_STAMPS = {"--stamps": "--stamps bag takes the times of arrival"}
+_THRESHOLD = {"--threshold": "--threshold takes a number, too, and has a default"}
 _CURES = {
-    "missing-sensor": ("--source", "without --source the first that the data allow is taken"),
-    "no-calibration": ("--calib", "--calib FILE gives a calibration"),
-    "no-transform": ("--calib", "--calib FILE gives transforms"),
-    "equal-stamps": ("--stamps", "--stamps bag takes the times of arrival"),
-    "no-revisits": ("--threshold", "--threshold takes a number, too, and has a default"),
-    "no-threshold": ("--threshold", "--threshold takes a number, too, and has a default"),
-    "clock": ("--stamps", "--stamps bag takes the times of arrival"),
+    "no-calibration": {"--calib": "--calib FILE gives a calibration"},
+    "no-camera-info": {
+        "--calib": "--calib FILE gives a calibration",
+        "--topic": "--topic camera_info=/NAME names a topic of it",
+    },
+    "no-camera-pose": {
+        "--calib": "--calib FILE gives the camera's pose",
+        "--source": "--source cloud takes the scans alone",
+    },
+    "no-transform": {"--calib": "--calib FILE gives transforms"},
+    "equal-stamps": _STAMPS,
+    "clock": _STAMPS,
+    "no-revisits": _THRESHOLD,
+    "no-threshold": _THRESHOLD,
 }
-"""Options that cure an error, by its code; only commands that have the option name it."""
+"""What cures an error, by its code and option; only commands that have the option name it."""
+_CAUSES = {
+    "missing-sensor": ("source", "without --source the first that the data allow is taken"),
+}
+"""Options that cause an error, by its code: named only where they are given."""
 
 
 class Guarded(TyperGroup):
@@ -177,10 +190,20 @@ def _settings_of(error: Any) -> list[str]:
 
 
 def _cure_of(error: FusionSlamError, command: Any) -> str:
-    """Name the option of a command that cures an error, as the end of its line."""
-    option, cure = _CURES.get(error.code, ("", ""))
-    known = {name for each in getattr(command, "params", ()) for name in each.opts}
-    return f"; {cure}" if option in known else ""
+    """Name the option that cures an error, as the end of its line.
+
+    Args:
+        error: of the command.
+        command: its context; None if the error came before.
+    """
+    if command is None:
+        return ""
+    name, cause = _CAUSES.get(error.code, ("", ""))
+    if name and command.params.get(name) is not None:
+        return f"; {cause}"
+    known = {name for each in command.command.params for name in each.opts}
+    cures = [cure for option, cure in _CURES.get(error.code, {}).items() if option in known]
+    return f"; {', '.join(cures)}" if cures else ""
 
 
 def _one_line(text: str) -> str:

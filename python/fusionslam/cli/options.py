@@ -36,7 +36,7 @@ def _start_logging(ctx: typer.Context, verbose: bool) -> bool:
     from fusionslam.cli.console import stderr
     from fusionslam.cli.failures import COMMAND
 
-    ctx.meta[COMMAND] = ctx.command
+    ctx.meta[COMMAND] = ctx
     handler = RichHandler(console=stderr(), show_path=False, show_time=False)
     level = logging.INFO if verbose else logging.WARNING
     handler.addFilter(_pass_once())

@@ -182,9 +182,11 @@ def _choose_odometry(drive: Drive) -> OdometryName:
         return "topic"
     if drive.truth is not None:
         return "truth"
+    cures = ["--gt FILE (poses=) names true poses"]
+    if "left" in drive.dataset.sensors or drive.images() is not None:
+        cures.insert(0, "--odometry visual (odometry='visual') takes the motion from images")
     raise DataError(
-        f"{drive.name} has neither odometry messages nor true poses: --odometry visual "
-        "(odometry='visual') takes the motion from images, --gt FILE names true poses",
+        f"{drive.name} has neither odometry messages nor true poses: {', '.join(cures)}",
         code="no-motion",
     )
 
@@ -221,8 +223,20 @@ def _looks(
     """Return the stamps of the looks, and a function from index to scan or image."""
     if isinstance(source, TemplateSource):
         return _image_looks(drive, source, jobs, progress)
+    _check_clouds(drive, source)
     ground = isinstance(source, MatcherSource) and source.matcher.fusion_config.ground == "none"
     return drive.stamps_ns, lambda index: drive.scan(index, ground=ground)
+
+
+def _check_clouds(drive: Drive, source: ViewSource) -> None:
+    """Raise DataError for a recording of single images, of which no cloud can be made."""
+    dataset = drive.dataset
+    if "left" in dataset.sensors and not (dataset.has_points or dataset.has_stereo):
+        raise DataError(
+            f"{drive.name} has images of one camera and no scans, of which {source.title} views "
+            "cannot be made: --views visual_templates recognises places by images alone",
+            code="no-clouds",
+        )
 
 
 def _image_looks(

@@ -78,6 +78,10 @@ def test_a_command_does_its_work_or_says_what_it_found(
         succeeds(*words)
 
 
+def test_an_option_that_was_not_given_is_not_blamed(data: dict[str, Path], tmp_path: Path) -> None:
+    assert "--source" not in fails(1, "fuse", data["scenes alone"], "-o", tmp_path / "out")
+
+
 def test_what_is_in_a_recording_is_told_by_fields(data: dict[str, Path]) -> None:
     ranges, scenes = (Recording.at(data[kind]).open() for kind in ("ranges", "scenes"))
     assert (ranges.kind, scenes.kind) == ("ranges", "scenes")

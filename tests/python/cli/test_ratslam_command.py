@@ -133,7 +133,24 @@ def test_a_recording_without_odometry_and_truth_says_so(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     write_bag(tmp_path / "still.bag", [one for one in drive(1.0) if one.topic != "/odom"])
     error = error_of(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
-    assert error.code == "no-motion"
+    assert error.code == "no-motion" and "--odometry visual" in str(error)
+
+
+def test_odometry_by_images_is_not_advised_without_images(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    events = [one for one in drive(1.0) if one.topic not in ("/odom", "/camera/image")]
+    write_bag(tmp_path / "still.bag", events)
+    error = error_of(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
+    assert error.code == "no-motion" and "--odometry" not in str(error)
+
+
+def test_a_recording_of_images_alone_is_told_to_use_visual_templates(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    write_bag(tmp_path / "seen.bag", [one for one in drive(1.0) if one.topic != "/points"])
+    words = ("ratslam", tmp_path / "seen.bag", "-o", tmp_path / "out", *QUICK)
+    error = error_of(1, *words)
+    assert error.code == "no-clouds" and "--views visual_templates" in str(error)
+    succeeds(*words, "--views", "visual_templates", *TEMPLATES)
 
 
 def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(

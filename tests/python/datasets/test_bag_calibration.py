@@ -107,7 +107,8 @@ def test_commands_take_a_calibration(tmp_path: Path, camera: Camera) -> None:
     bag = write_bag(tmp_path / "poor.bag", without(drive(), "/tf_static"))
     file = calib_yaml(tmp_path / "calib.yaml", camera)
     words = ("fuse", bag, "--source", "lidar", "-o")
-    assert "velodyne" in fails(1, *words, tmp_path / "without")
+    line = fails(1, *words, tmp_path / "without")
+    assert "velodyne" in line and "--calib" in line and "--source cloud" in line
     succeeds(*words, tmp_path / "with", "--calib", file)
     assert open_dataset(tmp_path / "with")[0].colors is not None
 
@@ -129,3 +130,17 @@ def test_a_scanner_that_tf_links_to_something_else_is_named(tmp_path: Path) -> N
     with pytest.raises(DataError, check=has_code("two-parents", "velodyne", "mast", "base")):
         bag = write_bag(tmp_path / "mast.bag", events)
         open_dataset(bag, sensors=("points",), calibration=file)
+
+
+@pytest.mark.parametrize("missing", ["/tf_static", "/camera/camera_info"])
+def test_scans_serve_where_the_camera_is_not_calibrated_and_the_cure_is_named(
+    tmp_path: Path, missing: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    bag = write_bag(tmp_path / "poor.bag", without(drive(), missing))
+    assert open_dataset(bag).sensors == ("points",)
+    (record,) = caplog.records
+    assert "--calib" in record.getMessage()
+    assert ("--topic camera_info=" in record.getMessage()) == (missing != "/tf_static")
+    line = fails(1, "calib-check", bag, "-o", tmp_path / "out")
+    assert "--calib" in line and "--source" not in line
+    succeeds("ratslam", bag, "-o", tmp_path / "map", "--source", "cloud", "--no-report")

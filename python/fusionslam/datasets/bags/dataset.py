@@ -20,12 +20,13 @@ from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
-from fusionslam.errors import DataError, naming
+from fusionslam.errors import DataError, naming, one_line
 from fusionslam.help_texts import counted
 from fusionslam.sensors.camera_info import cameras_from, check_pair, rectify
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
+from fusionslam.sensors.transforms import TransformError
 
 logger = logging.getLogger(__name__)
 
@@ -180,8 +181,9 @@ def open_bag_dataset(path: Path, request: Request) -> BagDataset:
     """Open a bag; its frames are the scans that have an image and a known camera pose.
 
     Raises:
-        DataError: the bag has no scans or images; a CameraInfo is missing or unusable, or two are
-            not a stereo pair; TF does not link camera and scanner; or the clock jumps back.
+        DataError: the bag has no scans or images; the clock jumps back; or of sensors that were
+            requested a CameraInfo is missing or unusable, two are not a stereo pair, or TF does not
+            link camera and scanner.
         ConfigError: an unknown role or kind of stamps.
     """
     itself(path, request.sequence)
@@ -255,7 +257,13 @@ def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...
 
 def _usable(source: IndexedBag, found: tuple[str, ...]) -> tuple[str, ...]:
     """Choose those of scans and left images that can be used, and right images if possible."""
-    if {*found} >= _FUSED and not can_fuse(source):
+    if {*found} >= _FUSED and (lacking := _lacks_to_fuse(source)):
+        logger.warning(
+            "%s: the images of %s are not used, %s; calibration= (--calib FILE) takes a calib.yaml",
+            source.bag.path,
+            source.roles["left"],
+            lacking,
+        )
         return found[:1]
     if not source.roles.keys() >= _STEREO:
         return found
@@ -286,9 +294,17 @@ def _check_calibrated(source: IndexedBag, camera: str) -> CameraInfo:
     return info
 
 
-def can_fuse(source: IndexedBag) -> bool:
-    """Whether the bag has scans, images and a calibration."""
-    return source.roles.keys() >= _FUSED and source.info_at(0) is not None
+def _lacks_to_fuse(source: IndexedBag) -> str:
+    """Say what a bag with scans and images lacks to colour the scans; empty if nothing."""
+    if source.info_at(0) is None:
+        return "no CameraInfo calibrates them: topics= (--topic camera_info=/NAME) names a topic"
+    if "right" in source.roles:
+        return ""  # a stereo pair needs no TF
+    try:
+        source.index.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
+    except TransformError as error:
+        return f"TF does not place the camera: {one_line(error)}"
+    return ""
 
 
 def _topics(source: IndexedBag) -> str:

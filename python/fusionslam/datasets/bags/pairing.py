@@ -221,7 +221,11 @@ def _find_camera_poses(
         except TransformError as error:
             unknown.append(error)
     if not places:
-        raise DataError(f"{source.bag.path}: {unknown[0]}") from unknown[0]
+        raise DataError(
+            f"{source.bag.path}: TF does not place the camera: {unknown[0]}",
+            code="no-camera-pose",
+            fields=unknown[0].fields,
+        ) from unknown[0]
     if unknown:
         logger.warning(
             "%s: %d %s left out: %s",
