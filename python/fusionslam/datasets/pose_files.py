@@ -334,7 +334,7 @@ def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
 
 def _exact_stamps(path: Path) -> NDArray[np.int64]:
     """Read the first column, seconds, as int64 (N) nanoseconds; float64 would lose digits."""
-    with reading(path, "times in seconds that fit 64 bits as nanoseconds"):
+    with reading(path, "times in seconds"):
         stamps = np.loadtxt(
             path,
             dtype=object,
@@ -343,4 +343,20 @@ def _exact_stamps(path: Path) -> NDArray[np.int64]:
             encoding="utf-8",
             converters=lambda seconds: round(Decimal(seconds).scaleb(9)),
         )
-        return stamps.astype(np.int64)
+    if (large := np.flatnonzero(np.abs(stamps) > np.iinfo(np.int64).max)).size:
+        line, seconds = _line_of(path, large[0]), stamps[large[0]] // 10**9
+        raise DataError(
+            f"{path}, line {line}: {seconds:.4g} seconds do not fit 64 bits as nanoseconds, "
+            f"expected times in seconds{_guess_unit(seconds)}",
+            code="not-seconds",
+            fields=(str(path), str(line)),
+        )
+    return stamps.astype(np.int64)
+
+
+def _guess_unit(stamp: int) -> str:
+    """Name the unit in which a stamp is a time of this century, as the end of a message."""
+    for unit, exponent in (("milliseconds", 3), ("microseconds", 6), ("nanoseconds", 9)):
+        if 10**9 <= stamp // 10**exponent < 4 * 10**9:
+            return f": these look like {unit}, which need division by 1e{exponent}"
+    return ""

@@ -13,6 +13,7 @@ from error_codes import has_code
 from fusionslam.datasets import (
     open_bag,
     open_dataset,
+    read_poses_tum,
     read_times,
     read_timestamps,
 )
@@ -89,6 +90,25 @@ def test_a_wrong_file_of_poses_or_times_is_named(
     with pytest.raises(DataError, match=message) as error:
         open_dataset(sequence)
     assert str(sequence / file) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "unit"),
+    [
+        ("1403715273262142976", "nanoseconds"),
+        ("1403715273262142", "microseconds"),
+        ("1403715273262", "milliseconds"),
+    ],
+)
+@pytest.mark.parametrize("rest", ["", " 0 0 0 0 0 0 1"])
+def test_times_in_another_unit_than_seconds_are_named(
+    tmp_path: Path, stamp: str, unit: str, rest: str
+) -> None:
+    file = tmp_path / "file.txt"
+    file.write_text(f"# EuRoC\n{stamp}{rest}\n")
+    expected = has_code("not-seconds", file, 2)
+    with pytest.raises(DataError, match=unit, check=expected):
+        read_poses_tum(file) if rest else read_times(file)
 
 
 def test_images_of_another_size_than_the_calibration_or_the_left_are_refused(
