@@ -76,9 +76,11 @@ def _set_aside(frames: dict[str, set[str]]) -> "Callable[[LogRecord], bool]":
 def _report_frames(frames: dict[str, set[str]]) -> None:
     import logging
 
+    # The contexts close while an error leaves them: then frames were left unread.
+    read = "" if sys.exc_info()[0] is None else " of those read until the error"
     for text, messages in frames.items():
         count = help_texts.counted(len(messages), "frame")
-        logging.getLogger(__name__).warning("%s: %s (--verbose lists them)", count, text)
+        logging.getLogger(__name__).warning("%s%s: %s (--verbose lists them)", count, read, text)
 
 
 DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot")

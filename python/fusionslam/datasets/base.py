@@ -143,6 +143,10 @@ class Dataset(ABC):
     def files(self) -> list[Path]:
         """Files that the frames are read from; results are out of date if one of these is newer."""
 
+    def file_of(self, index: int) -> Path | None:
+        """File of a frame's scan, or else of its image; None if frames have no files."""
+        return None
+
     @abstractmethod
     def content(self, sensor: str) -> str:
         """Summary of a sensor's data, for display."""
@@ -265,6 +269,9 @@ class FileDataset(Dataset):
         """The files of all frames, sensor by sensor."""
         streams = self.streams.values()
         return [stream.files[number] for stream in streams for number in self.numbers.tolist()]
+
+    def file_of(self, index: int) -> Path:
+        return next(iter(self.streams.values())).files[int(self.numbers[index])]
 
     def content(self, sensor: str) -> str:
         """Number and format of the files, and the size of images."""

@@ -45,7 +45,9 @@ def read_bin(path: PathLike) -> Cloud:
     if len(data) % BIN_RECORD.itemsize:
         raise DataError(
             f"{path} has {len(data)} bytes, expected a multiple of {BIN_RECORD.itemsize} "
-            "(float32 x y z reflectance): truncated?"
+            "(float32 x y z reflectance): truncated?",
+            code="truncated",
+            fields=(str(path),),
         )
     return Cloud(_float32(np.frombuffer(data, dtype=BIN_RECORD)[:, :3]))
 
@@ -180,7 +182,11 @@ def _cloud_suffix(path: Path) -> str:
 
 def _expect_points(path: Path, found: int, declared: int) -> None:
     if found != declared:
-        raise DataError(f"{path} holds {found} points, its header says {declared}: truncated?")
+        raise DataError(
+            f"{path} holds {found} points, its header says {declared}: truncated?",
+            code="truncated",
+            fields=(str(path),),
+        )
 
 
 def _float32(points: NDArray[Any]) -> NDArray[np.float32]:

@@ -177,14 +177,16 @@ def first_that_works(dataset: "Dataset", action: Callable[[int], T], bad_frames:
     Raises:
         DataError: from the action, with the name of the frame.
     """
+    problems: list[DataError] = []
     for index in range(len(dataset)):
         try:
-            with name_frame(dataset, index):
+            with name_frame(dataset, index, can_skip=bad_frames == "error"):
                 return action(index)
-        except DataError:
+        except DataError as error:
             if bad_frames == "error":
                 raise
-    raise DataError(f"{dataset.name}: no frame can be described", code="no-frame")
+            problems.append(error)
+    raise DataError(f"no frame can be described; {problems[0]}", code="no-frame") from problems[0]
 
 
 @dataclass(frozen=True)

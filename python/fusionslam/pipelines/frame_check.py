@@ -96,12 +96,16 @@ def readable_frames(dataset: "Dataset", bad_frames: str = "error", *, jobs: int 
     if bad_frames == "error":
         return dataset
     checks = check_frames(dataset, jobs=jobs)
+    good = [row for row, check in enumerate(checks) if not check.errors]
+    if not good:
+        reason = one_line(next(iter(checks[0].errors.values())))
+        raise DataError(
+            f"{dataset.name}: no frame can be read; frame {checks[0].number}: {reason}",
+            code="no-frame",
+        )
     for check in checks:
         for error in check.errors.values():
             logger.warning("%s, frame %d left out: %s", dataset.name, check.number, error)
-    good = [row for row, check in enumerate(checks) if not check.errors]
-    if not good:
-        raise DataError(f"{dataset.name}: no frame can be read", code="no-frame")
     return dataset.only(good)
 
 

@@ -86,7 +86,11 @@ class LoopReport:
         if (nearest := self.threshold_of_nearest) is not None and not self.loops:
             known = default_threshold(self.run.descriptor, _preset_of(self.run), self.run.source)
             if nearest > _FAR * max(known, self.threshold):
-                return "; no frame looks like an earlier one: nothing seems to come back"
+                return (
+                    f"; no frame looks like one {window} or more before it: nothing comes back, or "
+                    f"{self.run.descriptor} cannot tell (bench compares descriptors; --threshold "
+                    f"{nearest:.2g} accepts the nearest)"
+                )
             return (
                 f"; --threshold {nearest:.2g} accepts the nearest, --threshold FOLDER takes the "
                 "one that was right in a stored bench"

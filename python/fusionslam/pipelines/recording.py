@@ -32,7 +32,9 @@ from fusionslam.views.scene_set import SceneSet, is_scene_set
 logger = logging.getLogger(__name__)
 
 
-_HOW_TO_SKIP = "--skip-bad-frames, bad_frames='skip', leaves such frames out"
+_HOW_TO_SKIP = "--skip-bad-frames, bad_frames='skip', leaves such frames out; info --all lists them"
+_LACKING = ("missing-sensor", "no-calibration", "no-transform", "no-odometry")
+"""Codes of what all frames lack if the first one does."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,7 @@ def warn_of_odometry(dataset: Dataset) -> None:
 
 @contextmanager
 def name_frame(dataset: Dataset, index: int, *, can_skip: bool = False) -> Iterator[None]:
-    """Add the names of recording and frame to a DataError of the block.
+    """Add the names of recording, frame and file to a DataError of the block.
 
     Args:
         dataset, index: of the frame.
@@ -186,10 +188,12 @@ def name_frame(dataset: Dataset, index: int, *, can_skip: bool = False) -> Itera
     try:
         yield
     except DataError as error:
-        # What is wrong with the first frame is wrong with all, more often than not.
-        hint = f" ({_HOW_TO_SKIP})" if can_skip and index else ""
+        in_all = index == 0 and error.code in _LACKING
+        hint = f" ({_HOW_TO_SKIP})" if can_skip and not in_all else ""
+        path = dataset.file_of(index)
+        file = "" if path is None or str(path) in error.fields else f" ({path})"
         raise DataError(
-            f"{dataset.name}, frame {dataset.numbers[index]}: {error}{hint}",
+            f"{dataset.name}, frame {dataset.numbers[index]}{file}: {error}{hint}",
             code=error.code,
             fields=error.fields,
         ) from error

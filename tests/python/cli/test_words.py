@@ -285,3 +285,37 @@ def test_clouds_of_other_frames_are_not_mixed_into_a_folder(
     (recording / "velodyne/000002.bin").unlink()
     assert error_of(1, "fuse", recording, "-o", out, "--skip-gaps").code == "other-results"
     assert {path: path.read_bytes() for path in out.rglob("*.*")} == before
+
+
+@pytest.mark.parametrize("command", ["describe", "loops", "fuse"])
+def test_the_first_frame_is_named_by_its_file_and_can_be_skipped(
+    command: str, tmp_path: Path
+) -> None:
+    for number in range(30):
+        points = np.zeros((50, 3), np.float32)
+        if command == "fuse":
+            points += 1e6
+        write_cloud(tmp_path / f"data/{number:06d}.bin", Cloud(points))
+    words = (command, tmp_path / "data", "-o", tmp_path / "out")
+    line = fails(1, *words)
+    assert str(tmp_path / "data/000000.bin") in line and "--skip-bad-frames" in line
+    result = run(*words)
+    if command != "fuse":  # frames that were not read are not counted
+        assert "of those read until the error" in " ".join(result.stderr.split())
+    text = fails(1, *words, "--skip-bad-frames")
+    assert "frame 0" in text and "--skip-bad-frames" not in text
+
+
+def test_loops_in_noise_say_why_there_are_none(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for number in range(24):
+        path = tmp_path / f"bytes/{number:06d}.bin"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(rng.bytes(16 * 100))
+        points = rng.uniform(-20, 20, (100, 3)).astype(np.float32)
+        write_cloud(tmp_path / f"noise/{number:06d}.bin", Cloud(points))
+    line = fails(1, "loops", tmp_path / "bytes", "-o", tmp_path / "out")
+    assert "000000.bin" in line and "farther" in line
+    words = ("-d", "shot", "--threshold", "0.05", *NO_WINDOW)
+    found = succeeds("loops", tmp_path / "noise", "-o", tmp_path / "out", *words).stdout
+    assert "0 loops" in found and "bench" in found and "--threshold" in found
