@@ -187,7 +187,7 @@ def test_a_frame_that_cannot_be_described_is_named_and_the_rest_is_kept(
     dataset, out = open_dataset(recording), tmp_path / "out"
     good = scan_path(recording, number).read_bytes()
     np.array([[5, 0, 0, 1]] * 9, np.float32).tofile(scan_path(recording, number))
-    with pytest.raises(DataError, match=rf"03, \w+ {number}: "):
+    with pytest.raises(DataError, match=rf"03, \w+ {number} \(.*{number:06d}\.bin\): "):
         describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
     assert bool(list(out.glob(".partial-*/000000.npz"))) == (number > CHUNK)
     scan_path(recording, number).write_bytes(good)
@@ -262,7 +262,7 @@ def test_frames_that_cannot_be_described_are_left_out_on_request(
     whole = describe_dataset(open_dataset(recording), ["m2dp"], tmp_path / "whole")[0]
     make_bad(recording)
     dataset, out = open_dataset(recording), tmp_path / "out"
-    with pytest.raises(DataError, match=r"03, \w+ 0: "):
+    with pytest.raises(DataError, match=r"03, \w+ 0 \(.*000000\.bin\): "):
         describe_dataset(dataset, ["m2dp"], out, jobs=jobs)
     (run,) = describe_dataset(dataset, ["m2dp"], out, jobs=jobs, bad_frames="skip")
     assert list(run.skipped) == [0, 5, LARGEST] and "000019.bin" in run.skipped[LARGEST]
