@@ -134,7 +134,7 @@ def _stamps(
     pose_stamps = read_poses(poses)[0] if poses else None
     if poses is None or pose_stamps is None:
         return regular_stamps(numbers, str(times)), None
-    return pick(pose_stamps, numbers, poses), None
+    return pick(pose_stamps, numbers, poses), len(pose_stamps)
 
 
 def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]:

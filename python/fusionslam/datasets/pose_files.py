@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets.streams import PERIOD_NS
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.storage.files import PathLike, atomic_path, reading
 
@@ -154,8 +155,8 @@ def match_poses(
         numbers: int64 (N), ascending.
         stamps_ns: int64 (N).
         recorded: number of frames of the whole recording, of which some may be missing here; None
-            if unknown. Of KITTI lines, which have no times, only the number tells whether they
-            belong to it.
+            if unknown, as where the frames' times are assumed. Of KITTI lines, which have no
+            times, only the number tells whether they belong to it.
         strict: whether lines beyond the frames are an error if ``recorded`` is known, too; they are
             logged otherwise.
 
@@ -164,13 +165,16 @@ def match_poses(
 
     Raises:
         DataError: the file cannot be read, is too short, has more KITTI lines than there are
-            frames, or has no pose within 10 ms of a frame, nor two around it.
+            frames, has TUM lines although the frames' times are assumed, or has no pose within
+            10 ms of a frame, nor two around it.
     """
     path = Path(path)
     pose_stamps, poses = read_poses(path)
     if pose_stamps is None:
         _check_count(path, len(poses), int(numbers[-1]) + 1, recorded, strict)
         return pick(poses, numbers, path)
+    if recorded is None:
+        _check_times(path, pose_stamps, numbers, stamps_ns)
     nearest = _nearest(pose_stamps, stamps_ns)
     found, far = poses[nearest], np.abs(pose_stamps[nearest] - stamps_ns) > POSE_TOLERANCE_NS
     if not far.any():
@@ -194,6 +198,24 @@ def match_poses(
 
 def _span(stamps_ns: NDArray[np.int64]) -> str:
     return f"{stamps_ns.min() / 1e9:.3f} to {stamps_ns.max() / 1e9:.3f} s"
+
+
+def _check_times(
+    path: Path,
+    pose_stamps: NDArray[np.int64],
+    numbers: NDArray[np.int64],
+    stamps_ns: NDArray[np.int64],
+) -> None:
+    """Refuse TUM poses for frames whose times are assumed, unless they are of just these times."""
+    assumed = np.array_equal(stamps_ns, numbers * PERIOD_NS)
+    if assumed and not np.isin(stamps_ns, pose_stamps).all():
+        raise DataError(
+            f"{path} has poses by time, but the recording has no times: its frames are taken to be "
+            f"{PERIOD_NS / 1e9:g} s apart; give it times.txt (a drive of KITTI raw: "
+            "timestamps.txt), or a file of poses by line (KITTI), 12 numbers a frame",
+            code="no-times",
+            fields=(str(path),),
+        )
 
 
 def _check_count(path: Path, count: int, needed: int, recorded: int | None, strict: bool) -> None:

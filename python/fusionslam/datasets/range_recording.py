@@ -110,6 +110,7 @@ class RangeRecording(CloudDataset):
             pose_frame="the robot",
             body_from_points=np.eye(4),
             poses=None if places is None else ground_poses(*places.T),
+            recorded=len(seconds),
             shapes=shapes,
             seconds=seconds,
             places=places,

@@ -150,6 +150,24 @@ def test_another_file_of_poses_may_be_given(tmp_path: Path) -> None:
     assert np.array_equal(open_dataset(sequence, poses=tmp_path / "mine.txt").poses[5], np.eye(4))
 
 
+@pytest.mark.parametrize("make", [odometry, raw_drive])
+def test_poses_by_time_need_a_recording_with_times(
+    make: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    root, given = make(tmp_path / "drive"), tmp_path / "mine.txt"
+    for name in ("times.txt", "timestamps.txt"):
+        for path in root.rglob(name):
+            path.unlink()
+    assumed = open_dataset(root).stamps_ns
+    poses = np.tile(np.eye(4), (len(assumed), 1, 1))
+    for apart in (5 * assumed, assumed + 3_000_000):
+        write_poses_tum(given, apart, poses)
+        with refuses("no-times", str(given)):
+            open_dataset(root, poses=given)
+    write_poses_tum(given, assumed, poses)
+    assert len(open_dataset(root, poses=given)) == len(assumed)
+
+
 def test_a_sequence_without_times_runs_at_10_hz_and_says_so(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

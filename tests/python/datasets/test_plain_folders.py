@@ -124,7 +124,7 @@ def test_tum_poses_give_a_folder_its_times(tmp_path: Path) -> None:
     poses[:, 0, 3] = (1, 2, 3)
     write_poses_tum(tmp_path / "poses.txt", stamps, poses)
     dataset = open_dataset(folder(tmp_path))
-    assert np.array_equal(dataset.stamps_ns, stamps)
+    assert np.array_equal(dataset.stamps_ns, stamps) and dataset.recorded == 3
     assert np.array_equal(dataset.poses, poses)
 
 

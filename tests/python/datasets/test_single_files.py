@@ -215,11 +215,13 @@ def test_poses_at_half_the_rate_of_the_frames_are_interpolated(
     poses[:, 2, 3] = 0.2 * np.arange(11)
     path = tmp_path / "poses.txt"
     write_poses_tum(path, stamps[::2], poses[::2])
-    np.testing.assert_allclose(match_poses(path, np.arange(11), stamps), poses, atol=1e-12)
+    np.testing.assert_allclose(
+        match_poses(path, np.arange(11), stamps, recorded=11), poses, atol=1e-12
+    )
     assert "5 of 11" in caplog.text
     write_poses_tum(path, stamps[::6], poses[::6])
     with pytest.raises(DataError, check=has_code("no-pose", path, 1)):
-        match_poses(path, np.arange(10), stamps[:10])
+        match_poses(path, np.arange(10), stamps[:10], recorded=11)
 
 
 @pytest.mark.parametrize("bad", ["1,2,3,4,5,6,7,8", "1 2 3 4 5 6 7", "1 2 3 4 5 6 7 eight"])
