@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fusionslam import evaluation as evaluation
     from fusionslam import ratslam as ratslam
+    from fusionslam import registration as registration
     from fusionslam import views as views
     from fusionslam._core import DescriptorIndex as DescriptorIndex
     from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
@@ -101,7 +102,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
-_PACKAGES = ("evaluation", "ratslam", "views")
+_PACKAGES = ("evaluation", "ratslam", "registration", "views")
 
 __all__ = sorted([*_HOME_OF, *_PACKAGES])
 

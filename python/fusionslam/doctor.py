@@ -51,6 +51,10 @@ EXTRAS = {
     "learn": Extra(_same("torch", "safetensors", "onnx", "h5py"), ("views train",)),
     "tune": Extra(_same("pymoo"), ("tune",)),
     "live": Extra({"rerun-sdk": "rerun"}, ("ratslam --live",)),
+    "map": Extra(
+        {"kiss-matcher": "kiss_matcher", "small_gicp": "small_gicp"},
+        ("fusionslam.registration",),
+    ),
 }
 
 

@@ -42,6 +42,32 @@ def street(seed: int, count: int = 4000) -> tuple[Points, Colors]:
     return points, np.clip(colors, 0, 255).astype(np.uint8)
 
 
+def scan_blocks(pose: ArrayLike, seed: int, count: int = 30000) -> Points:
+    """Points of a made place, 120 m wide, in the frame of a sensor: ground, houses, poles.
+
+    Args:
+        pose: float64 (4, 4), world_from_sensor; points up to 30 m away are seen, through walls.
+        seed: of the points on the surfaces, which are the same for every seed.
+    """
+    world, rng = np.random.default_rng(12), np.random.default_rng(seed)
+    middles = world.uniform(-60, 60, (60, 2))
+    sizes = world.uniform([2, 2, 1], [12, 12, 9], (60, 3))
+    sizes[::3, :2] = 0.4  # poles
+    areas = (sizes[:, 0] + sizes[:, 1]) * sizes[:, 2]
+    box = rng.choice(60, count, p=areas / areas.sum())
+    side = rng.integers(0, 4, count)
+    at = rng.uniform(-0.5, 0.5, (count, 3))
+    at[side < 2, 0] = np.where(side[side < 2] == 0, -0.5, 0.5)
+    at[side >= 2, 1] = np.where(side[side >= 2] == 2, -0.5, 0.5)
+    walls = np.c_[middles[box], sizes[box, 2] / 2] + at * sizes[box]
+    ground = rng.uniform([-60, -60, 0], [60, 60, 0], (count // 2, 3))
+    points = np.concatenate([walls, ground]) + rng.normal(0, 0.01, (count + count // 2, 3))
+    sensor_from_world = np.linalg.inv(np.asarray(pose, np.float64))
+    seen = points @ sensor_from_world[:3, :3].T + sensor_from_world[:3, 3]
+    near: Points = seen[np.linalg.norm(seen, axis=1) < 30].astype(np.float32)
+    return near
+
+
 def distance(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
     return float(np.linalg.norm(a.astype(np.float64) - b.astype(np.float64)))
 

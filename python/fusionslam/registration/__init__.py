@@ -1,0 +1,10 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Relative poses of clouds: found without a first guess, judged by what both clouds show."""
+
+from fusionslam.registration.clouds import PreparedCloud
+from fusionslam.registration.config import RegistrationConfig
+from fusionslam.registration.pose_estimation import register
+from fusionslam.registration.result import Refusal, Registration
+
+__all__ = ["PreparedCloud", "Refusal", "Registration", "RegistrationConfig", "register"]

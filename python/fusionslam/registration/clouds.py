@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds as registration needs them, computed once however many others they are compared with."""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fusionslam._core import GroundSegmentsConfig, remove_ground_segments, voxel_downsample
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.registration.config import RegistrationConfig
+from fusionslam.registration.map_extra import (
+    RefinedCloud,
+    count_features,
+    prepare_refinement,
+)
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Points
+
+
+class PreparedCloud:
+    """A cloud that is registered with several others: what they all need is computed once.
+
+    Only its voxels are kept, and sent between processes.
+
+    Args:
+        cloud: a Cloud, or float32 (N, 3), metres, the sensor at the origin; may be empty.
+        config: that of the registrations.
+
+    Raises:
+        ShapeError: neither a cloud nor an array of points.
+        DataError: NaN or infinity in a point; the message names it.
+    """
+
+    def __init__(self, cloud: Cloud | Points, config: RegistrationConfig | None = None) -> None:
+        self.config = config or RegistrationConfig()
+        points = cloud.points if isinstance(cloud, Cloud) else cloud
+        self.points: Points = _voxels(_check_points(points), self.config.voxel)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"config": self.config, "points": self.points}
+
+    @cached_property
+    def above_ground(self) -> Points:
+        """float32 (M, 3): the voxels that can tell places apart; all without ``gravity``."""
+        if not self.config.gravity or not len(self):
+            return self.points
+        ground = GroundSegmentsConfig(distance=self.config.ground_height)
+        kept, _, _ = remove_ground_segments(self.points, config=ground)
+        above: Points = self.points[kept]
+        return above
+
+    @cached_property
+    def search_points(self) -> Points:
+        """float32 (M, 3): one point for each voxel of the search without a guess."""
+        return _voxels(self.points, self.config.search_voxel)
+
+    @cached_property
+    def features(self) -> int:
+        """Number of search points that surely have features."""
+        return count_features(self.search_points, self.config.search_voxel)
+
+    @cached_property
+    def refined(self) -> RefinedCloud:
+        """Points, covariances and tree for the refinement."""
+        return prepare_refinement(self.points)
+
+
+def _check_points(points: Any) -> Points:
+    array = np.asarray(points)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind != "f":
+        raise ShapeError(
+            f"points: {array.dtype} {array.shape}, expected a Cloud or float32 (N, 3)",
+            code="no-cloud",
+        )
+    broken = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if broken.size:
+        raise DataError(
+            f"point {broken[0]} is {array[broken[0]].tolist()}, expected finite numbers: "
+            "drop such points first (drop_invalid)"
+        )
+    return array.astype(np.float32)
+
+
+def _voxels(points: Points, size: float) -> Points:
+    return voxel_downsample(points, size=size)[0] if len(points) else points

@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration of registration."""
+
+from fusionslam.config import Section, option
+
+
+class RegistrationConfig(Section):
+    """How clouds are registered. The defaults suit full-circle scans outdoors."""
+
+    voxel: float = option(0.5, "voxels in which clouds are refined and compared", unit="m", gt=0)
+    search_voxel: float = option(
+        1.0, "voxels in which a pose is searched without a guess", unit="m", ge=0.01, le=1.0
+    )
+    guess_distance: float = option(
+        3.0, "farthest neighbours when the refinement starts from a guess", unit="m", gt=0
+    )
+    distance: float = option(1.0, "farthest neighbours of the refinement", unit="m", gt=0)
+    iterations: int = option(30, "steps of the refinement", ge=1, le=1000)
+    gravity: bool = option(
+        True,
+        "z points up in both clouds: poses that tilt are refused, and ground is no overlap",
+    )
+    max_tilt: float = option(8.0, "largest tilt against each other", unit="deg", ge=0, le=180)
+    ground_height: float = option(
+        0.5, "points up to this much above the ground do not count as overlap", unit="m", gt=0
+    )
+    overlap_distance: float = option(
+        0.5, "points with a neighbour this near overlap", unit="m", gt=0
+    )
+    min_overlap: float = option(0.5, "poses with less overlap are refused", ge=0, le=1)
+    position_sd: float = option(
+        0.05, "floor of the stated standard deviation of positions", unit="m", ge=0
+    )
+    angle_sd: float = option(
+        0.3, "floor of the stated standard deviation of angles", unit="deg", ge=0
+    )
+    degenerate_ratio: float = option(
+        10.0, "a direction is degenerate if the next holds this many times as firmly", gt=1
+    )
+    degenerate_sd: float = option(
+        10.0, "standard deviation stated along degenerate directions", unit="m", gt=0
+    )

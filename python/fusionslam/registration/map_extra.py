@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The libraries of the extra ``map``: KISS-Matcher and small_gicp."""
+
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fusionslam.errors import FusionSlamError
+from fusionslam.storage.arrays import Matrix, Points
+
+FEWEST_POINTS = 20
+"""Below, covariances of points are no more than guesses."""
+
+FEWEST_FEATURES = 10
+"""Below, nothing can be matched."""
+
+
+def _load(module: str, package: str) -> Any:
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise FusionSlamError(
+            f"registration needs {package}, which is not installed ({error}): "
+            "pip install 'fusionslam[map]'",
+            code="missing-extra",
+            fields=("map",),
+        ) from error
+
+
+class RefinedCloud(NamedTuple):
+    """Points with their covariances, and the tree in which their neighbours are found."""
+
+    points: Any
+    tree: Any
+
+
+def prepare_refinement(points: Points) -> RefinedCloud:
+    """Compute what the refinement needs of a cloud of at least ``FEWEST_POINTS``."""
+    small_gicp = _load("small_gicp", "small_gicp")
+    cloud = small_gicp.PointCloud(points.astype(np.float64))
+    tree = small_gicp.KdTree(cloud)
+    small_gicp.estimate_covariances(cloud, tree, num_neighbors=10, num_threads=1)
+    return RefinedCloud(cloud, tree)
+
+
+def refine(
+    source: RefinedCloud, target: RefinedCloud, start: Matrix, distance: float, iterations: int
+) -> tuple[Matrix, Matrix]:
+    """Refine a pose by GICP (Segal, Haehnel, Thrun 2009) on one thread.
+
+    Returns:
+        target_from_source, float64 (4, 4), and its information matrix, float64 (6, 6), in the
+        order and frame of ``Registration.covariance``.
+    """
+    small_gicp = _load("small_gicp", "small_gicp")
+    result = small_gicp.align(
+        target.points,
+        source.points,
+        target.tree,
+        start,
+        registration_type="GICP",
+        max_correspondence_distance=distance,
+        num_threads=1,
+        max_iterations=iterations,
+    )
+    ours = [3, 4, 5, 0, 1, 2]  # its rotations come first
+    return np.array(result.T_target_source), np.array(result.H)[np.ix_(ours, ours)]
+
+
+def count_features(points: Points, voxel: float) -> int:
+    """Count points that surely have features in KISS-Matcher, which crashes if none has.
+
+    It wants three points within 3 voxels, which it compares with squared distances, and three such
+    points within 5. Two neighbours within half of that have all of these points in common.
+    """
+    if len(points) < 3:
+        return 0
+    near = min(np.sqrt(3 * voxel), 3 * voxel) / 2
+    distances, _ = cKDTree(points).query(points, k=3, distance_upper_bound=near)
+    return int(np.isfinite(distances[:, 2]).sum())
+
+
+def search_pose(source: Points, target: Points, voxel: float) -> Matrix | None:
+    """Search a pose without a guess by KISS-Matcher (Lim et al., ICRA 2025).
+
+    Args:
+        source, target: float32 (N, 3), one point a voxel; ``count_features`` must be at least
+            ``FEWEST_FEATURES`` in both.
+
+    Returns:
+        target_from_source, float64 (4, 4); None if fewer than three points were matched.
+    """
+    kiss_matcher = _load("kiss_matcher", "KISS-Matcher")
+    # Its own voxel grid is not repeatable.
+    config = kiss_matcher.KISSMatcherConfig(voxel_size=voxel, use_voxel_sampling=False)
+    matcher = kiss_matcher.KISSMatcher(config)
+    with _one_thread(kiss_matcher):
+        solution = matcher.estimate(list(source), list(target))
+    if matcher.get_num_final_inliers() < 3:
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = solution.rotation
+    pose[:3, 3] = np.ravel(solution.translation)
+    return pose
+
+
+class _ParallelismLimit(ctypes.Structure):
+    """oneTBB's ``global_control`` of max_allowed_parallelism."""
+
+    _fields_ = (("value", ctypes.c_size_t), ("reserved", ctypes.c_ssize_t), ("kind", ctypes.c_int))
+
+
+@contextmanager
+def _one_thread(kiss_matcher: Any) -> Iterator[None]:
+    """Let KISS-Matcher use the calling thread alone.
+
+    Its threads write neighbouring bits of one vector<bool>, so that with more of them a result can
+    differ from the last one. It has no option; its own copies of TBB and OpenMP have.
+    """
+    tbb, openmp = _thread_libraries(Path(kiss_matcher.__file__).parent.parent)
+    limit = _ParallelismLimit(1, 0, 0)
+    threads = openmp.omp_get_max_threads()
+    openmp.omp_set_num_threads(1)
+    tbb._ZN3tbb6detail2r16createERNS0_2d114global_controlE(ctypes.byref(limit))
+    try:
+        yield
+    finally:
+        tbb._ZN3tbb6detail2r17destroyERNS0_2d114global_controlE(ctypes.byref(limit))
+        openmp.omp_set_num_threads(threads)
+
+
+@cache
+def _thread_libraries(packages: Path) -> tuple[ctypes.CDLL, ctypes.CDLL]:
+    folder = packages / "kiss_matcher.libs"
+    (tbb,), (openmp,) = folder.glob("libtbb-*"), folder.glob("libgomp-*")
+    return ctypes.CDLL(str(tbb)), ctypes.CDLL(str(openmp))

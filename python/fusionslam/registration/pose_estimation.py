@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Registers clouds: a guess refined, or features where there is none, judged by overlap.
+
+Inliers of matched features do not tell right poses from wrong ones, and most wrong poses are upside
+down: poses are judged by what both clouds show above the ground, and by their tilt.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.registration.clouds import PreparedCloud
+from fusionslam.registration.config import RegistrationConfig
+from fusionslam.registration.map_extra import FEWEST_FEATURES, FEWEST_POINTS, refine, search_pose
+from fusionslam.registration.result import Refusal, Registration
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
+
+
+def register(
+    source: Cloud | Points | PreparedCloud,
+    target: Cloud | Points | PreparedCloud,
+    guess: Matrix | None = None,
+    *,
+    config: RegistrationConfig | None = None,
+) -> Registration:
+    """Find the pose of a cloud in the frame of another one.
+
+    A guess is refined by GICP; without one, or if its overlap is too small, features are matched by
+    KISS-Matcher and the pose that they give is refined. Equal input gives equal bits.
+
+    Args:
+        source, target: a Cloud or float32 (N, 3), metres, in the frame of the sensor; or a
+            PreparedCloud, of which configurations must be equal.
+        guess: float64 (4, 4), target_from_source, such as a turn about z from a descriptor; up to
+            some metres and degrees off.
+        config: that of prepared clouds if None.
+
+    Returns:
+        The pose with its covariance, or the reason why there is none.
+
+    Raises:
+        FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
+        ShapeError: not a cloud, or a guess of another shape.
+        DataError: NaN or infinity in a point; a guess that is no rigid motion.
+        ConfigError: clouds prepared with different configurations.
+    """
+    started = time.perf_counter()
+    config = _config_of(config, source, target)
+    start = None if guess is None else _check_rigid(guess)
+    result = _register(_prepared(source, config), _prepared(target, config), start, config)
+    return replace(result, seconds=time.perf_counter() - started)
+
+
+def _register(
+    source: PreparedCloud, target: PreparedCloud, guess: Matrix | None, config: RegistrationConfig
+) -> Registration:
+    fewest = min(len(source), len(target))
+    if fewest < FEWEST_POINTS:
+        text = f"{fewest} voxels of {config.voxel:g} m in a cloud, fewer than {FEWEST_POINTS}"
+        return _refused(Refusal("few-points", fewest, text))
+    best: _Candidate | None = None
+    for candidate in _candidates(source, target, guess, config):
+        if best is None or candidate.rank(config) > best.rank(config):
+            best = candidate
+        if best.refusal(config) is None:
+            break
+    if best is None:
+        return _refused(_without_candidate(min(source.features, target.features), config))
+    judged = Registration(None, None, best.overlap, best.tilt, estimate=best.pose)
+    if reason := best.refusal(config):
+        return replace(judged, reason=reason)
+    covariance, degenerate = _uncertainty(best.information, config)
+    return replace(
+        judged, target_from_source=best.pose, covariance=covariance, degenerate=degenerate
+    )
+
+
+def _refused(reason: Refusal) -> Registration:
+    return Registration(None, None, reason=reason)
+
+
+def _without_candidate(features: int, config: RegistrationConfig) -> Refusal:
+    if features < FEWEST_FEATURES:
+        text = (
+            f"{features} points of a cloud have neighbours within {config.search_voxel:g} m, "
+            f"fewer than {FEWEST_FEATURES}: too sparse for a search"
+        )
+        return Refusal("no-features", features, text)
+    return Refusal("no-match", 0, "fewer than three features of the clouds match")
+
+
+class _Candidate(NamedTuple):
+    """A refined pose, its information matrix, and what it is judged by."""
+
+    pose: Matrix
+    information: Floats
+    overlap: float
+    tilt: float
+
+    def rank(self, config: RegistrationConfig) -> tuple[bool, float]:
+        """Upright poses first, then by overlap."""
+        return self._upright(config), self.overlap
+
+    def refusal(self, config: RegistrationConfig) -> Refusal | None:
+        """Return why the pose is refused; None if it is not."""
+        if not self._upright(config):
+            text = f"tilted by {self.tilt:.1f} deg, more than {config.max_tilt:g}"
+            return Refusal("tilted", self.tilt, text)
+        if self.overlap < config.min_overlap:
+            text = f"overlap {self.overlap:.2f}, less than {config.min_overlap:g}"
+            return Refusal("low-overlap", self.overlap, text)
+        return None
+
+    def _upright(self, config: RegistrationConfig) -> bool:
+        return not config.gravity or self.tilt <= config.max_tilt
+
+
+def _candidates(
+    source: PreparedCloud, target: PreparedCloud, guess: Matrix | None, config: RegistrationConfig
+) -> Iterator[_Candidate]:
+    """Refined poses, the cheaper first."""
+
+    def refined(start: Matrix, distance: float) -> tuple[Matrix, Floats]:
+        return refine(source.refined, target.refined, start, distance, config.iterations)
+
+    if guess is not None:
+        near, _ = refined(guess, config.guess_distance)
+        yield _judged(source, target, *refined(near, config.distance), config)
+    if min(source.features, target.features) < FEWEST_FEATURES:
+        return
+    found = search_pose(source.search_points, target.search_points, config.search_voxel)
+    if found is not None:
+        yield _judged(source, target, *refined(found, config.distance), config)
+
+
+def _judged(
+    source: PreparedCloud,
+    target: PreparedCloud,
+    pose: Matrix,
+    information: Floats,
+    config: RegistrationConfig,
+) -> _Candidate:
+    tilt = float(np.degrees(np.arccos(np.clip(pose[2, 2], -1, 1))))
+    moved = source.above_ground @ pose[:3, :3].T + pose[:3, 3]
+    return _Candidate(
+        pose, information, _overlap(moved, target.above_ground, config.overlap_distance), tilt
+    )
+
+
+def _overlap(one: Floats, other: Points, distance: float) -> float:
+    """Share of points with a neighbour in the other cloud, the smaller of both directions."""
+    if not len(one) or not len(other):
+        return 0.0
+    there, _ = cKDTree(other).query(one, distance_upper_bound=distance)
+    back, _ = cKDTree(one).query(other, distance_upper_bound=distance)
+    return float(min(np.isfinite(there).mean(), np.isfinite(back).mean()))
+
+
+def _uncertainty(information: Floats, config: RegistrationConfig) -> tuple[Floats, Floats]:
+    """Covariance of a pose and the degenerate directions, of its information matrix.
+
+    The information of GICP claims millimetres where errors are centimetres: hence the floor.
+    """
+    strengths, axes = np.linalg.eigh(information[:3, :3])
+    weak = 0
+    for i in (1, 2):  # all below a jump
+        if strengths[i] > config.degenerate_ratio * strengths[i - 1]:
+            weak = i
+    degenerate = axes.T[:weak]
+    # Nobody is more than half a turn off, or 100 m.
+    prior = np.repeat([1 / 100**2, 1 / np.pi**2], 3)
+    floor = np.repeat([config.position_sd, np.radians(config.angle_sd)], 3) ** 2
+    covariance = np.linalg.inv(information + np.diag(prior)) + np.diag(floor)
+    covariance[:3, :3] += config.degenerate_sd**2 * degenerate.T @ degenerate
+    return (covariance + covariance.T) / 2, degenerate
+
+
+def _config_of(
+    config: RegistrationConfig | None, *clouds: Cloud | Points | PreparedCloud
+) -> RegistrationConfig:
+    for each in clouds:
+        if not isinstance(each, PreparedCloud):
+            continue
+        if config is not None and config != each.config:
+            raise ConfigError("the clouds were prepared with different configurations")
+        config = each.config
+    return config or RegistrationConfig()
+
+
+def _prepared(cloud: Cloud | Points | PreparedCloud, config: RegistrationConfig) -> PreparedCloud:
+    return cloud if isinstance(cloud, PreparedCloud) else PreparedCloud(cloud, config)
+
+
+def _check_rigid(guess: Matrix) -> Matrix:
+    pose = read_numbers("guess", guess, "float64 (4, 4)")
+    if pose.shape != (4, 4):
+        raise ShapeError(f"guess has shape {pose.shape}, expected (4, 4)")
+    turn = pose[:3, :3]
+    off = np.abs(turn @ turn.T - np.eye(3)).max() if np.isfinite(pose).all() else np.inf
+    if off > 1e-4 or np.linalg.det(turn) < 0 or not np.array_equal(pose[3], [0, 0, 0, 1]):
+        raise DataError(f"guess is no rigid motion: {pose.tolist()}")
+    return pose

@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The result of a registration, and why there may be none."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fusionslam.storage.arrays import Floats, Matrix
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a registration has no pose.
+
+    Attributes:
+        code: "few-points" (number: voxels of the smaller cloud), "no-features" (points with
+            neighbours), "no-match" (0), "tilted" (degrees) or "low-overlap" (share).
+        number: the value that was not good enough.
+        text: the same in words.
+    """
+
+    code: str
+    number: float
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The pose of one cloud in the frame of another.
+
+    Attributes:
+        target_from_source: float64 (4, 4); None if it was refused.
+        covariance: float64 (6, 6) of the pose's error: x, y, z in metres, then rotations about x,
+            y, z in radians, as small motions in the source's frame
+            (``target_from_source @ exp(error)``). None if the pose was refused.
+        overlap: share of the points above the ground that lie near a point of the other cloud, the
+            smaller of both directions; 0 without an estimate.
+        tilt: angle between the z axes of the clouds, degrees; 0 without an estimate.
+        degenerate: float64 (k, 3), unit vectors in the source's frame along which the clouds can
+            slide on each other, as along a corridor; empty if the pose was refused.
+        seconds: time it took.
+        reason: why the pose was refused; None if it was not.
+        estimate: float64 (4, 4), the pose that was judged, refused or not; None if there was none.
+            For pictures and diagnosis.
+    """
+
+    target_from_source: Matrix | None
+    covariance: Matrix | None
+    overlap: float = 0.0
+    tilt: float = 0.0
+    degenerate: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    seconds: float = 0.0
+    reason: Refusal | None = None
+    estimate: Matrix | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether there is a pose."""
+        return self.reason is None

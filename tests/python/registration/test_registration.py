@@ -1,0 +1,279 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds are registered where they show one place, and refused with a reason where not."""
+
+import os
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from clouds import scan_blocks
+from fusionslam import Cloud
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.registration import PreparedCloud, Registration, RegistrationConfig, register
+from fusionslam.storage.arrays import Floats, Matrix, Points
+
+pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+pytest.importorskip("kiss_matcher", reason="the libraries of registration are an extra")
+
+
+def pose_of(x: float, y: float, z: float, *angles_deg: float) -> Matrix:
+    """Roll, pitch and yaw in degrees."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def error_between(found: Matrix | None, truth: Matrix) -> Floats:
+    """Float64 (6,): metres, then radians, in the source's frame."""
+    assert found is not None
+    off = np.linalg.inv(truth) @ found
+    return np.concatenate([off[:3, 3], Rotation.from_matrix(off[:3, :3]).as_rotvec()])
+
+
+HERE = pose_of(3, -2, 1.7, 0, 0, 20)
+THERE = pose_of(8, 1, 1.9, 1, -2, 175)
+
+
+@pytest.fixture(scope="module")
+def scans() -> tuple[Points, Points]:
+    """A source and a target, 6 m apart and 155 degrees turned."""
+    return scan_blocks(THERE, 1), scan_blocks(HERE, 2)
+
+
+TRUTH = np.linalg.inv(HERE) @ THERE
+
+
+@pytest.fixture(scope="module")
+def found(scans: tuple[Points, Points]) -> Registration:
+    return register(*scans)
+
+
+def test_a_pose_is_found_without_a_guess(found: Registration) -> None:
+    assert found.accepted
+    assert found.reason is None
+    error = error_between(found.target_from_source, TRUTH)
+    assert np.linalg.norm(error[:3]) < 0.05
+    assert np.degrees(np.linalg.norm(error[3:])) < 0.1
+    assert found.overlap > 0.7
+    upright = np.degrees(np.arccos(TRUTH[2, 2]))
+    assert found.tilt == pytest.approx(upright, abs=0.1)
+    assert len(found.degenerate) == 0
+    assert found.seconds > 0
+
+
+def test_the_covariance_is_its_floor_where_the_clouds_hold_firmly(found: Registration) -> None:
+    assert found.covariance is not None
+    sds = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(sds[:3], 0.05, rtol=0.05)
+    np.testing.assert_allclose(np.degrees(sds[3:]), 0.3, rtol=0.05)
+    np.testing.assert_array_equal(found.covariance, found.covariance.T)
+
+
+def test_a_guess_gives_the_same_pose_as_the_search(
+    scans: tuple[Points, Points], found: Registration
+) -> None:
+    guess = TRUTH @ pose_of(0.8, -0.6, 0, 0, 0, 3)
+    again = register(*scans, guess)
+    assert found.target_from_source is not None
+    error = error_between(again.target_from_source, found.target_from_source)
+    assert np.abs(error).max() < 2e-3
+
+
+def test_a_wrong_guess_is_no_worse_than_none(
+    scans: tuple[Points, Points], found: Registration
+) -> None:
+    again = register(*scans, pose_of(-20, 5, 0, 0, 0, 90))
+    np.testing.assert_array_equal(again.target_from_source, found.target_from_source)
+
+
+def test_swapping_the_clouds_inverts_the_pose(
+    scans: tuple[Points, Points], found: Registration
+) -> None:
+    source, target = scans
+    back = register(target, source)
+    assert back.target_from_source is not None
+    assert found.target_from_source is not None
+    error = error_between(back.target_from_source @ found.target_from_source, np.eye(4))
+    assert np.abs(error).max() < 0.02
+
+
+def test_prepared_clouds_and_clouds_give_equal_bits(
+    scans: tuple[Points, Points], found: Registration
+) -> None:
+    source, target = PreparedCloud(Cloud(scans[0])), PreparedCloud(scans[1].astype(np.float64))
+    for _ in range(2):
+        assert same(register(source, target), found)
+    assert same(register(pickle.loads(pickle.dumps(source)), target), found)
+
+
+def same(one: Registration, other: Registration) -> bool:
+    """Whether two registrations are equal to the bit but for their time."""
+    return to_bytes(one) == to_bytes(other)
+
+
+def to_bytes(result: Registration) -> bytes:
+    return pickle.dumps(replace(result, seconds=0.0))
+
+
+REPEAT = """
+import hashlib, sys
+import numpy as np
+from fusionslam.registration import register
+source, target = np.load(sys.argv[1]), np.load(sys.argv[2])
+for _ in range(2):
+    found = register(source, target)
+    pose, covariance = found.target_from_source, found.covariance
+    print(hashlib.sha256(pose.tobytes() + covariance.tobytes()).hexdigest())
+"""
+
+
+def test_every_run_and_number_of_threads_gives_equal_bits(
+    scans: tuple[Points, Points], tmp_path: Any
+) -> None:
+    paths = [str(tmp_path / f"{name}.npy") for name in ("source", "target")]
+    for path, points in zip(paths, scans, strict=True):
+        np.save(path, points)
+    digests = []
+    for threads in ("1", "2", "8"):
+        run = subprocess.run(
+            [sys.executable, "-c", REPEAT, *paths],
+            env=os.environ | {"OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=300,
+        )
+        digests += run.stdout.split()
+        assert not run.stderr
+    assert len(digests) == 6
+    assert len(set(digests)) == 1
+
+
+def test_an_upside_down_copy_is_refused_unless_there_is_no_gravity(
+    scans: tuple[Points, Points],
+) -> None:
+    source = scans[1] * np.array([1, -1, -1], np.float32)
+    refused = register(source, scans[1])
+    assert refused.target_from_source is None
+    assert refused.covariance is None
+    assert refused.reason is not None
+    assert (refused.reason.code, round(refused.reason.number)) == ("tilted", 180)
+    assert refused.estimate is not None
+    free = register(source, scans[1], config=RegistrationConfig(gravity=False))
+    assert np.abs(error_between(free.target_from_source, np.diag([1.0, -1, -1, 1]))).max() < 0.01
+
+
+def test_another_place_is_refused_with_its_overlap(scans: tuple[Points, Points]) -> None:
+    elsewhere = scan_blocks(pose_of(-45, 40, 1.7, 0, 0, 0), 3)
+    refused = register(elsewhere, scans[1])
+    assert not refused.accepted
+    assert refused.reason is not None
+    assert refused.reason.code in ("low-overlap", "tilted", "no-match")
+    if refused.reason.code == "low-overlap":
+        assert refused.reason.number == refused.overlap < 0.5
+    tolerant = register(elsewhere, scans[1], config=RegistrationConfig(min_overlap=0, max_tilt=180))
+    assert tolerant.accepted == (tolerant.estimate is not None)
+
+
+def corridor(seed: int, length: float = 60) -> Points:
+    """A floor and two bare walls along x, longer than the sensor reaches."""
+    rng = np.random.default_rng(seed)
+    half = length / 2
+    walls = rng.uniform([-half, 0, -1], [half, 0, 2], (12000, 3))
+    walls[:, 1] = np.where(rng.random(12000) < 0.5, -2, 2)
+    floor = rng.uniform([-half, -2, -1], [half, 2, -1], (6000, 3))
+    return (np.concatenate([walls, floor]) + rng.normal(0, 0.01, (18000, 3))).astype(np.float32)
+
+
+def test_a_corridor_is_degenerate_along_itself() -> None:
+    turn = pose_of(0, 0, 0, 0, 0, 90)  # the corridor lies along y in the source's frame
+    source = (corridor(1).astype(np.float64) @ turn[:3, :3].T).astype(np.float32)
+    found = register(source, corridor(2), np.linalg.inv(turn))
+    assert found.accepted
+    np.testing.assert_allclose(np.abs(found.degenerate), [[0, 1, 0]], atol=0.02)
+    assert found.covariance is not None
+    sds = np.sqrt(np.diag(found.covariance))
+    assert sds[1] > 9
+    assert max(sds[0], sds[2]) < 0.3
+    assert found.target_from_source is not None
+    error = error_between(found.target_from_source, np.linalg.inv(turn))
+    assert np.abs(error[[0, 2, 3, 4, 5]]).max() < 0.02
+
+
+def test_a_plane_is_degenerate_along_both_of_its_axes() -> None:
+    floors = []
+    for seed in (1, 2):
+        rng = np.random.default_rng(seed)
+        floor = rng.uniform([-20, -20, -1], [20, 20, -1], (20000, 3))
+        floors.append((floor + rng.normal(0, 0.01, floor.shape)).astype(np.float32))
+    found = register(*floors, np.eye(4), config=RegistrationConfig(gravity=False))
+    assert len(found.degenerate) == 2
+    np.testing.assert_allclose(found.degenerate[:, 2], 0, atol=0.02)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 19])
+def test_few_points_are_a_reason(count: int, scans: tuple[Points, Points]) -> None:
+    few = scans[0][:: len(scans[0]) // 20][:count]
+    for clouds in ((few, scans[1]), (scans[1], few)):
+        refused = register(*clouds)
+        assert refused.reason is not None
+        assert (refused.reason.code, refused.reason.number) == ("few-points", count)
+        assert refused.estimate is None
+        assert refused.overlap == 0
+
+
+def test_scattered_points_have_no_features() -> None:
+    scattered = np.random.default_rng(3).uniform(-1e4, 1e4, (300, 3)).astype(np.float32)
+    refused = register(scattered, scattered + np.float32(1))
+    assert refused.reason is not None
+    assert (refused.reason.code, refused.reason.number) == ("no-features", 0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_point_that_is_not_finite_is_named(value: float) -> None:
+    points = np.ones((30, 3), np.float32)
+    points[7, 1] = value
+    with pytest.raises(DataError, match="point 7 is"):
+        register(points, np.ones((30, 3), np.float32))
+
+
+@pytest.mark.parametrize("cloud", [None, [1, 2], np.ones((5, 2)), np.ones((5, 3), np.int32), "a"])
+def test_what_is_no_cloud_is_refused(cloud: Any) -> None:
+    with pytest.raises(ShapeError, match="expected a Cloud"):
+        register(cloud, np.ones((30, 3), np.float32))
+
+
+@pytest.mark.parametrize(
+    "guess",
+    [np.eye(3), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), 2 * np.eye(4), "a"],
+)
+def test_a_guess_that_is_no_rigid_motion_is_refused(guess: Any) -> None:
+    points = np.ones((30, 3), np.float32)
+    with pytest.raises((DataError, ShapeError), match="guess"):
+        register(points, points, guess)
+
+
+def test_prepared_clouds_keep_their_configuration(scans: tuple[Points, Points]) -> None:
+    fine = RegistrationConfig(voxel=0.3)
+    prepared = PreparedCloud(scans[0], fine)
+    assert same(register(prepared, scans[1]), register(*scans, config=fine))
+    with pytest.raises(ConfigError, match="different configurations"):
+        register(prepared, PreparedCloud(scans[1]))
+
+
+@pytest.mark.parametrize("module", ["small_gicp", "kiss_matcher"])
+def test_a_missing_extra_is_named(
+    module: str, monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[map\]'") as caught:
+        register(*scans)
+    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("map",))
