@@ -4,6 +4,7 @@
 
 python -m benchmarks.accuracy.loop_thresholds            # towns from the cache, recorded if missing
 python -m benchmarks.accuracy.loop_thresholds --write    # and store the thresholds and the table
+python -m benchmarks.accuracy.loop_thresholds -d shot ... # of these alone; the others stay
 
 A threshold is the largest one at which 95 % of the loops are right in each fitted town: towns
 differ so much that one fitted to all of them together is wrong in some. Where no threshold is, it
@@ -20,15 +21,17 @@ from pathlib import Path
 from textwrap import fill
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from benchmarks.accuracy.data import data_folder
-from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.markdown import read_rows, table, write_between
 from benchmarks.accuracy.presets import CLOUDS, ROOT, mean_and_range, record_towns
 from fusionslam import FusionConfig, PipelineConfig, describe_dataset
 from fusionslam.datasets import open_dataset
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.evaluation import DescriptorRun, PrecisionRecall, evaluate, precision_recall
+from fusionslam.loop_closure import default_threshold
 from fusionslam.pipelines.compare_descriptors import TARGET_PRECISION
 from fusionslam.pipelines.describe import run_path
 from fusionslam.storage.cache import cache_folder
@@ -45,7 +48,7 @@ NAMES = tuple(
 SOURCES: Mapping[str, Sequence[str]] = {
     "lidar": NAMES,
     "stereo": [name for name in NAMES if "shot" not in name],
-    "cloud": [name for name in NAMES if name.startswith("m2dp")],
+    "cloud": [name for name in NAMES if name.startswith(("m2dp", "scan_context"))],
 }
 """Descriptors by source. The full circle has no colours; SHOT is slow for dense clouds."""
 
@@ -65,10 +68,11 @@ class Accepted:
     recall: float
 
 
-def judge_town(seed: int, folder: Path) -> Runs:
-    """Evaluate every source and descriptor on a town's drive; runs are kept in ``folder``."""
+def judge_town(seed: int, folder: Path, wanted: Sequence[str]) -> Runs:
+    """Evaluate every source and wanted descriptor on a town's drive; ``folder`` keeps the runs."""
     curves = {}
-    for source, names in SOURCES.items():
+    for source, possible in SOURCES.items():
+        names = [name for name in possible if name in wanted]
         missing = [name for name in names if not run_path(folder, source, name).exists()]
         if missing:
             config = PipelineConfig(fusion=FusionConfig.model_validate({"source": source}))
@@ -101,7 +105,8 @@ def accept(curve: PrecisionRecall, threshold: float) -> Accepted:
 
 
 def thresholds_yaml(fitted: Mapping[tuple[str, str], float]) -> str:
-    """Format the thresholds as the package reads them."""
+    """Format the thresholds as the package reads them; those not fitted stay as they are."""
+    stored = yaml.safe_load(THRESHOLDS.read_text(encoding="utf-8"))
     lines = [
         "# SPDX-FileCopyrightText: 2026 The fusionslam authors",
         "# SPDX-License-Identifier: Apache-2.0",
@@ -111,15 +116,24 @@ def thresholds_yaml(fitted: Mapping[tuple[str, str], float]) -> str:
     for source in SOURCES:
         lines.append(f"{source}:")
         for name in NAMES:
-            value = fitted.get((source, name), _OTHERS.get((source, name)))
-            lines.append(f'  "{name}": {fitted["lidar", name] if value is None else value:.3f}')
+            known = _OTHERS.get((source, name), fitted.get(("lidar", name)))
+            value = fitted.get((source, name), stored[source].get(name) if known is None else known)
+            lines.append(f'  "{name}": {value:.3f}')
     return "\n".join(lines) + "\n"
 
 
 def accuracy_table(fitted: Mapping[tuple[str, str], float], towns: Sequence[Runs]) -> str:
-    """One row per source, descriptor and preset: what its threshold accepts in each town."""
+    """One row per source, descriptor and preset: what its threshold accepts in each town.
+
+    Rows of the page whose descriptor was not fitted stay as they are.
+    """
+    stored = read_rows(PAGE, "thresholds")
     rows = []
-    for (source, name), threshold in fitted.items():
+    for source, name in ((source, name) for source, names in SOURCES.items() for name in names):
+        if (source, name) not in fitted:
+            rows += [row for row in stored if row[:2] == [CLOUDS[source], f"`{name}`"]]
+            continue
+        threshold = fitted[source, name]
         found = [accept(town[source, name], threshold) for town in towns]
         loops = np.array([each.loops for each in found], np.float64)
         right = sum(each.loops * each.precision for each in found if each.loops)
@@ -164,17 +178,17 @@ def revisits_of(towns: Sequence[Runs]) -> NDArray[np.float64]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("-d", "--descriptors", nargs="+", choices=NAMES, default=NAMES)
     parser.add_argument("--runs", type=Path, default=cache_folder() / "loop-thresholds")
     arguments = parser.parse_args()
 
     def judge(seeds: Sequence[int]) -> list[Runs]:
-        return [judge_town(seed, arguments.runs / str(seed)) for seed in seeds]
+        wanted, runs = arguments.descriptors, arguments.runs
+        return [judge_town(seed, runs / str(seed), wanted) for seed in seeds]
 
     fitting = judge(FITTED)
     fitted = {
-        (source, name): fit([town[source, name] for town in fitting])
-        for source, names in SOURCES.items()
-        for name in names
+        (source, name): fit([town[source, name] for town in fitting]) for source, name in fitting[0]
     }
     towns = judge(REPORTED)
     shown = accuracy_table(fitted, towns)
@@ -187,7 +201,8 @@ def main() -> None:
         "of the towns with loops).",
         100,
     )
-    about += f"\n\n{fill(judge_kitti(fitted['lidar', 'm2dp:author']), 100)}"
+    on_kitti = fitted.get(("lidar", "m2dp:author"), default_threshold("m2dp:author"))
+    about += f"\n\n{fill(judge_kitti(on_kitti), 100)}"
     print(f"{about}\n\n{shown}\n\n{thresholds_yaml(fitted)}")
     if arguments.write:
         THRESHOLDS.write_text(thresholds_yaml(fitted), encoding="utf-8")

@@ -12,6 +12,13 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
 
 
+def read_rows(page: Path, name: str) -> list[list[str]]:
+    """Return the cells of the table between the markers ``<!-- name: ... -->``, below its head."""
+    content = page.read_text(encoding="utf-8").split(f"<!-- {name}:")[1].split("<!-- end -->")[0]
+    lines = [line for line in content.splitlines() if line.startswith("| ")]
+    return [line.strip("| ").split(" | ") for line in lines[2:]]
+
+
 def write_between(page: Path, name: str, text: str) -> None:
     """Replace what stands between the markers ``<!-- name: ... -->`` and ``<!-- end -->``."""
     content = page.read_text(encoding="utf-8")

@@ -5,6 +5,7 @@
 A name may end with a preset, "cm2dp:author", which then replaces that of the configuration.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -12,18 +13,37 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._core import M2dpConfig, cloud_resolution, cm2dp, cshot, m2dp, shot
+from fusionslam._core import (
+    M2dpConfig,
+    ScanContextConfig,
+    cloud_resolution,
+    cm2dp,
+    cshot,
+    m2dp,
+    scan_context,
+    shot,
+)
 from fusionslam.config import Section, core_section, explain_choice, merged, option, split_preset
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.sensors.frame import Cloud, require_cloud
+from fusionslam.fusion import PER_FRAME, FusionConfig, require_up
+from fusionslam.sensors.frame import Cloud, Frame, require_cloud
 
 if TYPE_CHECKING:
 
     class M2dpSection(Section): ...
 
+    class ScanContextSection(Section): ...
+
 else:
     M2dpSection = core_section("M2dpSection", M2dpConfig, __name__, optional=True)
+    ScanContextSection = core_section(
+        "ScanContextSection", ScanContextConfig, __name__, optional=True
+    )
+logger = logging.getLogger(__name__)
 
+Metric = Literal["l2", "scan_context"]
+
+_ROBOT_SCAN_CONTEXT = {"max_range": 20.0, "height": 0.0}
 Preset = Literal["robust", "paper", "author"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 
@@ -36,6 +56,11 @@ class DescriptorConfig(Section):
     )
     color_space: Literal["rgb", "hsv", "lab"] = option("rgb", "c-M2DP: which colours are counted")
     m2dp: M2dpSection = option(M2dpSection(), "single values instead of the preset's")
+    scan_context: ScanContextSection = option(
+        ScanContextSection(),
+        "single values instead of the defaults, which are a car's in the scan's frame (max_range "
+        "80 m, height 2 m), a small robot's in the robot's (20 m, 0 m)",
+    )
     normal_radius: float | None = option(
         None,
         "SHOT and CSHOT: radius for normals; none is 5 x the resolution of the first cloud",
@@ -47,15 +72,26 @@ class DescriptorConfig(Section):
 
 @dataclass(frozen=True)
 class Descriptor:
-    """A kind of descriptor: its name, the inputs it needs and the function that computes it.
+    """A kind of descriptor.
 
-    ``presets`` are those it has, the default first.
+    Attributes:
+        name: of the registry.
+        compute: the function that computes it.
+        options: keys of ``DescriptorConfig`` that change it.
+        needs_colors: of the points.
+        needs_normals: whose radius the first cloud of a sequence may fix.
+        needs_up: clouds whose z axis points up and whose origin is the scanner or the robot.
+        metric: how two are compared, as ``DescriptorIndex`` takes it.
+        presets: those it has, the default first.
     """
 
     name: str
-    needs_colors: bool
-    needs_normals: bool
     compute: Callable[[Cloud, DescriptorConfig], NDArray[np.float32]]
+    options: tuple[str, ...]
+    needs_colors: bool = False
+    needs_normals: bool = False
+    needs_up: bool = False
+    metric: Metric = "l2"
     presets: tuple[str, ...] = ()
 
 
@@ -74,7 +110,22 @@ def describe(
     require_cloud(cloud)
     if kind.needs_colors and cloud.colors is None:
         raise no_colors(name)
+    if kind.needs_up:
+        _warn_if_upright(cloud, name)
     return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))
+
+
+def _warn_if_upright(cloud: Cloud, name: str) -> None:
+    """Warn of a cloud that is taller than wide: its z axis hardly points up."""
+    if len(cloud) < 2:
+        return
+    x, y, z = cloud.points.std(axis=0, dtype=np.float64)
+    if z > np.hypot(x, y):
+        text = (
+            f"{name} needs clouds whose z axis points up, and the spread along z is larger than "
+            "across it"
+        )
+        logger.warning(text, extra={PER_FRAME: text})
 
 
 def no_colors(name: str) -> DataError:
@@ -149,6 +200,29 @@ def length_of(name: str, config: DescriptorConfig) -> int:
     return len(describe(cloud, name, config.model_copy(update={"normal_radius": None})))
 
 
+def for_clouds(
+    config: DescriptorConfig, name: str, fusion: FusionConfig, frame: Frame | None = None
+) -> DescriptorConfig:
+    """Set what follows from the frame that clouds are in, unless it is configured.
+
+    Args:
+        config: of the descriptor.
+        name: of the descriptor.
+        fusion: how clouds are made.
+        frame: that a cloud is made of; None for a cloud made elsewhere.
+
+    Raises:
+        ConfigError, DataError: as ``require_up``, for a descriptor that needs z to point up.
+    """
+    if not find_descriptor(name).needs_up:
+        return config
+    require_up(fusion, frame)
+    if fusion.frame == "scan":
+        return config
+    given = config.scan_context.model_dump(exclude_none=True)
+    return merged(config, {"scan_context": _ROBOT_SCAN_CONTEXT | given})
+
+
 def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
     """Set the radius for normals from a sequence's first cloud, unless it is configured.
 
@@ -173,6 +247,11 @@ def _m2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
     return m2dp(cloud.points, **_m2dp_options(config))
 
 
+def _scan_context(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    settings = ScanContextConfig(**config.scan_context.model_dump(exclude_none=True))
+    return scan_context(cloud.points, config=settings)
+
+
 def _cm2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
     assert cloud.colors is not None  # checked by describe()
     options = _m2dp_options(config)
@@ -191,12 +270,23 @@ def _cshot(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
 DESCRIPTORS = {
     kind.name: kind
     for kind in (
-        Descriptor("m2dp", needs_colors=False, needs_normals=False, compute=_m2dp, presets=PRESETS),
+        Descriptor("m2dp", _m2dp, ("preset", "m2dp"), presets=PRESETS),
         Descriptor(
-            "cm2dp", needs_colors=True, needs_normals=False, compute=_cm2dp, presets=PRESETS
+            "cm2dp",
+            _cm2dp,
+            ("preset", "m2dp", "color_space"),
+            needs_colors=True,
+            presets=PRESETS,
         ),
-        Descriptor("shot", needs_colors=False, needs_normals=True, compute=_shot),
-        Descriptor("cshot", needs_colors=True, needs_normals=True, compute=_cshot),
+        Descriptor("shot", _shot, ("normal_radius",), needs_normals=True),
+        Descriptor("cshot", _cshot, ("normal_radius",), needs_colors=True, needs_normals=True),
+        Descriptor(
+            "scan_context",
+            _scan_context,
+            ("scan_context",),
+            needs_up=True,
+            metric="scan_context",
+        ),
     )
 }
 _EXTENDED = {"cm2dp": "m2dp", "cshot": "shot"}

@@ -30,12 +30,13 @@ from fusionslam._core import (
     voxel_downsample,
 )
 from fusionslam.config import CoreConfig, Section, core_section, option
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
 _FARTHEST_M = 10_000.0
 """Beyond the range of any LiDAR."""
+_COS_45 = 0.5**0.5
 # Ground heights below a car's LiDAR, which is mounted at 1.73 m (KITTI), and in a robot's frame
 # (Stastny's program).
 _SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
@@ -188,6 +189,47 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
         message = f"frame {frame.number} has no odometry, {needs}"
         raise DataError(message, code="no-odometry", fields=(name,))
     return np.asarray(frame.odometry @ frame.robot_from_points, dtype=np.float64)
+
+
+def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
+    """Raise unless z points up in the clouds, from the scanner or the robot as their origin.
+
+    Args:
+        config: how clouds are made.
+        frame: whose calibration says how its sensors are mounted; None trusts the configuration.
+
+    Raises:
+        ConfigError: clouds in another frame than the scan's or the robot's, or another axis points
+            up (code "not-up").
+        DataError: the scan's z axis is more than 45 degrees off the robot's, or, where the robot's
+            frame is not known, less than 45 degrees off the left camera's line of sight (code
+            "not-up").
+    """
+    if config.frame not in ("scan", "robot") or config.up != "z":
+        key, value = ("frame", config.frame) if config.up == "z" else ("up", config.up)
+        raise ConfigError(
+            f"fusion.{key} is {value}, expected {'scan or robot' if key == 'frame' else 'z'} for a "
+            "descriptor that needs clouds about the robot, with z up",
+            code="not-up",
+            fields=(f"fusion.{key}", value),
+        )
+    if config.frame == "robot" or frame is None:
+        return
+    if frame.robot_from_points is not None:
+        tilted, of = frame.robot_from_points[2, 2] < _COS_45, "robot_from_points tilts it"
+    elif "left" in frame.cameras:
+        ahead = frame.cameras["left"].points_from_rectified[:3, 2]
+        tilted = abs(ahead[2]) > _COS_45 * np.linalg.norm(ahead)
+        of = "the left camera looks along z"
+    else:
+        return
+    if tilted:
+        raise DataError(
+            f"frame {frame.number}: z does not point up in the scan's frame, as {of}: "
+            "FusionConfig(frame='robot') and robot_from_points in a calib.yaml turn it up",
+            code="not-up",
+            fields=("scan",),
+        )
 
 
 def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:

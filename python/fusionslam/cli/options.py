@@ -83,7 +83,7 @@ def _report_frames(frames: dict[str, set[str]]) -> None:
         logging.getLogger(__name__).warning("%s%s: %s (--verbose lists them)", count, read, text)
 
 
-DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot")
+DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot", "scan_context")
 FORMATS = ("ply", "pcd", "bin")
 FRAMES = ("robot", "odometry", "drift")
 KINDS = (
@@ -94,7 +94,7 @@ ODOMETRY = ("topic", "visual", "truth", "truth+noise")
 PRESETS_OF_RATSLAM = ("robust", "openratslam")
 PROTOCOLS = ("revisit", "perdomo2019")
 RECOGNISERS = (
-    *("alignment", "objects", "two_stages", "m2dp", "cm2dp", "shot", "cshot"),
+    *("alignment", "objects", "two_stages", *DESCRIPTORS),
     "visual_templates",
 )
 RULES = ("paper", "author", "car")

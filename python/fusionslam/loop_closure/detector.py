@@ -20,12 +20,13 @@ from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
     find_descriptor,
+    for_clouds,
     for_preset,
     for_sequence,
     length_of,
     with_preset,
 )
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Cloud, Frame
@@ -93,7 +94,8 @@ class LoopDetector:
     Threads may share a detector: frames are described side by side and added one after the other.
 
     Args:
-        descriptor: "m2dp", "cm2dp", "shot" or "cshot", or with a preset: "cm2dp:author".
+        descriptor: "m2dp", "cm2dp", "shot", "cshot" or "scan_context", or with a preset:
+            "cm2dp:author".
         threshold, window, window_seconds, max_frames: override the values of ``LoopConfig``.
         config: when a neighbour is a loop.
         describe: how clouds are described.
@@ -105,7 +107,8 @@ class LoopDetector:
         nearest: the nearest candidate of the last frame, accepted or not; None without candidates.
 
     Raises:
-        ConfigError: unknown descriptor, or a value out of range.
+        ConfigError: unknown descriptor, a value out of range, or clouds in a frame that the
+            descriptor is not for.
     """
 
     def __init__(
@@ -132,6 +135,7 @@ class LoopDetector:
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
         self.describe_config = for_preset(describe or DescriptorConfig(), descriptor)
         self.fusion_config = fusion or FusionConfig()
+        for_clouds(self.describe_config, self.descriptor, self.fusion_config)  # else it fails later
         fixed, source = self.config.threshold, self.fusion_config.source
         self.threshold = (
             default_threshold(self.descriptor, self.describe_config, source)
@@ -182,7 +186,9 @@ class LoopDetector:
             with self._lock:
                 if not len(self):
                     return self._add_first(cloud, stamp_ns)
-        vector = describe(cloud, self.descriptor, self.describe_config)
+        frame = frame_or_cloud if isinstance(frame_or_cloud, Frame) else None
+        config = for_clouds(self.describe_config, self.descriptor, self.fusion_config, frame)
+        vector = describe(cloud, self.descriptor, config)
         return self.add_descriptor(vector, stamp_ns=stamp_ns)
 
     def _add_first(self, cloud: Cloud, stamp_ns: int | None) -> Loop | None:
@@ -225,6 +231,30 @@ class LoopDetector:
                 self._forget()
         return found if found and found.distance <= self.threshold else None
 
+    def candidates(self, k: int = 10) -> list[tuple[int, float]]:
+        """Return the k nearest candidates of the last frame among those stored, nearest first.
+
+        Returns:
+            (number of the frame, descriptor distance) of each, whatever the threshold; none if the
+            last descriptor was one of zeros.
+
+        Raises:
+            ConfigError: k < 1.
+        """
+        if k < 1:
+            raise ConfigError(f"k is {k}, expected at least 1", code="choice", fields=("k", str(k)))
+        with self._lock:
+            last = len(self._numbers) - 1
+            if self._index is None or self._numbers.all[last] != self._added - 1:
+                return []
+            # The index takes a query for the next frame, which has one candidate more.
+            rows, distances = self._index.query(
+                self._index.descriptor(last), k=k + 1, stamp_ns=int(self._stamps_ns.all[last])
+            )
+            own = rows < last - self.config.window
+            numbers = self._numbers.all[rows[own]]
+        return [*zip(numbers.tolist(), distances[own].tolist(), strict=True)][:k]
+
     @property
     def _limit(self) -> int:
         """The number of stored frames at which a quarter is forgotten; 0 is no limit."""
@@ -233,7 +263,12 @@ class LoopDetector:
 
     def _new_index(self, length: int) -> DescriptorIndex:
         config = self.config
-        return DescriptorIndex(length, window=config.window, window_seconds=config.window_seconds)
+        return DescriptorIndex(
+            length,
+            window=config.window,
+            window_seconds=config.window_seconds,
+            metric=find_descriptor(self.descriptor).metric,
+        )
 
     def _note(self, number: int, stamp_ns: int | None, novelty: float) -> None:
         self._numbers.append(number)
@@ -248,8 +283,9 @@ class LoopDetector:
         are forgotten.
         """
         count = len(self._numbers)
-        # The index counts its window in rows, so none of the newest may be forgotten.
-        old = count - self.config.window
+        # The index counts its window in rows, so none of the newest may be forgotten; nor the last
+        # frame, whose candidates may be asked for.
+        old = count - max(self.config.window, 1)
         # Of equally novel frames the newest goes first.
         order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
         rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))

@@ -36,7 +36,7 @@ DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
     "lidar": tuple(DESCRIPTORS),
     "stereo": tuple(DESCRIPTORS),
-    "cloud": ("m2dp",),
+    "cloud": ("m2dp", "scan_context"),
 }
 """The demo's sources and the descriptors computed from each."""
 
@@ -58,6 +58,7 @@ QUICK_TOWN = (
 INDOOR: Mapping[str, Any] = {
     "evaluation": {"radius": 0.8, "window": 40},
     "loop_closure": {"window": 40},
+    "descriptors": {"scan_context": {"max_range": 20.0, "height": 0.2}},
 }
 """Settings that the demo changes indoors: places are smaller; 40 scans are 20 s."""
 INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
@@ -65,8 +66,8 @@ INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
 TARGET_PRECISION = 0.95
 """Share of the loops that are right at a threshold taken from a stored run."""
 DEMO_NOTE = (
-    "The LiDAR's full circle is described by m2dp only: the camera sees and colours a part of it, "
-    "which cm2dp and cshot need, and shot is slow for so many points."
+    "The LiDAR's full circle is described by m2dp and scan_context only: the camera sees and "
+    "colours a part of it, which cm2dp and cshot need, and shot is slow for so many points."
 )
 
 

@@ -24,17 +24,19 @@ from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
     find_descriptor,
+    for_clouds,
     for_preset,
     for_sequence,
     in_file_names,
     without_colors,
 )
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
-from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse
+from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse, require_up
 from fusionslam.loop_closure.detector import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
+from fusionslam.sensors.frame import Frame
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.machine import peak_memory
 from fusionslam.storage.parallel import ordered_results
@@ -125,7 +127,7 @@ def describable(
     *,
     replace: bool = False,
 ) -> list[str]:
-    """Return the descriptors that the clouds allow; logs those that need missing colours.
+    """Return the descriptors that the clouds allow; logs those that they do not.
 
     Args:
         dataset: opened for the source of ``config``.
@@ -137,6 +139,8 @@ def describable(
     Raises:
         DataError: no descriptor is left.
     """
+
+    names = _those_for_frame(dataset, names, config, bad_frames)
 
     def has_colors(index: int) -> bool:
         return fuse(dataset[index], config.fusion).colors is not None
@@ -155,6 +159,25 @@ def describable(
             f"{dataset.name} has no colours, which {', '.join(names)} need", code="no-colours"
         )
     return [name for name in names if name not in colorful]
+
+
+def _those_for_frame(
+    dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str
+) -> list[str]:
+    """Leave out the descriptors that need z to point up where it does not, unless none is left."""
+    upright = [name for name in names if find_descriptor(name).needs_up]
+    if not upright or len(upright) == len(names):
+        return list(names)
+    try:
+        first_that_works(
+            dataset, lambda index: require_up(config.fusion, dataset[index]), bad_frames
+        )
+    except FusionSlamError as error:
+        if error.code != "not-up":
+            raise
+        logger.warning("left out %s: %s", ", ".join(upright), error)
+        return [name for name in names if name not in upright]
+    return list(names)
 
 
 def fix_radius(
@@ -294,7 +317,7 @@ class _Work:
             cloud = fuse(frame, self.config.fusion)
         for name in self.names:
             with watch.measure(name):
-                vectors[name] = describe(cloud, name, self.config.descriptors)
+                vectors[name] = describe(cloud, name, self._config_of(name, frame))
         seconds = {part: watch.total(part) for part in ("load", "fuse", *self.names)}
         return _Described(index, vectors, len(cloud), seconds)
 
@@ -337,8 +360,12 @@ class _Work:
 
     def _working_memory(self, name: str, largest: int) -> int:
         """Memory that describing the largest cloud takes beyond what was in use before."""
-        cloud = fuse(self.dataset[largest], self.config.fusion)
-        return peak_memory(lambda: describe(cloud, name, self.config.descriptors))
+        frame = self.dataset[largest]
+        cloud, config = fuse(frame, self.config.fusion), self._config_of(name, frame)
+        return peak_memory(lambda: describe(cloud, name, config))
+
+    def _config_of(self, name: str, frame: Frame) -> DescriptorConfig:
+        return for_clouds(self.config.descriptors, name, self.config.fusion, frame)
 
 
 def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:

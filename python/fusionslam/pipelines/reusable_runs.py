@@ -165,10 +165,8 @@ class _StoredRuns:
 
 def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the values of a configuration that affect a descriptor, by dotted key."""
-    of_others = {"preset", "color_space", "m2dp"}
-    # The number of threads does not change the result.
-    ignored = {"threads", *(of_others if DESCRIPTORS[name].needs_normals else {"normal_radius"})}
-    described = {k: v for k, v in config.get("descriptors", {}).items() if k not in ignored}
+    options = DESCRIPTORS[name].options
+    described = {k: v for k, v in config.get("descriptors", {}).items() if k in options}
     return flatten({"fusion": config.get("fusion", {}), "descriptors": described})
 
 

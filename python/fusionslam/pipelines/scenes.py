@@ -14,6 +14,7 @@ from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
     find_descriptor,
+    for_clouds,
     for_sequence,
     length_of,
 )
@@ -62,18 +63,24 @@ def record_scenes(
 
     Raises:
         DataError: a frame cannot be read or fused, or has no colours; the message names it.
-        ConfigError: an unknown descriptor.
+        ConfigError: an unknown descriptor, or one that is not for clouds in this frame.
     """
     for name in features:
         find_descriptor(name)
     if isinstance(data, SceneRecording):
         return data.scenes
+    settings = descriptors or DescriptorConfig()
+    ranges = FusionConfig(frame=(recording or RecordingConfig()).frame)
+    for name in features:
+        for_clouds(settings, name, ranges if isinstance(data, RangeRecording) else fusion)
     if isinstance(data, RangeRecording):
         scenes = _of_recording(data, recording or RecordingConfig(), progress)
     else:
         data = readable_frames(data, bad_frames, jobs=jobs)
         scenes = _of_dataset(data, fusion, jobs, progress)
-    rows = {name: _feature(scenes, name, descriptors or DescriptorConfig()) for name in features}
+    rows = {
+        name: _feature(scenes, name, for_clouds(settings, name, ROBOT_FUSION)) for name in features
+    }
     return SceneSet(**scenes, features=rows, source=source or {})
 
 

@@ -166,9 +166,10 @@ def _build_views(
 def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
     """Return a function from scan to matcher input: the stored view if it fits, else the cloud."""
     kind = matcher.comparison.kind
-    if kind.endswith("alignment") and scenes.frame == "odometry":
+    by_turn = kind.endswith("alignment") or (kind in DESCRIPTORS and DESCRIPTORS[kind].needs_up)
+    if by_turn and scenes.frame == "odometry":
         raise DataError(
-            f"{scenes.name}: alignment needs clouds in the robot's frame, these are in that of "
+            f"{scenes.name}: {kind} needs clouds in the robot's frame, these are in that of "
             "odometry: record them in frame robot, or compare objects (views.method=objects)",
             code="wrong-frame",
             fields=(scenes.frame,),

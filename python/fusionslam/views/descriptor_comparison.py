@@ -10,20 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
-from fusionslam.descriptors import DescriptorConfig, describe, find_descriptor, length_of, no_colors
+from fusionslam.descriptors import (
+    DescriptorConfig,
+    describe,
+    find_descriptor,
+    for_clouds,
+    length_of,
+    no_colors,
+)
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.comparison import Arrays, Candidate, Item, View
 
 
 class DescriptorComparison:
-    """Compares descriptors by their L2 distance d, as the similarity 1 / (1 + d).
+    """Compares descriptors by their distance d, as the similarity 1 / (1 + d).
 
     A cloud that cannot be described (too few points, or all on one line) gives a view without
     objects.
 
     Args:
-        name: "m2dp", "cm2dp", "shot" or "cshot".
+        name: "m2dp", "cm2dp", "shot", "cshot" or "scan_context".
         config: the descriptor configuration.
         max_distance: the largest distance of a match.
     """
@@ -34,7 +42,7 @@ class DescriptorComparison:
         self.default_threshold = similarity_at(max_distance)
         self._rows: list[NDArray[np.float32]] = []
         self._length = length_of(name, config)
-        self._index = DescriptorIndex(self._length)
+        self._index = self._new_index()
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -47,7 +55,9 @@ class DescriptorComparison:
         self._fill(self._rows)
 
     def settings(self) -> dict[str, Any]:
-        values = self._config.model_dump(mode="json", exclude={"threads"})
+        # Views of earlier versions do not mention scan_context.
+        others = {"threads"} | ({"scan_context"} - set(self._descriptor.options))
+        values = self._config.model_dump(mode="json", exclude=others)
         return {"descriptor": self._descriptor.name, "descriptors": values}
 
     def view(self, item: Item) -> View:
@@ -71,7 +81,7 @@ class DescriptorComparison:
         if self._descriptor.needs_colors and cloud.colors is None:
             raise no_colors(name)
         try:
-            return View(describe(cloud, name, self._config), 1)
+            return View(describe(cloud, name, for_clouds(self._config, name, ROBOT_FUSION)), 1)
         except DataError:
             return View(None, 0)
 
@@ -118,9 +128,12 @@ class DescriptorComparison:
         self._fill([np.asarray(row, np.float32) for row in rows])
 
     def _fill(self, rows: Sequence[NDArray[np.float32]]) -> None:
-        self._rows, self._index = [], DescriptorIndex(self._length)
+        self._rows, self._index = [], self._new_index()
         for row in rows:
             self._append(row)
+
+    def _new_index(self) -> DescriptorIndex:
+        return DescriptorIndex(self._length, metric=self._descriptor.metric)
 
     def _append(self, row: NDArray[np.float32]) -> None:
         self._index.add(row)

@@ -46,6 +46,12 @@ def test_a_recording_is_recorded_matched_and_judged(tmp_path: Path) -> None:
     words = ("views", "match", tmp_path / "set.npz", "-o", tmp_path / "out", "--no-report")
     # Where odometry begins, no scan was taken.
     assert error_of(1, *words).code == "wrong-frame"
+    assert error_of(1, *words, "--set", "views.method=scan_context").code == "wrong-frame"
+    again = ("views", "record", tmp_path / "r.npz", "-o", tmp_path / "other")
+    again = (*again, "--features", "scan_context", "--set")
+    assert error_of(2, *again, "recording.frame=odometry").code == "not-up"
+    succeeds(*again, "recording.frame=robot")
+    assert SceneSet.load(tmp_path / "other.npz").features["scan_context"].any(axis=1).all()
     result = succeeds(*words, "--set", "views.method=objects")
     assert last_line(result) == str(tmp_path / "out/matches.csv")
     assert "100.0 %" in result.stdout and "new every 3rd" in result.stdout

@@ -27,6 +27,7 @@ from fusionslam import (
     LoopDetector,
     ShapeError,
     describe,
+    nearest_causal,
 )
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.loop_closure import default_threshold
@@ -58,7 +59,7 @@ IMAGE = np.zeros((8, 8, 3), np.uint8)
 DRIVE = [place(number) for number in range(PLACES)] + [place(number, 1) for number in (2, 3, 7)]
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "cm2dp", "shot", "cshot"])
+@pytest.mark.parametrize("descriptor", DESCRIPTORS)
 def test_a_place_seen_again_is_a_loop(descriptor: str) -> None:
     detector = LoopDetector(descriptor, threshold=10.0, window=3)
     for cloud in DRIVE[:PLACES]:
@@ -212,10 +213,47 @@ def test_the_first_cloud_fixes_the_radius_for_normals() -> None:
     assert detector.nearest.distance == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.parametrize("descriptor", ["m2dp", "scan_context"])
+@pytest.mark.parametrize("window", [0, 3])
+def test_the_candidates_are_the_nearest_frames_before_the_window(
+    descriptor: str, window: int, tmp_path: Path
+) -> None:
+    detector = LoopDetector(descriptor, window=window)
+    assert detector.candidates(3) == []
+    metric = DESCRIPTORS[descriptor].metric
+    vectors = np.array([describe(cloud, descriptor) for cloud in DRIVE])
+    indices, distances = nearest_causal(vectors, window=window, k=4, metric=metric)
+    for number, cloud in enumerate(DRIVE):
+        detector.add(cloud, stamp_ns=number * SECOND)
+        rows = indices[number] >= 0
+        expected = [*zip(indices[number, rows], distances[number, rows], strict=True)]
+        assert detector.candidates(4) == expected
+        assert detector.candidates(1) == expected[:1]
+        nearest = detector.nearest
+        assert (nearest and (nearest.match, nearest.distance)) == (expected or [None])[0]
+    detector.save(tmp_path)
+    assert LoopDetector.load(tmp_path).candidates(4) == expected
+    assert pickle.loads(pickle.dumps(detector)).candidates(4) == expected
+    assert len(detector.candidates(99)) == len(DRIVE) - 1 - window
+    with refuses("choice", "k", "0", error=ConfigError):
+        detector.candidates(0)
+
+
+def test_candidates_leave_out_what_is_too_fresh_or_forgotten_or_zero() -> None:
+    detector = LoopDetector(window=0, window_seconds=2.0, length=3, max_frames=8)
+    for second in range(8):
+        detector.add_descriptor(np.full(3, 1 + second, np.float32), stamp_ns=second * SECOND)
+        old = [number for number in detector.frames.tolist() if number < second - 2]
+        assert sorted(number for number, _ in detector.candidates(9)) == old
+    assert len(detector.frames) < 8
+    detector.add_descriptor(np.zeros(3, np.float32), stamp_ns=9 * SECOND)
+    assert detector.candidates(9) == []
+
+
 # Saving and going on
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "cshot"])
+@pytest.mark.parametrize("descriptor", ["m2dp", "cshot", "scan_context"])
 @pytest.mark.parametrize("pause", [1, 6, 13])
 def test_a_saved_detector_goes_on_exactly(tmp_path: Path, descriptor: str, pause: int) -> None:
     whole = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
@@ -289,7 +327,7 @@ def test_a_save_that_is_cut_off_leaves_the_old_file(
     assert len(LoopDetector.load(folder)) == len(before)
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "cshot"])
+@pytest.mark.parametrize("descriptor", ["m2dp", "cshot", "scan_context"])
 def test_a_pickled_detector_goes_on_exactly(descriptor: str) -> None:
     whole = LoopDetector(descriptor, threshold=0.5, window=2)
     empty = pickle.loads(pickle.dumps(whole))

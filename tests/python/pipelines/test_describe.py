@@ -16,14 +16,16 @@ from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset,
 from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
 from fusionslam.evaluation import DescriptorRun
-from fusionslam.pipelines.describe import CHUNK, load_runs, run_path
+from fusionslam.pipelines.describe import CHUNK, describable, load_runs, run_path
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.storage.parallel import in_order
 from kitti import write_sequence
 from stored import change_archive
 
 FRAMES = CHUNK + 4
 LARGEST = FRAMES - 1
-NAMES = ("m2dp", "cm2dp", "cshot")
+NAMES = ("m2dp", "cm2dp", "cshot", "scan_context")
 
 
 def scan_path(root: Path, number: int) -> Path:
@@ -246,6 +248,42 @@ def test_the_first_radius_of_normals_is_kept_with_the_run(recording: Path, tmp_p
     (run,) = describe_dataset(dataset, ["shot"], tmp_path / "out")
     radius = 5 * fusionslam.cloud_resolution(fusionslam.fuse(dataset[0]).points)
     assert run.config["descriptors"]["normal_radius"] == pytest.approx(radius)
+
+
+def test_scan_context_is_left_out_of_others_where_z_is_not_up(
+    recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    dataset = open_dataset(recording)
+    names, config = ["m2dp", "scan_context"], PipelineConfig()
+    assert describable(dataset, names, config) == names
+    assert not caplog.records
+    ahead = with_settings(config, ["fusion.frame=camera"])
+    assert describable(dataset, names, ahead) == ["m2dp"]
+    assert "scan_context" in caplog.text
+    assert describable(dataset, names[1:], ahead) == names[1:]
+    with pytest.raises(ConfigError, check=has_code("not-up", "fusion.frame", "camera")):
+        describe_dataset(dataset, names, tmp_path / "out", config=ahead)
+
+
+def test_a_run_is_made_again_only_for_options_of_its_own_descriptor(
+    recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    data, names = Recording.at(recording), ["m2dp", "cm2dp", "scan_context"]
+
+    def describe_again(*settings: str) -> str:
+        caplog.clear()
+        config = with_settings(PipelineConfig(), list(settings))
+        describe_recording(data, data.open("lidar"), tmp_path / "out", names, config=config)
+        return caplog.text
+
+    describe_again()
+    assert "replaced" not in describe_again()
+    for settings, replaced in [
+        (["descriptors.scan_context.height=1.0"], {"scan_context"}),
+        (["descriptors.scan_context.height=1.0", "descriptors.color_space=lab"], {"cm2dp"}),
+    ]:
+        said = describe_again(*settings)
+        assert {name for name in names if f"lidar-{name}.npz is replaced" in said} == replaced
 
 
 def make_bad(recording: Path) -> None:

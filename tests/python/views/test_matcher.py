@@ -49,6 +49,13 @@ def test_places_seen_again_get_their_id_and_others_a_new_one(values: dict[str, A
     assert ids(matcher(**values)) == list(LAPS)
 
 
+def test_scan_contexts_are_recognised_at_another_turn() -> None:
+    again = place(0)
+    turned = again.points @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]], np.float32)
+    one = matcher(method="scan_context", max_distance=0.05)
+    assert [one.process(cloud).id for cloud in (again, place(1), Cloud(turned))] == [0, 1, 0]
+
+
 @pytest.mark.parametrize(
     ("method", "word"), [("alignment", "probability"), ("objects", "similarity")]
 )

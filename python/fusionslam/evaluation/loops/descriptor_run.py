@@ -90,6 +90,14 @@ class DescriptorRun:
         return self.config.get("descriptors", {}).get("preset") if kind and kind.presets else None
 
     @property
+    def metric(self) -> str:
+        """How two of the descriptors are compared: "l2", or their kind's metric."""
+        from fusionslam.descriptors import DESCRIPTORS
+
+        kind = DESCRIPTORS.get(self.descriptor)
+        return kind.metric if kind else "l2"
+
+    @property
     def name(self) -> str:
         """The descriptor with its preset, if it is not the default one: "cm2dp:author"."""
         from fusionslam.descriptors import PRESETS

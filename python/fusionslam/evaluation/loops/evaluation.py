@@ -82,7 +82,9 @@ def evaluate(
     """
     for protocol in protocols:
         validate_config(protocol=protocol, radius=radius, window=window)
-    matches = find_matches(run.descriptors, window=window, k=max(RANKS), threads=threads)
+    matches = find_matches(
+        run.descriptors, window=window, k=max(RANKS), threads=threads, metric=run.metric
+    )
     blank = ~run.descriptors.any(axis=1)
     matches.indices[blank], matches.distances[blank] = -1, np.inf
     curves: dict[str, PrecisionRecall] = {}

@@ -34,6 +34,7 @@ def precision_recall(
     radius: float = DEFAULTS.radius,
     window: int = DEFAULTS.window,
     threads: int = 0,
+    metric: str = "l2",
 ) -> PrecisionRecall:
     """Match every frame with its nearest earlier places and judge the matches.
 
@@ -44,16 +45,17 @@ def precision_recall(
         radius: positions closer than this (metres) are the same place.
         window: number of frames before the query that are not candidates.
         threads: number of threads of the search; 0 is one per core.
+        metric: "l2", or "scan_context" for descriptors of that kind.
 
     Raises:
         ShapeError: descriptors or positions of the wrong shape, length or dtype.
         DataError: a value that is not finite.
-        ConfigError: unknown protocol, radius <= 0 or window < 0.
+        ConfigError: unknown protocol or metric, radius <= 0 or window < 0.
     """
     validate_config(protocol=protocol, radius=radius, window=window)
     descriptors = validate_descriptors(descriptors)
     places = validate_positions(positions, len(descriptors))
-    matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads)
+    matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads, metric=metric)
     return evaluate_matches(matches, places, protocol=protocol, radius=radius, window=window)
 
 

@@ -18,7 +18,7 @@ class Matches:
 
     Attributes:
         indices: int64 (N, k), rows of the candidates; -1 where there is none.
-        distances: float32 (N, k), Euclidean distances of the descriptors; inf where there is none.
+        distances: float32 (N, k), distances of the descriptors; inf where there is none.
 
     Raises:
         ShapeError: arrays of wrong or unequal shapes.
@@ -47,7 +47,12 @@ class Matches:
 
 
 def find_matches(
-    descriptors: NDArray[np.float32], *, window: int, k: int = 10, threads: int = 0
+    descriptors: NDArray[np.float32],
+    *,
+    window: int,
+    k: int = 10,
+    threads: int = 0,
+    metric: str = "l2",
 ) -> Matches:
     """Find the k nearest candidates j <= i - window - 1 of each row i, by brute force.
 
@@ -56,15 +61,28 @@ def find_matches(
         window: number of frames before the query that are not candidates.
         k: number of candidates to keep.
         threads: number of threads; 0 is one per core.
+        metric: "l2", or "scan_context" for descriptors of that kind.
 
     Raises:
         ShapeError: wrong shape, or not real numbers.
         DataError: descriptors that are not finite.
+        ConfigError: an unknown metric.
     """
     from fusionslam._core import nearest_causal
 
     rows = validate_descriptors(descriptors)
-    return Matches(*nearest_causal(rows, window=window, k=k, threads=threads))
+    return Matches(*nearest_causal(rows, window=window, k=k, threads=threads, metric=metric))
+
+
+def pairwise_distances(descriptors: NDArray[np.float32], metric: str = "l2") -> NDArray[np.float64]:
+    """Return the distances of all pairs, float64 (N, N), of descriptors, float32 (N, D)."""
+    from fusionslam._core import nearest
+
+    distances = np.empty((len(descriptors), len(descriptors)))
+    if len(descriptors):
+        others, found = nearest(descriptors, descriptors, k=len(descriptors), metric=metric)
+        np.put_along_axis(distances, others, found, axis=1)
+    return distances
 
 
 def validate_descriptors(descriptors: Any) -> NDArray[np.float32]:

@@ -31,10 +31,10 @@ class Protocol:
 
 COMMON_RULES = (
     "Each frame is a query. Its candidates are the earlier frames j <= i - window - 1. The match "
-    "is the candidate whose descriptor is nearest (Euclidean distance; of equal ones the lowest "
-    "index). A threshold accepts every match whose distance is at most the threshold; equal "
-    "distances make one threshold. A match is correct if the two true positions are less than "
-    "the radius apart (3-D, strictly). Precision is correct accepted matches / accepted matches."
+    "is the candidate whose descriptor is nearest (of equally near ones the lowest index). A "
+    "threshold accepts every match whose distance is at most the threshold; equal distances make "
+    "one threshold. A match is correct if the two true positions are less than the radius apart "
+    "(3-D, strictly). Precision is correct accepted matches / accepted matches."
 )
 
 PROTOCOLS = {

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, Evaluation, PrecisionRecall
 from fusionslam.evaluation.loops.judge import metres_between
+from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from fusionslam.storage.arrays import Mask
 
 
@@ -93,6 +94,6 @@ def _pair(run: DescriptorRun, curve: PrecisionRecall, kind: str, query: int) -> 
         kind=kind,
         query=query,
         match=match,
-        distance=float(np.linalg.norm(run.descriptors[query] - run.descriptors[match])),
+        distance=float(pairwise_distances(run.descriptors[[query, match]], run.metric)[0, 1]),
         metres=float(metres_between(places[query], places[match])),
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, PrecisionRecall
 from fusionslam.evaluation.loops.judge import metres_between
+from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from fusionslam.report.loops.outcomes import judge_queries
 from fusionslam.report.page.figures import (
     CURVE_COLORS,
@@ -80,7 +81,8 @@ def draw_distances(run: DescriptorRun, window: int, radius: float | None) -> "Fi
     places = run.positions if radius is not None else None
     figure = new_figure(4.6 if places is None else 8.8, 4.2)
     axes = figure.subplots(1, 1 if places is None else 2, sharey=True, squeeze=False)[0]
-    distances = np.where(lag > window, pairwise(run.descriptors[rows]), np.nan)
+    distances = pairwise_distances(run.descriptors[rows], run.metric)
+    distances = np.where(lag > window, distances, np.nan)
     _matrix(axes[0], distances, rows, window, "descriptor distance")
     if places is not None and radius is not None:
         apart = metres_between(places[rows][:, None], places[rows][None, :])
@@ -88,14 +90,6 @@ def draw_distances(run: DescriptorRun, window: int, radius: float | None) -> "Fi
         _matrix(axes[1], near, rows, window, "true distance (m)", closer_than=radius)
     axes[0].set_ylabel("query frame")
     return figure
-
-
-def pairwise(vectors: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Compute the Euclidean distances (N, N) of the rows of (N, D)."""
-    wide = vectors.astype(np.float64)
-    squares = (wide**2).sum(axis=1)
-    apart = np.sqrt(np.maximum(squares[:, None] + squares - 2 * wide @ wide.T, 0))
-    return np.asarray(apart, dtype=np.float64)
 
 
 def _matrix(

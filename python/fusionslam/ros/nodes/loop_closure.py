@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 from fusionslam.config import merged, option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
+from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.loop_closure.aligned import AlignedLoop, AlignedLoopDetector
 from fusionslam.loop_closure.detector import LoopConfig, LoopDetector
 from fusionslam.ros.messages.types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
@@ -25,7 +26,7 @@ LOOPS = "loop_closures"
 class LoopClosureConfig(CommonConfig):
     """Configuration of the node loop_closure."""
 
-    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot"] = option(
+    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot", "scan_context"] = option(
         "cm2dp", "descriptor that is compared"
     )
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
@@ -43,7 +44,12 @@ class LoopClosure(Node[LoopClosureConfig]):
     def __init__(self, config: LoopClosureConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._loops = AlignedLoopDetector(
-            LoopDetector(config.descriptor, config=config.loop_closure, describe=config.descriptors)
+            LoopDetector(
+                config.descriptor,
+                config=config.loop_closure,
+                describe=config.descriptors,
+                fusion=ROBOT_FUSION,
+            )
         )
         self._saver = self.make_saver(config.memory, lambda path: self._loops.save(path))
         self._saver.resume(self._load, _settings(self._loops.detector))
