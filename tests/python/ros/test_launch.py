@@ -147,6 +147,12 @@ def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path
         # As an earlier roslaunch leaves it.
         left = ["rosparam", "set", "/roslaunch/uris/earlier", "http://127.0.0.1:9/"]
         assert world.run("rosparam", left).wait() == 0
+        # As a player that was killed leaves it.
+        import rosgraph
+
+        master = rosgraph.Master("/killed", world.environment["ROS_MASTER_URI"])
+        for topic in ("/velodyne_points", "/odom", played_bag.image, played_bag.camera_info):
+            master.registerPublisher(topic, "*", "http://127.0.0.1:9/")
         listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
         files = ("map_file:=map.npz", "views_file:=views.npz", "parameters:=patient.yaml")
         assert play(world, f"bag:={played_bag.path}", "rate:=10", *files) == 0, world.log("launch")

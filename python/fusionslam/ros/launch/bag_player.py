@@ -143,14 +143,16 @@ def _ours(processes: Iterable[str]) -> set[str]:
 
 
 def _choose_topics(held: Collection[str]) -> list[str]:
-    """Return the topics of the bag that have subscribers and no publisher.
+    """Return the topics of the bag that nodes subscribe to and ours do not publish.
 
     Raises:
         DataError: there are none.
     """
     publishers, subscribers, _ = rosgraph.Master(rospy.get_name()).getSystemState()
-    # Do not play topics that our nodes publish themselves; transforms come from both.
-    own = {topic for topic, _ in publishers} - {"/tf", "/tf_static"}
+    # Do not play topics that our nodes publish themselves; transforms come from both. The master
+    # also lists publishers that were killed, such as an earlier player.
+    nodes = _nodes()
+    own = {topic for topic, names in publishers if nodes & set(names)} - {"/tf", "/tf_static"}
     wanted = {topic for topic, _ in subscribers} - own - {"/clock"}
     lacking = sorted(wanted - set(held))
     if lacking:
