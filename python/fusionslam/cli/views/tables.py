@@ -51,19 +51,22 @@ def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
     if report is None:
         print("no true poses: the ids are not judged (--gt names a file of poses)")
         return
-    rows = [["this", *figures(report)], *without_sensor(run.scenes, report.rule_name)]
-    print_table([f"rule {report.rule_name}", *HEADS], rows)
+    rows = [["these matches", *figures(report)], *without_sensor(run.scenes, report.rule_name)]
+    print_table(["method", *HEADS], rows)
     print_limits(run.scenes, report.rule_name)
 
 
 def print_limits(scenes: "SceneSet", rule_name: str) -> None:
-    """Say what counts as a loop, or that no scan comes back."""
+    """Print what counts as a loop under a rule, or that no scan comes back."""
     from fusionslam.evaluation import ViewJudge
     from fusionslam.evaluation.views.rules import VIEW_RULES, explain_no_revisit
 
     rule, poses = VIEW_RULES[rule_name], scenes.true_poses()
     if ViewJudge(poses, scenes.seconds, rule=rule).revisit.any():
-        print(f"loops are right within {rule.loop_distance:g} m and {rule.loop_angle:.3g} deg")
+        print(
+            f"rule {rule_name}: loops are right within {rule.loop_distance:g} m and "
+            f"{rule.loop_angle:.3g} deg"
+        )
     else:
         by_car = ViewJudge(poses, scenes.seconds, rule="car").revisit
         print(explain_no_revisit(rule, int(by_car.sum())))
