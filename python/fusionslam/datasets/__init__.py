@@ -12,6 +12,8 @@ import stat
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from fusionslam.config import explain_choice
 from fusionslam.datasets.bags import open_bag, open_writer
 from fusionslam.datasets.bags.reader import bag_kind
@@ -94,7 +96,8 @@ def open_dataset(
             that have files. Files of other sensors are ignored.
         gaps: "error" if a sensor lacks a file for a frame number between the first and the last;
             "skip" leaves such frames out. Bags are always read as with "skip".
-        poses: file in KITTI or TUM format to use instead of the one found beside the data.
+        poses: file in KITTI or TUM format to use instead of the one found beside the data. Frames
+            just before or after its times are left out (``match_poses``).
         topics: topics of a bag by role, for those not to be guessed: "points", "left",
             "camera_info", "right", "right_camera_info", "odometry", "truth".
         stamps: time at which the messages of a bag were measured: that of their "header", or
@@ -140,10 +143,18 @@ def open_dataset(
                 code="other-kind",
                 fields=(str(root), found.name),
             )
-        return found.open(root, request)
+        return _with_poses(found.open(root, request))
     except PermissionError as error:
         message = f"{error.filename} cannot be read: {error.strerror}"
         raise DataError(message, code="unreadable", fields=(str(error.filename),)) from error
+
+
+def _with_poses(dataset: Dataset) -> Dataset:
+    """Leave out the frames at both ends that a file of poses lacks."""
+    if dataset.poses is None:
+        return dataset
+    known = np.isfinite(dataset.poses).all(axis=(1, 2))
+    return dataset if known.all() else dataset.only(np.flatnonzero(known).tolist())
 
 
 def _root(path: str | os.PathLike[str]) -> Path:

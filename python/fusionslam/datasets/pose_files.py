@@ -148,7 +148,9 @@ def match_poses(
 ) -> NDArray[np.float64]:
     """Read the poses of frames: KITTI lines are matched by frame number, TUM lines by time.
 
-    A frame between two TUM poses at most 0.5 s apart gets one in between, and the log says so.
+    A frame between two TUM poses at most 0.5 s apart gets one in between, and the log says so. One
+    outside of them all by less than the time between two, as where they have half the frames' rate,
+    has none: ``open_dataset`` leaves it out.
 
     Args:
         path: file in KITTI or TUM format.
@@ -161,7 +163,7 @@ def match_poses(
             logged otherwise.
 
     Returns:
-        float64 (N, 4, 4) world_from_body.
+        float64 (N, 4, 4) world_from_body, NaN for frames without a pose.
 
     Raises:
         DataError: the file cannot be read, is too short, has more KITTI lines than there are
@@ -179,8 +181,11 @@ def match_poses(
     found, far = poses[nearest], np.abs(pose_stamps[nearest] - stamps_ns) > POSE_TOLERANCE_NS
     if not far.any():
         return found
+    outside = far & _are_just_outside(pose_stamps, stamps_ns)
+    if outside.all():
+        outside[:] = False  # no frame would be left: refused below
     found[far], gaps_ns = _interpolate(pose_stamps, poses, stamps_ns[far])
-    if (lacking := np.flatnonzero(far)[gaps_ns > POSE_GAP_NS]).size:
+    if (lacking := np.flatnonzero(far)[(gaps_ns > POSE_GAP_NS) & ~outside[far]]).size:
         first = lacking[0]
         raise DataError(
             f"{path} has no pose within 10 ms of {lacking.size} of {len(numbers)} frames, nor two "
@@ -190,9 +195,13 @@ def match_poses(
             code="no-pose",
             fields=(str(path), str(numbers[first])),
         )
-    logger.warning(
-        "%s: the poses of %d of %d frames are interpolated", path, far.sum(), len(numbers)
-    )
+    found[outside] = np.nan
+    for count, what in (
+        ((far & ~outside).sum(), "have interpolated poses"),
+        (outside.sum(), "have no pose, being before the first or after the last, and are left out"),
+    ):
+        if count:
+            logger.warning("%s: %d of %d frames %s", path, count, len(numbers), what)
     return found
 
 
@@ -261,6 +270,13 @@ def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
     before = (after - 1).clip(0)
     earlier, later = stamps[order[before]], stamps[order[after]]
     return order[np.where(wanted - earlier < later - wanted, before, after)]
+
+
+def _are_just_outside(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Bool (N,): wanted stamps before or after all by less than the mean time between two."""
+    period_ns = min(float(np.ptp(stamps)) / max(len(stamps) - 1, 1), POSE_GAP_NS)
+    beyond_ns = np.maximum(stamps.min() - wanted, wanted - stamps.max())
+    return np.asarray((beyond_ns > 0) & (beyond_ns < period_ns), dtype=np.bool_)
 
 
 def _interpolate(

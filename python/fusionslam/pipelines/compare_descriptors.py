@@ -172,15 +172,17 @@ def evaluate_stored(
     config = merged(config, {"evaluation": changes or {}})
     runs = load_runs(runs_folder(folder))
     if truth is not None:
-        runs = [
-            replace(
-                run, poses=match_poses(truth, run.numbers, run.stamps_ns, recorded=run.recorded)
-            )
-            for run in runs
-        ]
+        runs = [_with_truth(run, truth) for run in runs]
     evaluations = [time_and_evaluate(run, config, step) for run in runs]
     _warn_of_radius(evaluations)
     return evaluations, config.evaluation
+
+
+def _with_truth(run: DescriptorRun, truth: str | os.PathLike[str]) -> DescriptorRun:
+    """The run with the poses of a file, without the frames that it lacks at both ends."""
+    poses = match_poses(truth, run.numbers, run.stamps_ns, recorded=run.recorded)
+    known = np.isfinite(poses).all(axis=(1, 2))
+    return replace(run, poses=poses).only(np.flatnonzero(known))
 
 
 def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> float:

@@ -23,7 +23,7 @@ from cli import (
     vectors,
 )
 from fusionslam import LoopConfig, LoopDetector, describe_dataset
-from fusionslam.datasets import open_dataset
+from fusionslam.datasets import open_dataset, write_poses_tum
 from fusionslam.evaluation import DescriptorRun, evaluate
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.pipelines.compare_descriptors import evaluate_stored, stored_threshold
@@ -320,6 +320,18 @@ def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: 
     # Frame 16 has nothing left to come back to.
     text = succeeds("eval", out, "--gt", truth).stdout
     assert "7 revisits in 19 frames" in text
+
+
+def test_eval_leaves_out_the_frame_after_the_last_pose_of_a_slower_truth(
+    kitti: Path, tmp_path: Path
+) -> None:
+    out, truth = tmp_path / "out", tmp_path / "tum.txt"
+    dataset = open_dataset(kitti)
+    assert dataset.poses is not None and len(dataset) == 20
+    write_poses_tum(truth, dataset.stamps_ns[::2], dataset.poses[::2])
+    succeeds("describe", kitti, "-d", "m2dp", "-o", out, *NO_WINDOW)
+    result = succeeds("eval", out, "--gt", truth)
+    assert "7 revisits in 19 frames" in result.stdout and "1 of 20" in result.stderr
 
 
 def test_eval_refuses_poses_of_another_drive_and_keeps_its_figures(

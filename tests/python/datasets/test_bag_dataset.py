@@ -176,6 +176,9 @@ def test_true_poses_may_come_from_a_file(bag: Callable[..., Path], tmp_path: Pat
     poses = np.stack([translation(k, 7) for k in range(5)])
     write_poses_tum(truth, open_dataset(path).stamps_ns, poses)
     np.testing.assert_allclose(open_dataset(path, poses=truth).poses, poses)
+    # From 0.4 s after the first frame to 0.1 s before the last.
+    write_poses_tum(truth, open_dataset(path).stamps_ns[:4] + SECOND * 4 // 10, poses[:4])
+    assert open_dataset(path, poses=truth).numbers.tolist() == [1, 2, 3]
 
 
 def test_frames_from_before_the_odometry_are_left_out_and_counted(

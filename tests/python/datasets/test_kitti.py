@@ -150,6 +150,15 @@ def test_another_file_of_poses_may_be_given(tmp_path: Path) -> None:
     assert np.array_equal(open_dataset(sequence, poses=tmp_path / "mine.txt").poses[5], np.eye(4))
 
 
+def test_a_frame_after_the_last_pose_of_a_slower_truth_is_left_out(tmp_path: Path) -> None:
+    sequence = odometry(tmp_path)
+    stamps = open_dataset(sequence).stamps_ns[::2]
+    write_poses_tum(tmp_path / "mine.txt", stamps, np.tile(np.eye(4), (3, 1, 1)))
+    dataset = open_dataset(sequence, poses=tmp_path / "mine.txt")
+    assert dataset.numbers.tolist() == [0, 1, 2, 3, 4] and np.isfinite(dataset.poses).all()
+    assert [frame.number for frame in dataset] == dataset.numbers.tolist()
+
+
 @pytest.mark.parametrize("make", [odometry, raw_drive])
 def test_poses_by_time_need_a_recording_with_times(
     make: Callable[[Path], Path], tmp_path: Path

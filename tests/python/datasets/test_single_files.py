@@ -224,6 +224,26 @@ def test_poses_at_half_the_rate_of_the_frames_are_interpolated(
         match_poses(path, np.arange(10), stamps[:10], recorded=11)
 
 
+def test_frames_just_outside_of_the_poses_have_none_and_are_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stamps, path = np.arange(12) * 100_000_000, tmp_path / "poses.txt"
+    poses = np.tile(np.eye(4), (12, 1, 1))
+    write_poses_tum(path, stamps[1::2], poses[1::2])
+    found = match_poses(path, np.arange(12), stamps, recorded=12)
+    assert np.isfinite(found).all(axis=(1, 2)).tolist() == [False, *[True] * 11]
+    assert [record.args[:3] for record in caplog.records] == [(path, 5, 12), (path, 1, 12)]
+    for first, last, unknown in ((4, 10, 1), (1, 8, 9)):
+        write_poses_tum(path, stamps[first:last:2], poses[first:last:2])
+        with pytest.raises(DataError, check=has_code("no-pose", path, unknown)):
+            match_poses(path, np.arange(1, 12), stamps[1:], recorded=12)
+    write_poses_tum(path, stamps[:4:2], poses[:4:2])
+    found = match_poses(path, np.array([2, 3]), stamps[2:4], recorded=12)
+    assert np.isfinite(found).all(axis=(1, 2)).tolist() == [True, False]
+    with pytest.raises(DataError, check=has_code("no-pose", path, 3)):
+        match_poses(path, np.array([3]), stamps[3:4], recorded=12)  # no frame would be left
+
+
 @pytest.mark.parametrize("bad", ["1,2,3,4,5,6,7,8", "1 2 3 4 5 6 7", "1 2 3 4 5 6 7 eight"])
 def test_a_line_that_is_no_row_of_poses_is_named(tmp_path: Path, bad: str) -> None:
     path = tmp_path / "poses.txt"

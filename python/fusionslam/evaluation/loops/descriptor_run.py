@@ -3,7 +3,7 @@
 """``DescriptorRun``: what ``describe`` stores for one descriptor, cloud source and sequence."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,13 @@ class DescriptorRun:
     def positions(self) -> NDArray[np.float64] | None:
         """float64 (N, 3), metres, in the world frame; None without ground truth."""
         return None if self.poses is None else self.poses[:, :3, 3]
+
+    def only(self, rows: NDArray[np.int64]) -> "DescriptorRun":
+        """The run of the frames in some rows, int64 (M,)."""
+        changes: dict[str, Any] = {name: getattr(self, name)[rows] for name in _ARRAYS}
+        seconds = {stage: values[rows] for stage, values in self.seconds.items()}
+        poses = None if self.poses is None else self.poses[rows]
+        return replace(self, **changes, seconds=seconds, poses=poses)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one .npz, whole or not at all. Raises DataError if that fails."""
