@@ -43,7 +43,8 @@ logger = logging.getLogger(__name__)
 
 Metric = Literal["l2", "scan_context"]
 
-_ROBOT_SCAN_CONTEXT = {"max_range": 20.0, "height": 0.0}
+_ROBOT_SCAN_CONTEXT = {"height": 0.0}
+"""The robot's frame is taken to lie on the ground."""
 Preset = Literal["robust", "paper", "author"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 
@@ -58,8 +59,8 @@ class DescriptorConfig(Section):
     m2dp: M2dpSection = option(M2dpSection(), "single values instead of the preset's")
     scan_context: ScanContextSection = option(
         ScanContextSection(),
-        "single values instead of the defaults, which are a car's in the scan's frame (max_range "
-        "80 m, height 2 m), a small robot's in the robot's (20 m, 0 m)",
+        "single values instead of the defaults: 20 rings, max_range 80 m, height 2 m in the scan's "
+        "frame (a car's), 0 m in the robot's",
     )
     normal_radius: float | None = option(
         None,

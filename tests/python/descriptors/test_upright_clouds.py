@@ -56,16 +56,20 @@ def test_the_options_are_those_of_the_function() -> None:
     )
 
 
-def test_defaults_are_a_cars_in_the_scans_frame_and_a_small_robots_in_the_robots() -> None:
+def test_the_origin_is_at_a_cars_height_in_the_scans_frame_and_on_the_ground_in_the_robots() -> (
+    None
+):
     scan, robot = FusionConfig(), FusionConfig(frame="robot")
     given = merged(DescriptorConfig(), {"scan_context": {"height": 0.3}})
-    for fusion, config, expected in [
-        (scan, DescriptorConfig(), (None, None)),
-        (robot, DescriptorConfig(), (20.0, 0.0)),
-        (robot, given, (20.0, 0.3)),
+    cloud = street(1)
+    for fusion, config, height in [
+        (scan, DescriptorConfig(), 2.0),
+        (scan, given, 0.3),
+        (robot, DescriptorConfig(), 0.0),
+        (robot, given, 0.3),
     ]:
-        values = for_clouds(config, UP, fusion).scan_context.model_dump()
-        assert (values["max_range"], values["height"]) == expected
+        found = fusionslam.describe(cloud, UP, for_clouds(config, UP, fusion))
+        np.testing.assert_array_equal(found, fusionslam.scan_context(cloud.points, height=height))
     assert for_clouds(given, "m2dp", robot) is given
 
 
