@@ -2,19 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the code blocks of README.md, CONTRIBUTING.md and docs/ as tests.
 
-Blocks of a page run in their order, in one namespace and one temporary folder. The files that pages
-take for granted, such as drive.bag, are links in that folder to small simulated recordings. C++ and
-CMake blocks are built and run by ctest (``tests/cpp/consumer.cmake``). A block that cannot run here
-has a comment ``<!-- skip: next "REASON" -->`` above it.
+Blocks of a page run in their order, in one namespace and one temporary folder; those of the page on
+testing run in the project's. The files that pages take for granted, such as drive.bag, are links in
+that folder to small recordings. C++ and CMake blocks are built and run by ctest
+(``tests/cpp/consumer.cmake``). Blocks of ROS run where ROS 1 is installed, with drive.bag played
+as a robot. A block that cannot run here has a comment ``<!-- skip: next "REASON" -->`` above it.
 ``tests/python/package/test_snippets.py`` checks languages and reasons.
 """
 
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from unittest import SkipTest
 
 import numpy as np
 import pytest
@@ -27,11 +31,42 @@ from fusionslam.config import merged
 from fusionslam.datasets.calibration import read_calib_yaml
 
 PROJECT = Path(__file__).parent
+ROS = re.compile(r"^fusionslam ros (check|launch)", re.MULTILINE)
+BASH = ["bash", "-e", "-o", "pipefail", "-c"]
+# Topics of drive.bag, and those of the robot of docs/guides/ros.md.
+ROBOT_TOPICS = {
+    "/velodyne_points": "/points",
+    "/camera/rgb/image_raw/compressed": "/cam/image/compressed",
+    "/camera/rgb/camera_info": "/cam/camera_info",
+}
 
 
 def run_bash(example: Example) -> None:
-    """Run a block with bash -e."""
-    _run(["bash", "-e", "-o", "pipefail", "-c", example.parsed])
+    """Run a block with bash -e, those of ROS with a robot."""
+    if ROS.search(example.parsed):
+        _run_with_robot(example.parsed)
+    else:
+        _run([*BASH, example.parsed])
+
+
+def _run_with_robot(block: str) -> None:
+    """Run a block while a bag is played again and again; Ctrl-C ends it once there is a map."""
+    from ros_master import RosWorld, lacking, wait_until
+
+    if lacking:
+        raise SkipTest(lacking)
+    folder = Path("ros")
+    folder.mkdir()
+    with RosWorld(folder.absolute()) as world:
+        topics = [f"{name}:={other}" for name, other in ROBOT_TOPICS.items()]
+        world.run("robot", ["rosbag", "play", "--quiet", "--loop", "../drive.bag", *topics])
+        listener = world.listen("/ExperienceMap/Map")
+        world.environment = _environment(world.environment)
+        shell = world.run("block", [*BASH, block])
+        wait_until(lambda: listener.count() or shell.poll() is not None, "a map")
+        assert shell.poll() is None, world.log("block")
+        os.killpg(shell.pid, signal.SIGINT)
+        assert shell.wait(timeout=600) == 0, world.log("block")
 
 
 def check_yaml(example: Example) -> None:
@@ -50,11 +85,23 @@ def check_yaml(example: Example) -> None:
             merged(SystemConfig(), changes)
 
 
+def _environment(base: Mapping[str, str]) -> dict[str, str]:
+    """As in the project's environment and in its folder, without the data that a clone lacks."""
+    kept = {
+        name: value
+        for name, value in base.items()
+        if name != "FUSIONSLAM_TEST_DATA" and not name.startswith("PYTEST_")
+    }
+    first = {"PATH": Path(sys.executable).parent, "PYTHONPATH": PROJECT}
+    for name, folder in first.items():
+        kept[name] = os.pathsep.join([str(folder), *filter(None, [kept.get(name)])])
+    return kept
+
+
 def _run(command: list[str]) -> None:
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     done = subprocess.run(
         command,
-        env=os.environ | {"PATH": path},
+        env=_environment(os.environ),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -67,6 +114,9 @@ def _run(command: list[str]) -> None:
 @pytest.fixture(scope="session")
 def made_recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files that pages take for granted."""
+    from kitti import write_sequence
+    from recordings import write_drive
+
     folder = tmp_path_factory.mktemp("made")
     here = Path.cwd()
     os.chdir(folder)
@@ -75,6 +125,9 @@ def made_recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _run([sys.executable, "-c", _SMALL_TOWN])
     _run(["bash", "-ec", "fusionslam views record drive.bag -o scenes.npz --features cm2dp"])
     _run([sys.executable, "-c", _FURNISHED_ROOM])
+    # Twice along a street, which is long enough for loops.
+    write_sequence(folder / "street", [*range(60)] * 2, [500] * 120, metres=20, width=128)
+    write_drive(folder / "warehouse.npz")
     turn = np.linspace(0, 4 * np.pi, 60)  # two rounds of a circle
     poses = np.column_stack([np.cos(turn), np.sin(turn), turn % (2 * np.pi)])
     np.savez("small_house.npz", poses=poses, stamps=2.0 * np.arange(60))
@@ -109,16 +162,28 @@ room.export("small_house.glb")
 """
 
 
+RECORDINGS = {
+    **{name: name for name in ("drive.bag", "scenes.npz", "small_house.npz", "small_house.glb")},
+    **{name: name for name in ("kitti", "warehouse.npz")},
+    "DATA": "drive.bag",
+    "DRIVE": "street/sequences/03",
+    "house.npz": "warehouse.npz",
+    "other.npz": "scenes.npz",
+}
+
+
 @pytest.fixture(scope="module")
-def page_folder(made_recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def page_folder(
+    request: pytest.FixtureRequest,
+    made_recordings: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Path]:
     """The working folder of one page, with links to the made recordings."""
     folder = tmp_path_factory.mktemp("page")
-    for name in ("drive.bag", "scenes.npz", "small_house.npz", "small_house.glb", "kitti"):
-        (folder / name).symlink_to(made_recordings / name)
-    (folder / "DATA").symlink_to(made_recordings / "drive.bag")
-    (folder / "other.npz").symlink_to(made_recordings / "scenes.npz")
+    for name, target in RECORDINGS.items():
+        (folder / name).symlink_to(made_recordings / target)
     here = Path.cwd()
-    os.chdir(folder)
+    os.chdir(PROJECT if request.path.name == "testing.md" else folder)
     yield folder
     os.chdir(here)
     shutil.rmtree(folder)

@@ -4,6 +4,11 @@
 # Plays a bag through bag.launch with RViz on a virtual display, and keeps what RViz shows at its
 # end: scripts/rviz_picture.sh OUT.png bag:=drive.bag [scan:=...] [rate:=...]. Needs make ros, and
 # Debian's rviz, xvfb and xauth, which it installs; OpenGL is Mesa's software.
+#
+# The picture of docs/guides/ros.md:
+#   fusionslam sim house --seconds 149.6 --set robot.cameras.camera.rate_hz=4 -o house.bag
+#   scripts/rviz_picture.sh docs/images/ros_rviz.png bag:=house.bag \
+#     image:=/camera/rgb/image_raw/compressed rate:=3
 set -euo pipefail
 picture=$1
 shift

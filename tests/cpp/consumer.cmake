@@ -179,4 +179,16 @@ if(pkg_config)
   if(NOT output MATCHES "2\\.bin is nearest to [^\n]*0\\.bin")
     message(FATAL_ERROR "built by pkg-config, the program says:\n${output}")
   endif()
+
+  # The page's command, where c++ is the compiler of this build with its flags.
+  read_block("Use it in another project" bash command)
+  file(WRITE ${work}/bin/c++ "#!/bin/sh\nexec '${compiler}' ${flags} \"$@\"\n")
+  file(CHMOD ${work}/bin/c++ PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE)
+  run(${CMAKE_COMMAND} -E chdir ${work}/page ${CMAKE_COMMAND} -E env
+      "PATH=${work}/bin:$ENV{PATH}" "PKG_CONFIG_PATH=${library_folder}/pkgconfig"
+      sh -e -c "${command}")
+  run(${CMAKE_COMMAND} -E env "LD_LIBRARY_PATH=${library_folder}" ${work}/page/a.out)
+  if(NOT output MATCHES "^0 at distance 0\n.*interrupted\n$")
+    message(FATAL_ERROR "built by the page's command, the program says:\n${output}")
+  endif()
 endif()
