@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
-from fusionslam.datasets.pose_files import read_timestamps
+from fusionslam.datasets.pose_files import read_poses_tum, read_timestamps
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError
 from fusionslam.help_texts import counted
@@ -255,11 +255,34 @@ class FileDataset(Dataset):
         streams: the files of each sensor in use: "points", "left", "right".
         frame_cameras: reads the calibration of one frame, for data where each has its own.
         robot_from_points: float64 (4, 4), where the scanner is on the robot; None if unknown.
+        odometry: file of TUM poses by odometry, of the body of the poses; None if there is none.
     """
 
     streams: Mapping[str, Stream]
     frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
     robot_from_points: Matrix | None = None
+    odometry: Path | None = None
+
+    @property
+    def odometry_topic(self) -> str | None:
+        """Name of the file of odometry; None if absent."""
+        return None if self.odometry is None else self.odometry.name
+
+    def motion(self, role: str) -> list[Odometry]:
+        """The poses of the file of odometry, of the robot, by stamp; without velocities."""
+        if role != "odometry" or self.odometry is None:
+            return super().motion(role)
+        stamps_ns, poses = read_poses_tum(self.odometry)
+        robots = poses @ self.body_from_robot
+        return [
+            Odometry(
+                stamp_ns=int(stamps_ns[row]),
+                frame_id="odom",
+                child_frame_id="robot",
+                pose=robots[row],
+            )
+            for row in np.argsort(stamps_ns, kind="stable")
+        ]
 
     @property
     def counts(self) -> dict[str, int]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads plain folders with point clouds, images, calib.yaml, poses and times."""
+"""Reads plain folders with point clouds, images, calib.yaml, poses, odometry and times."""
 
 import re
 from pathlib import Path
@@ -73,6 +73,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         gaps=gaps,
         recorded=recorded,
         robot_from_points=read_place_on_robot(calibration) if calibration else None,
+        odometry=find_existing(root / "odometry.txt"),
     )
 
 

@@ -137,12 +137,14 @@ def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
     with atomic_path(root / "times.txt") as temporary:
         seconds = (Decimal(stamp).scaleb(-9) for stamp in dataset.stamps_ns.tolist())
         temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
-    poses = cloud_poses(dataset, config)
-    if poses is not None:
-        # Where the folder is read, poses.txt counts as true.
-        true, drifting = _POSES
-        name = drifting if dataset.true_poses is None else true
-        write_poses_tum(root / name, dataset.stamps_ns, poses)
+    # Where the folder is read, poses.txt counts as true and odometry.txt as the robot's motion,
+    # which clouds in the frame of odometry do not have.
+    true, drifting = _POSES
+    name = drifting if dataset.true_poses is None else true
+    if name == true or config.frame != "odometry":
+        poses = cloud_poses(dataset, config)
+        if poses is not None:
+            write_poses_tum(root / name, dataset.stamps_ns, poses)
     place = _place_on_robot(dataset, config)
     if place is not None:
         with atomic_path(root / "calib.yaml") as temporary:

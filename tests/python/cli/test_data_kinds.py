@@ -14,7 +14,7 @@ from cli import error_of, fails, last_line, run, succeeds
 from fusionslam import datasets
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.datasets.streams import MissingSensorError
-from fusionslam.evaluation import DescriptorRun
+from fusionslam.evaluation import DescriptorRun, RatSlamRun
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure import LoopDetector
 from fusionslam.pipelines.drives import open_drive
@@ -318,6 +318,24 @@ def test_odometry_does_not_become_truth_where_it_is_written(driven: Path, tmp_pa
     assert datasets.open_dataset(tmp_path / "fused").poses is None
     stamps, _ = datasets.read_poses(tmp_path / "fused/odometry.txt")
     assert stamps is not None and len(stamps) == 9
+
+
+def test_odometry_that_fuse_writes_is_that_of_a_map(driven: Path, tmp_path: Path) -> None:
+    succeeds("fuse", driven, "-o", tmp_path / "fused")
+    bag, folder = datasets.open_dataset(driven), datasets.open_dataset(tmp_path / "fused")
+    assert bag.poses is not None and folder.true_poses is None
+    moved = folder.motion("odometry")
+    assert [each.stamp_ns for each in moved] == bag.stamps_ns.tolist()
+    np.testing.assert_allclose([m.pose for m in moved], bag.poses @ bag.body_from_robot, atol=1e-6)
+    succeeds(*COMMANDS["ratslam"], folder.root, "-o", tmp_path / "map")
+    run = RatSlamRun.load(tmp_path / "map/run.npz")
+    assert run.truth is None and len(run.stamps_ns) == 18  # nine poses and nine scans
+    # Clouds in the frame of odometry do not move with the robot.
+    succeeds("fuse", driven, "-o", tmp_path / "still", "--set", "fusion.frame=odometry")
+    assert not (tmp_path / "still/odometry.txt").exists()
+    (folder.root / "odometry.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
+    error = error_of(1, *COMMANDS["ratslam"], folder.root, "-o", tmp_path / "other")
+    assert "odometry.txt" in str(error)
 
 
 @pytest.mark.parametrize(
