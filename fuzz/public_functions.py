@@ -67,6 +67,11 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
             "threads": 1,
         },
     ),
+    "scan_context": (fusionslam.scan_context, POINTS_OF | {"height": 2.0}),
+    "compare_scan_contexts": (
+        fusionslam.compare_scan_contexts,
+        {"query": np.ones(120, np.float32), "match": np.ones(120, np.float32)},
+    ),
     "cloud_resolution": (fusionslam.cloud_resolution, POINTS_OF),
     "estimate_normals": (_estimate_normals, POINTS_OF | {"radius": 5.0, "threads": 1}),
     "first_singular_vectors": (
@@ -213,6 +218,7 @@ MACHINES: dict[str, Machine] = {
                 "descriptor": np.zeros(576, np.float32),
                 "stamp_ns": SECOND,
             },
+            "candidates": {"k": 2},
         },
     ),
     "ViewMatcher": Machine(

@@ -3,6 +3,7 @@
 """Online loop detection: one ``add`` per frame says whether the place was seen before."""
 
 import logging
+import operator
 import os
 import threading
 from collections.abc import Iterable, Iterator, Mapping
@@ -241,15 +242,17 @@ class LoopDetector:
         Raises:
             ConfigError: k < 1.
         """
-        if k < 1:
+        if operator.index(k) < 1:
             raise ConfigError(f"k is {k}, expected at least 1", code="choice", fields=("k", str(k)))
         with self._lock:
             last = len(self._numbers) - 1
-            if self._index is None or self._numbers.all[last] != self._added - 1:
+            if self._index is None or last < 0 or self._numbers.all[last] != self._added - 1:
                 return []
             # The index takes a query for the next frame, which has one candidate more.
             rows, distances = self._index.query(
-                self._index.descriptor(last), k=k + 1, stamp_ns=int(self._stamps_ns.all[last])
+                self._index.descriptor(last),
+                k=min(k, last) + 1,
+                stamp_ns=int(self._stamps_ns.all[last]),
             )
             own = rows < last - self.config.window
             numbers = self._numbers.all[rows[own]]

@@ -240,6 +240,9 @@ def test_the_candidates_are_the_nearest_frames_before_the_window(
 
 
 def test_candidates_leave_out_what_is_too_fresh_or_forgotten_or_zero() -> None:
+    detector = LoopDetector(threshold=9.0, length=3)
+    detector.add_descriptor(np.zeros(3, np.float32))
+    assert detector.candidates(9) == []
     detector = LoopDetector(window=0, window_seconds=2.0, length=3, max_frames=8)
     for second in range(8):
         detector.add_descriptor(np.full(3, 1 + second, np.float32), stamp_ns=second * SECOND)
