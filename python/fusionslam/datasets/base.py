@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
 from fusionslam.datasets.pose_files import read_poses_tum, read_timestamps
 from fusionslam.datasets.streams import Stream
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, one_line
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
@@ -297,10 +297,15 @@ class FileDataset(Dataset):
         return next(iter(self.streams.values())).files[int(self.numbers[index])]
 
     def content(self, sensor: str) -> str:
-        """Number and format of the files, and the size of images."""
+        """Number and format of the files, and the size of images or why the first has none."""
         path = next(iter(self.streams[sensor].files.values()))
         count = f"{counted(self.counts[sensor], 'file')} {path.suffix}"
-        return count if sensor == "points" else "{}, {}x{}".format(count, *image_size(path))
+        if sensor == "points":
+            return count
+        try:
+            return "{}, {}x{}".format(count, *image_size(path))
+        except DataError as error:
+            return f"{count}; {one_line(error)}"
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
         """Stamps of a KITTI raw sensor, stored beside the folder of its files; else None."""

@@ -158,11 +158,10 @@ def _shares(
     if found:
         shares = [number(check) / (check.points or 1) for check in found]
         worst = found[int(np.argmax(shares))].number
-        yield (
-            label,
-            f"{min(shares):.1%} to {max(shares):.1%} {what} (most in frame {worst}) "
-            f"in {_name([check.number for check in found])}",
-        )
+        said = f"{shares[0]:.1%} {what}"
+        if len(found) > 1:
+            said = f"{min(shares):.1%} to {max(shares):.1%} {what} (most in frame {worst})"
+        yield label, f"{said} in {_name([check.number for check in found])}"
 
 
 def _name(numbers: list[int]) -> str:

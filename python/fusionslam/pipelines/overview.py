@@ -14,7 +14,7 @@ from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.help_texts import counted
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
-from fusionslam.pipelines.frame_check import FrameCheck, check_rows
+from fusionslam.pipelines.frame_check import FrameCheck, check_frames, check_rows
 from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.pipelines.stored_files import stored_rows
 from fusionslam.sensors.frame import Camera
@@ -47,11 +47,7 @@ class Overview:
 
 
 def overview(dataset: "Dataset") -> Overview:
-    """Summarise a recording without reading scans; of images only the size is read.
-
-    Raises:
-        DataError: a file cannot be read.
-    """
+    """Summarise a recording without reading scans; of images only the size is read."""
     return Overview(list(_rows(dataset)), [int(number) for number in dataset.gaps])
 
 
@@ -83,8 +79,6 @@ def look_at(recording: "Recording", check: Check | None = None) -> Overview:
         if error.code == "no-recording" and (rows := stored_rows(path)):
             return Overview(rows, [])
         raise
-    if check is None and found.error is None:
-        found.rows.append(("checked", "the first frame only; --all reads all"))
     return found
 
 
@@ -123,8 +117,11 @@ def look_at_bag(
 
 
 def _checked(dataset: "Dataset", check: Check | None) -> list[tuple[str, str]]:
-    """Return what reading all frames found."""
-    return [] if check is None else list(check_rows(check(dataset)))
+    """Return what reading all frames found, or the first one without a check."""
+    if check is not None:
+        return list(check_rows(check(dataset)))
+    rows = list(check_rows(check_frames(dataset.only([0]))))
+    return [("checked", "the first frame only; --all reads all"), *rows[1:]]
 
 
 def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:

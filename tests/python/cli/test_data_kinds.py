@@ -201,9 +201,19 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
     found = dict(rows)
     assert {"frame 2", "frame 4"} <= found.keys() and "000004.bin" in found["frame 4"]
     assert "1" in found["empty scans"] and "25.0%" in found["invalid points"]
-    assert "75.0%" in found["no distance"] and "frame 2" in found["no distance"]
+    assert "75.0%" in found["no distance"] and found["no distance"].endswith("1 frame: 2")
     printed = succeeds("info", tmp_path, "--all")
     assert "000002.png" in printed.stdout
+
+
+@pytest.mark.parametrize("file", ["image_2/000000.png", "velodyne/000000.bin"])
+def test_info_lists_a_first_frame_that_is_cut_with_the_reason(file: str, tmp_path: Path) -> None:
+    root = write_sequence(tmp_path, [0, 1], [300, 300], metres=3, width=64)
+    (root / file).write_bytes((root / file).read_bytes()[:21])
+    for words in ((), ("--all",)):
+        assert file in "".join(succeeds("info", tmp_path, *words).stdout.split())
+        rows = dict(look_at(Recording.at(tmp_path), check_frames if words else None).rows)
+        assert file in rows["frame 0"] and rows["sensor points"].startswith("2 files")
 
 
 def test_info_names_scans_that_have_far_fewer_points_than_the_others(tmp_path: Path) -> None:
