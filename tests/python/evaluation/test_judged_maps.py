@@ -115,6 +115,25 @@ def test_a_car_that_comes_back_beside_its_track_is_told_of_its_rule() -> None:
     assert car.unjudged == () and car.rule.loop_distance == 10
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_few_loops_of_a_car_are_explained_with_the_cure(known: bool) -> None:
+    """20 m at a time, 5 s each; the second lap meets nothing, or is refused."""
+    laps = [(20.0 * x, 0.0, 0.0) for x in [*range(10), *range(10)]]
+    made = [(1, max(k - 1, 0), k) for k in range(20)]
+    links = [(k, k + 1) for k in range(19)]
+    seconds = [5.0 * k for k in range(20)]
+    refused = [(50.0, 10, 0), (55.0, 11, 1)]
+    run = little_run(laps, made, laps, links, seconds=seconds, refused=refused)
+    said = judge_map(run if known else replace(run, truth=None), rule="car").unjudged[-1]
+    assert "20 looks showed a new view, 2 loops did not fit" in said
+    assert "--views m2dp --set ratslam.map.place_m=4" in said
+    slow = replace(run, stamps_ns=run.stamps_ns * 10, node_stamps_ns=run.node_stamps_ns * 10)
+    wide = replace(run, config={"map": {"place_m": 4.0}})
+    away = replace(run, truth=run.truth + np.arange(20)[:, None] * [0.0, 20.0, 0.0])
+    for other in (slow, wide, away):
+        assert not any("place_m" in remark for remark in judge_map(other, rule="car").unjudged)
+
+
 def test_nodes_are_compared_with_the_truth_when_they_were_made() -> None:
     run = square_run()
     moved = run.nodes.copy()

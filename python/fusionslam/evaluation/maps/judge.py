@@ -17,10 +17,17 @@ from fusionslam.evaluation.views.rules import (
 )
 from fusionslam.geometry.rigid import fit_rigid
 from fusionslam.geometry.se2 import wrapped
+from fusionslam.help_texts import counted
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 _PAIRS = 1 << 19
 """Pairs of looks compared at a time: some tens of megabytes."""
+_CAR_SPEED = 2.0
+"""Mean speed in m/s above which a run is taken to be a car's."""
+_CAR_PLACE_M = 4.0
+"""Value of ``ratslam.map.place_m`` that suits a car."""
+_FEW = 0.1
+"""Share of the looks that are a loop below which loops are few."""
 
 
 def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
@@ -43,7 +50,7 @@ def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
         raise ShapeError(f"run: expected a RatSlamRun, got {type(run).__name__}")
     rule_name, values = view_rule(rule)
     judge = _Judge(run, values)
-    counted: dict[str, Any] = {
+    counts: dict[str, Any] = {
         "name": run.name,
         "views": run.views,
         "odometry": run.odometry,
@@ -59,16 +66,41 @@ def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
         "rule": values,
     }
     if not judge.known.any():
-        return MapReport(**counted, unjudged=("not judged: the run has no true poses",))
+        remarks = ("not judged: the run has no true poses", *_explain_few_loops(judge))
+        return MapReport(**counts, unjudged=remarks)
     if not len(run.nodes):
-        return MapReport(**counted, unjudged=("not judged: the map has no node",))
+        return MapReport(**counts, unjudged=("not judged: the map has no node",))
     found: dict[str, Any] = {**judge.metric(), **judge.links(), **judge.loops()}
     found |= {**judge.refusals(), **judge.revisits()}
     remarks = judge.list_unjudged()
     if not found["revisits"]:
         by_car = _Judge(run, VIEW_RULES["car"]).revisits()["revisits"]
         remarks = (*remarks, explain_no_revisit(values, by_car))
-    return MapReport(**counted, **found, unjudged=remarks)
+    remarks = (*remarks, *_explain_few_loops(judge))
+    return MapReport(**counts, **found, unjudged=remarks)
+
+
+def _explain_few_loops(judge: "_Judge") -> tuple[str, ...]:
+    """Say why the map of a car has few loops, and what gives more; nothing of other runs.
+
+    The defaults are those of a small robot, whose scans of one place are decimetres apart.
+    """
+    run, looks, loops = judge.run, int(judge.run.is_view.sum()), int(judge.loop.sum())
+    path_m = float(np.hypot(*np.diff(run.dead_reckoning[:, :2], axis=0).T).sum())
+    lasts_s = float(run.seconds[-1]) if len(run) else 0.0
+    place_m = float(run.config.get("map", {}).get("place_m", 0.0))
+    if path_m <= _CAR_SPEED * lasts_s or place_m >= _CAR_PLACE_M or loops >= _FEW * looks:
+        return ()
+    if judge.known.any() and not _Judge(run, VIEW_RULES["car"]).revisits()["revisits"]:
+        return ()
+    known = run.view_ids[run.is_view]
+    views = len(np.unique(known[known >= 0]))
+    return (
+        f"{counted(loops, 'loop')} in {counted(looks, 'look')}: {counted(views, 'look')} showed a "
+        f"new view, {counted(len(run.refused), 'loop')} did not fit odometry and "
+        f"{'was' if len(run.refused) == 1 else 'were'} refused; a car passes a place metres apart, "
+        f"which --views m2dp --set ratslam.map.place_m={_CAR_PLACE_M:g} allows for",
+    )
 
 
 class _Judge:
