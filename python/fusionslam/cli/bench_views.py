@@ -14,6 +14,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_figures, progress
 from fusionslam.cli.failures import keep_parts, needs_extra
 from fusionslam.cli.recordings import build_recording
+from fusionslam.errors import ConfigError
 from fusionslam.help_texts import counted
 from fusionslam.storage.progress import Step
 
@@ -25,9 +26,7 @@ if TYPE_CHECKING:
 _WIDTH = 80
 
 
-@opt.options_of(
-    build_recording=partial(build_recording, data=Path(), sequence=None, skip_gaps=False, gt=None)
-)
+@opt.options_of(build_recording=partial(build_recording, data=Path()))
 def bench_views(
     ctx: typer.Context,
     data: Annotated[
@@ -82,7 +81,11 @@ def bench_views(
     wanted += [name for name in BASELINES if name not in wanted]
     if not no_report:
         needs_extra("report", unless="--no-report")
-    recordings = [build_recording(data=Path(path)) for path in data or default_data()]
+    paths = [Path(path) for path in data or default_data()]
+    for name, value in build_recording.keywords.items():  # type: ignore[attr-defined]
+        if name in ("sequence", "gt") and value is not None and len(paths) > 1:
+            raise ConfigError(f"--{name} {value}: it is for one recording, DATA names {len(paths)}")
+    recordings = [build_recording(data=path) for path in paths]
     keep_parts(ctx, output)
     ranges = merged(RecordingConfig(), {"shapes": shapes})
     with progress() as step:

@@ -201,7 +201,12 @@ def _cure_of(error: FusionSlamError, command: Any) -> str:
     name, cause = _CAUSES.get(error.code, ("", ""))
     if name and command.params.get(name) is not None:
         return f"; {cause}"
+    from fusionslam.pipelines.recording import FrameError
+
     known = {name for each in command.command.params for name in each.opts}
+    if isinstance(error, FrameError):
+        skip = "--skip-bad-frames leaves such frames out, " if "--skip-bad-frames" in known else ""
+        return f"; {skip}info --all lists them"
     cures = [cure for option, cure in _CURES.get(error.code, {}).items() if option in known]
     return f"; {', '.join(cures)}" if cures else ""
 

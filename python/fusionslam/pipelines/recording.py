@@ -32,7 +32,6 @@ from fusionslam.views.scene_set import SceneSet, is_scene_set
 logger = logging.getLogger(__name__)
 
 
-_HOW_TO_SKIP = "--skip-bad-frames, bad_frames='skip', leaves such frames out; info --all lists them"
 _LACKING = ("missing-sensor", "no-calibration", "no-transform", "no-odometry")
 """Codes of what all frames lack if the first one does."""
 
@@ -177,23 +176,30 @@ def warn_of_odometry(dataset: Dataset) -> None:
         )
 
 
+class FrameError(DataError):
+    """A frame cannot be used; with bad_frames="skip" the others still can."""
+
+    code = "frame"
+
+
 @contextmanager
 def name_frame(dataset: Dataset, index: int, *, can_skip: bool = False) -> Iterator[None]:
     """Add the names of recording, frame and file to a DataError of the block.
 
     Args:
         dataset, index: of the frame.
-        can_skip: whether the caller can leave out such frames, which the error then says.
+        can_skip: whether the caller can leave out such frames: the error is a ``FrameError``,
+            unless all frames lack what the first one does.
     """
     try:
         yield
     except DataError as error:
         in_all = index == 0 and error.code in _LACKING
-        hint = f" ({_HOW_TO_SKIP})" if can_skip and not in_all else ""
+        kind = FrameError if can_skip and not in_all else DataError
         path = dataset.file_of(index)
         file = "" if path is None or str(path) in error.fields else f" ({path})"
-        raise DataError(
-            f"{dataset.name}, frame {dataset.numbers[index]}{file}: {error}{hint}",
+        raise kind(
+            f"{dataset.name}, frame {dataset.numbers[index]}{file}: {error}",
             code=error.code,
             fields=error.fields,
         ) from error

@@ -82,6 +82,14 @@ def test_an_option_that_was_not_given_is_not_blamed(data: dict[str, Path], tmp_p
     assert "--source" not in fails(1, "fuse", data["scenes alone"], "-o", tmp_path / "out")
 
 
+def test_truth_is_given_to_bench_views_for_one_recording_only(
+    data: dict[str, Path], tmp_path: Path
+) -> None:
+    words = ("bench", "views", data["ranges"], data["scenes"], "-o", tmp_path / "out")
+    for option in ("--gt", "--sequence"):
+        assert option in fails(2, *words, option, "one")
+
+
 def test_what_is_in_a_recording_is_told_by_fields(data: dict[str, Path]) -> None:
     ranges, scenes = (Recording.at(data[kind]).open() for kind in ("ranges", "scenes"))
     assert (ranges.kind, scenes.kind) == ("ranges", "scenes")

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program around the commands: version, help, completion, names of choices."""
 
+import ast
 import os
 import re
 import subprocess
@@ -10,9 +11,10 @@ from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 import fusionslam
@@ -215,3 +217,50 @@ def test_benchmarks_help_instead_of_computing(
 )
 def test_counts_agree_with_their_nouns(count: int, noun: str, text: str) -> None:
     assert counted(count, noun, ",") == text
+
+
+def _commands() -> dict[str, set[str]]:
+    """The options of each command, by its name."""
+    found: dict[str, set[str]] = {}
+
+    def walk(command: Any, name: str) -> None:
+        for word, inner in getattr(command, "commands", {}).items():
+            walk(inner, f"{name} {word}".strip())
+        options = {option for each in command.params for option in each.opts}
+        found[name] = options | {"--help"}
+
+    walk(get_command(app), "")
+    return found
+
+
+FOREIGN = {
+    **dict.fromkeys(("--clock", "--delay", "--quiet", "--rate", "--topics"), "rosbag play"),
+    "--wait-for-subscribers": "rosbag play",
+    "--force-reinstall": "pip",
+    "--no-install-recommends": "apt-get",
+}
+"""Options of other programs that messages name."""
+
+
+def test_every_option_that_a_message_names_exists_in_the_command() -> None:
+    commands = _commands()
+    every = set.union(*commands.values())
+    named = "|".join(sorted(filter(None, commands), key=len, reverse=True))
+    with_command = re.compile(rf"\b({named}) (--[a-z][a-z-]+)")
+    folder = Path(fusionslam.__file__).parent
+    for path in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+                continue
+            for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value):
+                assert option in every or option in FOREIGN, f"{path}:{node.lineno}: {option}"
+            for command, option in with_command.findall(node.value):
+                assert option in commands[command], f"{path}:{node.lineno}: {command} {option}"
+
+
+def test_what_info_advises_is_taken_by_every_command_that_reads_data() -> None:
+    readers = {name: found for name, found in _commands().items() if "--topic" in found}
+    assert len(readers) > 10
+    for name, options in readers.items():
+        assert {"--sequence", "--calib", "--stamps", "--sync"} <= options, name
+        assert ("--skip-gaps" in options) == (name != "info"), name

@@ -32,6 +32,7 @@ from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.loop_closure.detector import Loop
 from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.maps import run_ratslam
+from fusionslam.pipelines.recording import FrameError
 from fusionslam.pipelines.views import run_views
 from fusionslam.ratslam import (
     ExperienceMap,
@@ -85,6 +86,7 @@ ERRORS = [
     ConfigError("out of range", fields=("key",)),
     ShapeError("odd"),
     MissingSensorError("no left", fields=("left",)),
+    FrameError("drive, frame 3: cut", code="cut", fields=("000003.bin",)),
     GapsError("gaps", fields=("path", "3")),
     TransformError("unknown", may_come=True, code="no-link", fields=("base", "lidar")),
 ]
