@@ -168,6 +168,25 @@ struct DisparityArg {
   }
 };
 
+/// float (rows, columns).
+struct RangesArg {
+  ContiguousArray<float> array;
+
+  explicit RangesArg(py::handle source) {
+    const py::array given = as_array(source, "ranges");
+    if (given.ndim() != 2 || !is_float(given))
+      throw ShapeError("ranges has shape " + shape_text(given) + " and dtype " +
+                       py::str(given.dtype()).cast<std::string>() +
+                       ", expected float32 (rows, columns)");
+    array = contiguous<float>(given);
+  }
+  NearestRanges ranges() const {
+    return {static_cast<int>(array.shape(0)),
+            static_cast<int>(array.shape(1)),
+            {array.data(), array.data() + array.size()}};
+  }
+};
+
 /// float64, of any shape.
 struct NumbersArg {
   ContiguousArray<double> array;
@@ -267,6 +286,7 @@ void bind_fusion(py::module_& module);
 void bind_matching(py::module_& module);
 void bind_ratslam_experience_map(py::module_& module);
 void bind_ratslam_pose_cells(py::module_& module);
+void bind_registration(py::module_& module);
 void bind_views_alignment(py::module_& module);
 void bind_views_range_image(py::module_& module);
 void bind_views_scene(py::module_& module);
@@ -307,6 +327,7 @@ FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::PointsArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ColorsArg, "numpy.uint8");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ImageArg, "numpy.uint8");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DisparityArg, "numpy.float32");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::RangesArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ProjectionArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::TransformArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::CameraMatrixArg, "numpy.float64");

@@ -65,6 +65,7 @@ Raises:
   bind_views_alignment(module);
   bind_ratslam_pose_cells(module);
   bind_ratslam_experience_map(module);
+  bind_registration(module);
 }
 
 }  // namespace fusionslam::bindings

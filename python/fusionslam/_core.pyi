@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -1190,6 +1190,27 @@ def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: num
     Raises:
         ShapeError, DataError: other lengths, NaN.
     """
+def count_overlap(points: numpy.typing.NDArray[numpy.float32], other: numpy.typing.NDArray[numpy.float32], other_ranges: numpy.typing.NDArray[numpy.float32], other_from_points: numpy.typing.NDArray[numpy.float64], *, distance: typing.SupportsFloat | typing.SupportsIndex = 0.5) -> dict[str, int]:
+    """
+    Counts the points of a cloud by what another sensor saw where they are.
+    
+    Args:
+        points: float32 (N, 3), metres.
+        other: float32 (M, 3), points of the other cloud, its sensor at the origin.
+        other_ranges: nearest_ranges of all that the other sensor saw.
+        other_from_points: float64 (4, 4), rigid.
+        distance: metres. Points this near agree, and points this much nearer than the nearest range
+            in their direction and the eight about it are before it.
+    
+    Returns:
+        Number of points by name: "agreeing" (a point of the other cloud is near); of the rest "before"
+        (in space that the other sensor saw to be free), "open" (in its view, where nothing came back),
+        "behind" (hidden by a surface, or at its edge), "outside" (of its view or range).
+    
+    Raises:
+        ConfigError: distance is not in (0, 100]. ShapeError: arrays of other shapes.
+        DataError: NaN or infinity in a point or in the transform.
+    """
 def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
     Global CSHOT: SHOT with colour (Tombari, Salti, Di Stefano 2011; Perdomo 2019, 4.1).
@@ -1318,6 +1339,21 @@ def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: 
     
     Returns:
         (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
+    """
+def nearest_ranges(points: numpy.typing.NDArray[numpy.float32], *, step: typing.SupportsFloat | typing.SupportsIndex = 2.0) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Range of the nearest point in each direction, seen from the origin.
+    
+    Args:
+        points: float32 (N, 3), metres.
+        step: width and height of a direction, degrees, 0.1 to 30.
+    
+    Returns:
+        float32 (rows, columns), metres: rows of elevation from -90 deg up, columns of azimuth from
+        -180 deg to the left; 0 where there is no point.
+    
+    Raises:
+        ConfigError: another step. DataError: NaN or infinity in a point.
     """
 def rectify_image(image: numpy.typing.NDArray[numpy.uint8], *, camera_matrix: numpy.typing.NDArray[numpy.float64], distortion: numpy.typing.NDArray[numpy.float64], model: str, rectification: numpy.typing.NDArray[numpy.float64], projection: numpy.typing.NDArray[numpy.float64], size: tuple[typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex]) -> numpy.typing.NDArray[numpy.uint8]:
     """

@@ -10,6 +10,7 @@
 #include "fusionslam/matching.hpp"
 #include "fusionslam/ratslam/experience_map.hpp"
 #include "fusionslam/ratslam/pose_cells.hpp"
+#include "fusionslam/registration.hpp"
 #include "fusionslam/sensors.hpp"
 #include "fusionslam/simd.hpp"
 #include "fusionslam/views/alignment.hpp"

@@ -2,9 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Relative poses of clouds: found without a first guess, judged by what both clouds show."""
 
+from fusionslam._core import count_overlap, nearest_ranges
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.pose_estimation import register
 from fusionslam.registration.result import Refusal, Registration
 
-__all__ = ["PreparedCloud", "Refusal", "Registration", "RegistrationConfig", "register"]
+__all__ = [
+    "PreparedCloud",
+    "Refusal",
+    "Registration",
+    "RegistrationConfig",
+    "count_overlap",
+    "nearest_ranges",
+    "register",
+]

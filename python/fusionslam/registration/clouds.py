@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam._core import GroundSegmentsConfig, remove_ground_segments, voxel_downsample
+from fusionslam._core import (
+    GroundSegmentsConfig,
+    nearest_ranges,
+    remove_ground_segments,
+    voxel_downsample,
+)
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
@@ -16,13 +21,18 @@ from fusionslam.registration.map_extra import (
     prepare_refinement,
 )
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Points
+from fusionslam.storage.arrays import Floats32, Points
 
 
 class PreparedCloud:
     """A cloud that is registered with several others: what they all need is computed once.
 
-    Only its voxels are kept, and sent between processes.
+    Its voxels and the range in each direction are kept, and sent between processes.
+
+    Attributes:
+        points: float32 (N, 3): one point for each voxel.
+        search_points: float32 (M, 3): one point for each voxel of the search without a guess.
+        ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
 
     Args:
         cloud: a Cloud, or float32 (N, 3), metres, the sensor at the origin; may be empty.
@@ -35,14 +45,18 @@ class PreparedCloud:
 
     def __init__(self, cloud: Cloud | Points, config: RegistrationConfig | None = None) -> None:
         self.config = config or RegistrationConfig()
-        points = cloud.points if isinstance(cloud, Cloud) else cloud
-        self.points: Points = _voxels(_check_points(points), self.config.voxel)
+        points = _check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
+        self.points = _voxels(points, self.config.voxel)
+        # Of all points: voxels of voxels lose a part of the poses that features find.
+        self.search_points = _voxels(points, self.config.search_voxel)
+        self.ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
 
     def __len__(self) -> int:
         return len(self.points)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"config": self.config, "points": self.points}
+        kept = ("config", "points", "search_points", "ranges")
+        return {name: getattr(self, name) for name in kept}
 
     @cached_property
     def above_ground(self) -> Points:
@@ -53,11 +67,6 @@ class PreparedCloud:
         kept, _, _ = remove_ground_segments(self.points, config=ground)
         above: Points = self.points[kept]
         return above
-
-    @cached_property
-    def search_points(self) -> Points:
-        """float32 (M, 3): one point for each voxel of the search without a guess."""
-        return _voxels(self.points, self.config.search_voxel)
 
     @cached_property
     def features(self) -> int:

@@ -26,7 +26,10 @@ class RegistrationConfig(Section):
         0.5, "points up to this much above the ground do not count as overlap", unit="m", gt=0
     )
     overlap_distance: float = option(
-        0.5, "points with a neighbour this near overlap", unit="m", gt=0
+        0.5, "points with a neighbour this near overlap", unit="m", gt=0, le=100
+    )
+    view_step: float = option(
+        1.0, "directions in which is stored how far a sensor saw", unit="deg", ge=0.1, le=30
     )
     min_overlap: float = option(0.5, "poses with less overlap are refused", ge=0, le=1)
     position_sd: float = option(

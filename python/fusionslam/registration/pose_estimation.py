@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from fusionslam._core import count_overlap
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.config import RegistrationConfig
@@ -21,6 +21,9 @@ from fusionslam.registration.map_extra import FEWEST_FEATURES, FEWEST_POINTS, re
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
+
+_HIDDEN_WEIGHT = 0.25
+"""Of points that the other sensor cannot have seen: right poses have fewer of them."""
 
 
 def register(
@@ -73,17 +76,24 @@ def _register(
             break
     if best is None:
         return _refused(_without_candidate(min(source.features, target.features), config))
-    judged = Registration(None, None, best.overlap, best.tilt, estimate=best.pose)
-    if reason := best.refusal(config):
-        return replace(judged, reason=reason)
     covariance, degenerate = _uncertainty(best.information, config)
-    return replace(
-        judged, target_from_source=best.pose, covariance=covariance, degenerate=degenerate
-    )
+    judged = Registration(None, None, best.overlap, best.tilt, degenerate, estimate=best.pose)
+    reason = best.refusal(config) or _too_degenerate(len(degenerate))
+    if reason is not None:
+        return replace(judged, reason=reason)
+    return replace(judged, target_from_source=best.pose, covariance=covariance)
 
 
 def _refused(reason: Refusal) -> Registration:
     return Registration(None, None, reason=reason)
+
+
+def _too_degenerate(directions: int) -> Refusal | None:
+    """Refuse what a single plane, or several in parallel, hold: it fits everywhere."""
+    if directions < 2:
+        return None
+    text = f"the clouds can slide on each other in {directions} directions: too little structure"
+    return Refusal("degenerate", directions, text)
 
 
 def _without_candidate(features: int, config: RegistrationConfig) -> Refusal:
@@ -148,19 +158,21 @@ def _judged(
     config: RegistrationConfig,
 ) -> _Candidate:
     tilt = float(np.degrees(np.arccos(np.clip(pose[2, 2], -1, 1))))
-    moved = source.above_ground @ pose[:3, :3].T + pose[:3, 3]
-    return _Candidate(
-        pose, information, _overlap(moved, target.above_ground, config.overlap_distance), tilt
+    distance = config.overlap_distance
+    there = _overlap(source, target, pose, distance)
+    back = _overlap(target, source, np.linalg.inv(pose).astype(np.float64), distance)
+    return _Candidate(pose, information, min(there, back), tilt)
+
+
+def _overlap(
+    one: PreparedCloud, other: PreparedCloud, other_from_one: Matrix, distance: float
+) -> float:
+    """Share of a cloud's points that the other cloud confirms, of those that it could."""
+    counts = count_overlap(
+        one.above_ground, other.above_ground, other.ranges, other_from_one, distance=distance
     )
-
-
-def _overlap(one: Floats, other: Points, distance: float) -> float:
-    """Share of points with a neighbour in the other cloud, the smaller of both directions."""
-    if not len(one) or not len(other):
-        return 0.0
-    there, _ = cKDTree(other).query(one, distance_upper_bound=distance)
-    back, _ = cKDTree(one).query(other, distance_upper_bound=distance)
-    return float(min(np.isfinite(there).mean(), np.isfinite(back).mean()))
+    against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
+    return counts["agreeing"] / max(1.0, counts["agreeing"] + against)
 
 
 def _uncertainty(information: Floats, config: RegistrationConfig) -> tuple[Floats, Floats]:

@@ -15,7 +15,8 @@ class Refusal:
 
     Attributes:
         code: "few-points" (number: voxels of the smaller cloud), "no-features" (points with
-            neighbours), "no-match" (0), "tilted" (degrees) or "low-overlap" (share).
+            neighbours), "no-match" (0), "tilted" (degrees), "low-overlap" (share) or "degenerate"
+            (directions).
         number: the value that was not good enough.
         text: the same in words.
     """
@@ -37,11 +38,13 @@ class Registration:
         covariance: float64 (6, 6) of the pose's error: x, y, z in metres, then rotations about x,
             y, z in radians, as small motions in the source's frame
             (``target_from_source @ exp(error)``). None if the pose was refused.
-        overlap: share of the points above the ground that lie near a point of the other cloud, the
-            smaller of both directions; 0 without an estimate.
+        overlap: share of each cloud's points above the ground that the other cloud confirms, the
+            smaller of both; 0 without an estimate. A point in space that the other sensor saw to be
+            free counts against it, one that it cannot have seen a quarter, one out of its view not
+            at all.
         tilt: angle between the z axes of the clouds, degrees; 0 without an estimate.
         degenerate: float64 (k, 3), unit vectors in the source's frame along which the clouds can
-            slide on each other, as along a corridor; empty if the pose was refused.
+            slide on each other at the estimate, as along a corridor.
         seconds: time it took.
         reason: why the pose was refused; None if it was not.
         estimate: float64 (4, 4), the pose that was judged, refused or not; None if there was none.

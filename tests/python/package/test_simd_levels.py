@@ -14,6 +14,7 @@ import hashlib
 import numpy as np
 import fusionslam
 import fusionslam.ratslam
+import fusionslam.registration
 
 random = np.random.default_rng(4)
 points = (random.normal(size=(3000, 3)) * [9, 4, 1] + [3, -2, 1]).astype(np.float32)
@@ -54,6 +55,11 @@ for preset in ("openratslam", "robust"):
         cells.on_view(step % 20, 0.01 * step)
         cells.on_odometry(0.5, 0.2, 0.3)
     results["pose cells " + preset] = cells.activity, cells.best
+turned = np.array([[0, -1, 0, 2], [1, 0, 0, -1], [0, 0, 1, 0.5], [0, 0, 0, 1]], float)
+ranges = fusionslam.registration.nearest_ranges(points)
+counts = fusionslam.registration.count_overlap(points, moved, ranges, turned)
+assert min(counts.values()) > 0, counts
+results["overlap"] = ranges, [*counts.values()]
 for name, value in results.items():
     parts = value if isinstance(value, (tuple, list)) else (value,)
     digest = hashlib.sha256(b"".join(np.asarray(part).tobytes() for part in parts))
@@ -86,7 +92,7 @@ def digests_on(level: str) -> list[str]:
 @pytest.mark.parametrize("level", ["avx2", "avx512"])
 def test_results_are_those_of_the_baseline_bit_for_bit(level: str) -> None:
     expected = digests_on("baseline")
-    assert len(expected) == 27
+    assert len(expected) == 28
     assert digests_on(level) == expected
 
 

@@ -183,6 +183,25 @@ def test_another_place_is_refused_with_its_overlap(scans: tuple[Points, Points])
     assert tolerant.accepted == (tolerant.estimate is not None)
 
 
+def test_space_that_the_other_sensor_saw_to_be_free_counts_against_a_pose() -> None:
+    front = np.mgrid[8:9, -10:10:0.2, 0:6:0.2].reshape(3, -1).T.astype(np.float32)
+    back = front + np.float32([4, 0, 0])
+    config = RegistrationConfig(gravity=False, min_overlap=0)
+
+    def overlap(*points: Points) -> float:
+        clouds = [np.concatenate(parts) for parts in (points, (front, SIDES))]
+        return register(*clouds, np.eye(4), config=config).overlap
+
+    assert overlap(front, SIDES) == 1
+    hidden, missing = overlap(front, SIDES, back), overlap(back, SIDES)
+    # What only one sees is behind the front for the other; without the front it is seen through.
+    assert 1 > hidden > 0.8
+    assert missing < 0.7
+
+
+SIDES = np.mgrid[-10:10:0.2, 15:16, 0:6:0.2].reshape(3, -1).T.astype(np.float32)
+
+
 def corridor(seed: int, length: float = 60) -> Points:
     """A floor and two bare walls along x, longer than the sensor reaches."""
     rng = np.random.default_rng(seed)
@@ -208,13 +227,16 @@ def test_a_corridor_is_degenerate_along_itself() -> None:
     assert np.abs(error[[0, 2, 3, 4, 5]]).max() < 0.02
 
 
-def test_a_plane_is_degenerate_along_both_of_its_axes() -> None:
+def test_a_plane_is_refused_as_degenerate_along_both_of_its_axes() -> None:
     floors = []
     for seed in (1, 2):
         rng = np.random.default_rng(seed)
         floor = rng.uniform([-20, -20, -1], [20, 20, -1], (20000, 3))
         floors.append((floor + rng.normal(0, 0.01, floor.shape)).astype(np.float32))
     found = register(*floors, np.eye(4), config=RegistrationConfig(gravity=False))
+    assert found.target_from_source is None
+    assert found.reason is not None
+    assert (found.reason.code, found.reason.number) == ("degenerate", 2)
     assert len(found.degenerate) == 2
     np.testing.assert_allclose(found.degenerate[:, 2], 0, atol=0.02)
 
