@@ -24,13 +24,19 @@ py::typing::Dict<py::str, py::float_> evidence_of(const Alignment& alignment) {
 
 Alignment alignment_from_state(const py::object& state) {
   constexpr const char* name = "an alignment";
-  const auto number = [&](std::size_t i) { return part_of_state<double>(state, i, 5, name); };
-  Alignment alignment{number(0), number(1), number(2), number(3), {}};
-  alignment.evidence.values = part_of_state<decltype(AlignmentEvidence::values)>(state, 4, 5, name);
+  constexpr std::size_t parts = 6;
+  const auto number = [&](std::size_t i) { return part_of_state<double>(state, i, parts, name); };
+  Alignment alignment{number(0), number(1), number(2), number(3), {}, {}};
+  alignment.evidence.values =
+      part_of_state<decltype(AlignmentEvidence::values)>(state, 4, parts, name);
+  alignment.information = part_of_state<decltype(Alignment::information)>(state, 5, parts, name);
   const auto& evidence = alignment.evidence.values;
+  const auto finite = [](const auto& values) {
+    return std::all_of(values.begin(), values.end(), [](double one) { return std::isfinite(one); });
+  };
   if (!std::isfinite(alignment.x + alignment.y + alignment.yaw) ||
-      !(alignment.probability >= 0 && alignment.probability <= 1) ||
-      !std::all_of(evidence.begin(), evidence.end(), [](double one) { return std::isfinite(one); }))
+      !(alignment.probability >= 0 && alignment.probability <= 1) || !finite(evidence) ||
+      !finite(alignment.information))
     throw DataError("state of an alignment: a number is not finite, or no probability");
   return alignment;
 }
@@ -71,6 +77,14 @@ void bind_result(py::module_& module) {
                     "reach and turn of the configuration.")
       .def_property_readonly("evidence", &evidence_of,
                              "The numbers from which the probability is computed, by name.")
+      .def_property_readonly(
+          "information",
+          [](const Alignment& self) {
+            return to_numpy(std::vector<double>(self.information.begin(), self.information.end()),
+                            {3, 3});
+          },
+          "float64 (3, 3): information of x, y, yaw in metres and radians, as if the residuals of "
+          "the cells were independent; zeros if nothing could be aligned.")
       .def("__repr__",
            [](const Alignment& self) {
              std::ostringstream text;
@@ -80,7 +94,8 @@ void bind_result(py::module_& module) {
            })
       .def(py::pickle(
           [](const Alignment& self) {
-            return py::make_tuple(self.x, self.y, self.yaw, self.probability, self.evidence.values);
+            return py::make_tuple(self.x, self.y, self.yaw, self.probability, self.evidence.values,
+                                  self.information);
           },
           &alignment_from_state));
 }

@@ -783,7 +783,7 @@ class Alignment:
     """
     The alignment of one scene with another.
     """
-    def __getstate__(self) -> tuple[float, float, float, float, typing.Annotated[list[float], "FixedSize(12)"]]:
+    def __getstate__(self) -> tuple[float, float, float, float, typing.Annotated[list[float], "FixedSize(12)"], typing.Annotated[list[float], "FixedSize(9)"]]:
         ...
     def __repr__(self) -> str:
         ...
@@ -793,6 +793,11 @@ class Alignment:
     def evidence(self) -> dict[str, float]:
         """
         The numbers from which the probability is computed, by name.
+        """
+    @property
+    def information(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        float64 (3, 3): information of x, y, yaw in metres and radians, as if the residuals of the cells were independent; zeros if nothing could be aligned.
         """
     @property
     def probability(self) -> float:

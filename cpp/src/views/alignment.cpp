@@ -129,12 +129,13 @@ Normal linearise(const PreparedView& current, const PreparedView& stored,
 struct Fit {
   Pose pose;
   double grip = 0;
+  Normal normal;
 };
 
 std::optional<Fit> fit(const PreparedView& current, const PreparedView& stored,
                        const std::vector<std::size_t>& chosen, const Pose& start,
                        const AlignmentConfig& config) {
-  Fit found{start, 0};
+  Fit found{start, 0, {}};
   const auto points = static_cast<double>(chosen.size());
   for (int step = 0; step < config.iterations; ++step) {
     const double part = step / std::max(1.0, config.iterations - 1.0);
@@ -142,6 +143,7 @@ std::optional<Fit> fit(const PreparedView& current, const PreparedView& stored,
         config.first_scale * std::pow(config.last_scale / config.first_scale, part);
     const Normal normal = linearise(current, stored, chosen, found.pose, scale);
     if (normal.used < 5) return std::nullopt;
+    found.normal = normal;
     found.grip = normal.grip(points);
     const std::optional<Pose> change = normal.solve(damping * points);
     if (!change) return std::nullopt;
@@ -221,6 +223,16 @@ void look(const PreparedView& view, const PreparedView& other,
   }
 }
 
+/// The normal equations at a residual of no less than the steps of ranges.
+std::array<double, 9> information_of(const Tally& tally, const Normal& normal) {
+  const double variance = std::max(tally.squares / std::max(1.0, tally.agreeing),
+                                   RangeImage::range_step * RangeImage::range_step);
+  const double* h = normal.h;
+  std::array<double, 9> information{h[0], h[1], h[2], h[1], h[3], h[4], h[2], h[4], h[5]};
+  for (double& value : information) value /= variance;
+  return information;
+}
+
 double score_of(const Tally& tally) {
   return (tally.agreeing - 0.5 * tally.color / color_limit) / std::max(1.0, tally.in_view());
 }
@@ -254,8 +266,12 @@ Alignment align_views(const PreparedView& current, const PreparedView& stored, f
     look(stored, current, theirs, inverse(found->pose), config.tolerance, -1, tally);
     if (score_of(tally) <= best_score) continue;
     best_score = score_of(tally);
-    best = {found->pose.x, found->pose.y, found->pose.yaw, 0,
-            evidence_of(tally, *found, thumbnail)};
+    best = {found->pose.x,
+            found->pose.y,
+            found->pose.yaw,
+            0,
+            evidence_of(tally, *found, thumbnail),
+            information_of(tally, found->normal)};
   }
   const bool near = std::hypot(best.x, best.y) <= config.reach &&
                     std::fabs(best.yaw) * 180 / std::numbers::pi <= config.turn;

@@ -20,6 +20,7 @@ from fusionslam.registration.map_extra import (
     count_features,
     prepare_refinement,
 )
+from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats32, Points
 
@@ -32,6 +33,7 @@ class PreparedCloud:
     Attributes:
         points: float32 (N, 3): one point for each voxel.
         search_points: float32 (M, 3): one point for each voxel of the search without a guess.
+        scene: range image for method planar; None for others.
         ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
 
     Args:
@@ -40,6 +42,7 @@ class PreparedCloud:
 
     Raises:
         ShapeError: neither a cloud nor an array of points.
+        DataError: no colours, which method planar needs (code "no-colors").
         DataError: NaN or infinity in a point; the message names it.
     """
 
@@ -50,12 +53,14 @@ class PreparedCloud:
         # Of all points: voxels of voxels lose a part of the poses that features find.
         self.search_points = _voxels(points, self.config.search_voxel)
         self.ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
+        is_planar = self.config.method == "planar"
+        self.scene = build_planar(cloud) if is_planar else None
 
     def __len__(self) -> int:
         return len(self.points)
 
     def __getstate__(self) -> dict[str, Any]:
-        kept = ("config", "points", "search_points", "ranges")
+        kept = ("config", "points", "search_points", "ranges", "scene")
         return {name: getattr(self, name) for name in kept}
 
     @cached_property

@@ -2,12 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Configuration of registration."""
 
+from typing import Literal
+
 from fusionslam.config import Section, option
 
 
 class RegistrationConfig(Section):
     """How clouds are registered. The defaults suit full-circle scans outdoors."""
 
+    method: Literal["global", "planar"] = option(
+        "global", "global: whatever the pose; planar: nearby views of a robot on a floor"
+    )
     voxel: float = option(0.5, "voxels in which clouds are refined and compared", unit="m", gt=0)
     search_voxel: float = option(
         1.0, "voxels in which a pose is searched without a guess", unit="m", ge=0.01, le=1.0
@@ -43,4 +48,9 @@ class RegistrationConfig(Section):
     )
     degenerate_sd: float = option(
         10.0, "standard deviation stated along degenerate directions", unit="m", gt=0
+    )
+    min_probability: float = option(0.96, "planar: less probable poses are refused", ge=0, le=1)
+    floor_height_sd: float = option(0.05, "planar: stated standard deviation of z", unit="m", gt=0)
+    floor_tilt_sd: float = option(
+        1.0, "planar: stated standard deviation of roll and pitch", unit="deg", gt=0
     )

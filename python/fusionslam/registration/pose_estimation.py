@@ -18,7 +18,9 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import FEWEST_FEATURES, FEWEST_POINTS, refine, search_pose
+from fusionslam.registration.planar import register_planar
 from fusionslam.registration.result import Refusal, Registration
+from fusionslam.registration.uncertainty import pose_uncertainty
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
 
@@ -35,33 +37,41 @@ def register(
 ) -> Registration:
     """Find the pose of a cloud in the frame of another one.
 
-    A guess is refined by GICP; without one, or if its overlap is too small, features are matched by
-    KISS-Matcher and the pose that they give is refined. Equal input gives equal bits.
+    Method "global": a guess is refined by GICP; without one, or if its overlap is too small,
+    features are matched by KISS-Matcher and the pose that they give is refined. Method "planar",
+    for robots on a floor: range images are aligned in x, y and yaw. Equal input gives equal bits.
 
     Args:
         source, target: a Cloud or float32 (N, 3), metres, in the frame of the sensor; or a
-            PreparedCloud, of which configurations must be equal.
+            PreparedCloud, of which configurations must be equal. For "planar" with colours, in the
+            frame of a robot on a floor.
         guess: float64 (4, 4), target_from_source, such as a turn about z from a descriptor; up to
-            some metres and degrees off.
+            some metres and degrees off. "planar" uses its turn alone.
         config: that of prepared clouds if None.
 
     Returns:
         The pose with its covariance, or the reason why there is none.
 
     Raises:
-        FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
+        FusionSlamError: the extra ``map`` is not installed (code "missing-extra"); "planar" does
+            not need it.
         ShapeError: not a cloud, or a guess of another shape.
-        DataError: NaN or infinity in a point; a guess that is no rigid motion.
+        DataError: NaN or infinity in a point; no colours ("planar"); a guess that is no rigid
+            motion.
         ConfigError: clouds prepared with different configurations.
     """
     started = time.perf_counter()
     config = _config_of(config, source, target)
     start = None if guess is None else _check_rigid(guess)
-    result = _register(_prepared(source, config), _prepared(target, config), start, config)
+    one, other = _prepared(source, config), _prepared(target, config)
+    if one.scene is None or other.scene is None:
+        result = _register_globally(one, other, start, config)
+    else:
+        result = register_planar(one.scene, other.scene, start, config)
     return replace(result, seconds=time.perf_counter() - started)
 
 
-def _register(
+def _register_globally(
     source: PreparedCloud, target: PreparedCloud, guess: Matrix | None, config: RegistrationConfig
 ) -> Registration:
     fewest = min(len(source), len(target))
@@ -76,7 +86,7 @@ def _register(
             break
     if best is None:
         return _refused(_without_candidate(min(source.features, target.features), config))
-    covariance, degenerate = _uncertainty(best.information, config)
+    covariance, degenerate = pose_uncertainty(best.information, config)
     judged = Registration(None, None, best.overlap, best.tilt, degenerate, estimate=best.pose)
     reason = best.refusal(config) or _too_degenerate(len(degenerate))
     if reason is not None:
@@ -173,25 +183,6 @@ def _overlap(
     )
     against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
     return counts["agreeing"] / max(1.0, counts["agreeing"] + against)
-
-
-def _uncertainty(information: Floats, config: RegistrationConfig) -> tuple[Floats, Floats]:
-    """Covariance of a pose and the degenerate directions, of its information matrix.
-
-    The information of GICP claims millimetres where errors are centimetres: hence the floor.
-    """
-    strengths, axes = np.linalg.eigh(information[:3, :3])
-    weak = 0
-    for i in (1, 2):  # all below a jump
-        if strengths[i] > config.degenerate_ratio * strengths[i - 1]:
-            weak = i
-    degenerate = axes.T[:weak]
-    # Nobody is more than half a turn off, or 100 m.
-    prior = np.repeat([1 / 100**2, 1 / np.pi**2], 3)
-    floor = np.repeat([config.position_sd, np.radians(config.angle_sd)], 3) ** 2
-    covariance = np.linalg.inv(information + np.diag(prior)) + np.diag(floor)
-    covariance[:3, :3] += config.degenerate_sd**2 * degenerate.T @ degenerate
-    return (covariance + covariance.T) / 2, degenerate
 
 
 def _config_of(

@@ -15,8 +15,8 @@ class Refusal:
 
     Attributes:
         code: "few-points" (number: voxels of the smaller cloud), "no-features" (points with
-            neighbours), "no-match" (0), "tilted" (degrees), "low-overlap" (share) or "degenerate"
-            (directions).
+            neighbours), "no-match" (0), "tilted" (degrees), "low-overlap" (share), "degenerate"
+            (directions) or "improbable" (probability).
         number: the value that was not good enough.
         text: the same in words.
     """
@@ -47,6 +47,7 @@ class Registration:
             slide on each other at the estimate, as along a corridor.
         seconds: time it took.
         reason: why the pose was refused; None if it was not.
+        probability: that the pose is right, of method planar; None of others.
         estimate: float64 (4, 4), the pose that was judged, refused or not; None if there was none.
             For pictures and diagnosis.
     """
@@ -58,6 +59,7 @@ class Registration:
     degenerate: Floats = field(default_factory=lambda: np.empty((0, 3)))
     seconds: float = 0.0
     reason: Refusal | None = None
+    probability: float | None = None
     estimate: Matrix | None = None
 
     @property

@@ -58,7 +58,7 @@ def experience_map() -> Any:
 
 def alignment_values(alignment: Any) -> Any:
     names = ("x", "y", "yaw", "probability", "evidence")
-    return [getattr(alignment, name) for name in names]
+    return [alignment.information.tobytes(), *(getattr(alignment, name) for name in names)]
 
 
 def changed_config(name: str) -> Any:

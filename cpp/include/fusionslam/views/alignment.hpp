@@ -71,6 +71,9 @@ struct Alignment {
   /// reach or turn is exceeded.
   double probability = 0;
   AlignmentEvidence evidence;
+  /// Information of x, y, yaw in the frame of the stored robot, row-major, as if the residuals of
+  /// the cells were independent; zeros if nothing could be aligned.
+  std::array<double, 9> information{};
 };
 
 /// Aligns the range images of two scenes. A scene without one, or with fewer than ten cells, gives
