@@ -10,6 +10,7 @@
 import os
 import stat
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,13 @@ from fusionslam.datasets.pose_files import (
     write_poses_tum,
 )
 from fusionslam.datasets.range_recording import is_recording
-from fusionslam.datasets.streams import SENSORS, Request, absolute_path, check_self_contained
+from fusionslam.datasets.streams import (
+    SENSORS,
+    Request,
+    absolute_path,
+    check_self_contained,
+    entries,
+)
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.storage.archive import format_of
@@ -190,9 +197,18 @@ def _kind(root: Path, name: str | None) -> Kind:
     recognised = next((kind for kind in possible if kind.recognises(root)), None)
     if recognised is None:
         looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in KINDS.values())
-        message = f"{root} is no recording that is known here; looked for {looked_for}"
+        inner = next((path for path in entries(root) if _is_recording(path)), None)
+        near = "" if inner is None else f", but {inner} is one"
+        message = f"{root} is no recording that is known here{near}; looked for {looked_for}"
         raise DataError(message, code="no-recording", fields=(str(root),))
     return recognised
+
+
+def _is_recording(path: Path) -> bool:
+    """Tell whether a folder has the layout of a recording; not of one that cannot be read."""
+    with suppress(OSError):
+        return path.is_dir() and any(kind.recognises(path) for kind in KINDS.values())
+    return False
 
 
 def _sensors(names: Sequence[str] | None) -> Sequence[str] | None:

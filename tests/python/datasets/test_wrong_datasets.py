@@ -33,6 +33,13 @@ from kitti import (
 )
 
 
+def test_the_recording_in_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
+    odometry(tmp_path / "dataset")
+    with pytest.raises(DataError, match=rf"but {tmp_path}/dataset is one") as error:
+        open_dataset(tmp_path)
+    assert error.value.code == "no-recording"
+
+
 def test_opening_reads_no_scan_and_no_image(tmp_path: Path) -> None:
     sequence = odometry(tmp_path)
     (sequence / "velodyne/000005.bin").write_bytes(b"123")

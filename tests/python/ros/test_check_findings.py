@@ -250,7 +250,7 @@ def test_missing_static_transforms_are_reported_with_what_to_publish() -> None:
     camera = finding(check, "TF camera")
     assert (camera.code, camera.fields) == ("no-frame", ("velodyne", "camera"))
     assert "static_transform_publisher" in camera.detail and "rosbag play" in camera.detail
-    assert not check.works and finding(check, "fusing").fields == ("no-frame", "velodyne")
+    assert not check.works and finding(check, "fusing").fields == ("no-camera-pose", "velodyne")
 
 
 def test_two_trees_are_to_be_linked_at_their_root() -> None:
