@@ -66,9 +66,9 @@ wheel: setup
 fuzz: setup
 	scripts/fuzz.sh --core $(FUZZ)
 
-# What make wheel built, each installed away from the source and used.
-release: wheel
-	for wheel in out/dist/*.whl; do scripts/test_wheel.sh $$wheel || exit 1; done
+# Wheels and sdist, each installed away from the source and used.
+release: setup
+	scripts/release.sh
 
 # About ten minutes of one core, so a part of nightly, not of lint.
 tidy: setup

@@ -4,7 +4,8 @@
 
 wheel_contents.py WHEEL FOLDER writes the wheel into FOLDER. auditwheel lists the shared libraries
 that it has put in; what is compiled into the extension module is listed here. A library that
-LICENSES does not name ends the program: somebody has to read its licence first.
+LICENSES does not name ends the program: somebody has to read its licence first. So does a file
+that names a folder of the machine.
 """
 
 import json
@@ -98,6 +99,26 @@ def add_licenses(dist_info: Path, components: list[dict[str, Any]]) -> None:
     description.write_text(head + blank + body, encoding="utf-8")
 
 
+def refuse_paths(unpacked: Path) -> None:
+    """End the program if a file in the wheel names a folder or a source file of this machine.
+
+    Debian's libraries name those in /usr/include, which are the same everywhere.
+    """
+    source = re.escape(bytes(Path(__file__).resolve().parents[1]))
+    named = re.compile(
+        rb"(?<![\w.+:/-])(?:"
+        rb"(?:%b|/home|/root)/[\w.+/-]+"
+        rb"|(?!/usr/include/)/[\w.+/-]+\.(?:c|cc|cpp|cxx|h|hh|hpp|hxx|inc|inl)\b)" % source
+    )
+    found = [
+        f"{path.relative_to(unpacked)}: {match[0].decode()}"
+        for path in sorted(unpacked.rglob("*"))
+        if path.is_file() and (match := named.search(path.read_bytes()))
+    ]
+    if found:
+        sys.exit("\n".join(["paths of the machine that built the wheel:", *found]))
+
+
 def main() -> None:
     wheel, output = sys.argv[1:]
     with tempfile.TemporaryDirectory() as folder:
@@ -105,6 +126,7 @@ def main() -> None:
         (unpacked,) = Path(folder).iterdir()
         (dist_info,) = unpacked.glob("*.dist-info")
         add_licenses(dist_info, complete_sbom(dist_info / "sboms" / "auditwheel.cdx.json"))
+        refuse_paths(unpacked)
         run(sys.executable, "-m", "wheel", "pack", unpacked, "-d", output)
 
 
