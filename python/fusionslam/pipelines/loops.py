@@ -88,8 +88,7 @@ class LoopReport:
             if nearest > _FAR * max(known, self.threshold):
                 return (
                     f"; no frame looks like one {window} or more before it: nothing comes back, or "
-                    f"{self.run.descriptor} cannot tell (bench compares descriptors; --threshold "
-                    f"{nearest:.2g} accepts the nearest)"
+                    f"{self.run.descriptor} cannot tell (bench compares descriptors)"
                 )
             return (
                 f"; --threshold {nearest:.2g} accepts the nearest, --threshold FOLDER takes the "

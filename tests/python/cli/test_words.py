@@ -318,4 +318,4 @@ def test_loops_in_noise_say_why_there_are_none(tmp_path: Path) -> None:
     assert "000000.bin" in line and "farther" in line
     words = ("-d", "shot", "--threshold", "0.05", *NO_WINDOW)
     found = succeeds("loops", tmp_path / "noise", "-o", tmp_path / "out", *words).stdout
-    assert "0 loops" in found and "bench" in found and "--threshold" in found
+    assert "0 loops" in found and "bench" in found and "--threshold" not in found
