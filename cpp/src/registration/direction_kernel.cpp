@@ -12,10 +12,11 @@ namespace {
 
 constexpr float pi = std::numbers::pi_v<float>;
 
-/// Number of the step of an angle, from 0 at `first`; rounding cannot lead past the last.
+/// Number of the step of an angle, from 0 at `first`; rounding cannot lead past the last, and NaN,
+/// of coordinates whose squares overflow, leads to the first.
 FUSIONSLAM_INLINE int step_of(float angle, float first, float steps_per_rad, int steps) {
-  const int step = static_cast<int>((angle - first) * steps_per_rad);
-  return step < 0 ? 0 : step < steps ? step : steps - 1;
+  const float step = (angle - first) * steps_per_rad;
+  return step > 0 ? (step < static_cast<float>(steps) ? static_cast<int>(step) : steps - 1) : 0;
 }
 
 FUSIONSLAM_INLINE std::size_t find_directions(RawPoints points, std::size_t begin,

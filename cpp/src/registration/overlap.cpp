@@ -70,7 +70,8 @@ class NearTable {
   std::int64_t cell_of(float coordinate) const {
     const double cell =
         std::floor(static_cast<double>(coordinate) / static_cast<double>(distance_));
-    return static_cast<std::int64_t>(std::clamp(cell, -half + 1.0, half - 2.0));
+    constexpr double last = half - 2.0;  // its neighbours have keys, too
+    return static_cast<std::int64_t>(cell > -last ? std::min(cell, last) : -last);  // NaN: -last
   }
   static std::uint64_t key_of(std::int64_t x, std::int64_t y, std::int64_t z) {
     return static_cast<std::uint64_t>((x + half) << 42 | (y + half) << 21 | (z + half));

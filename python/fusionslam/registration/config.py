@@ -36,7 +36,7 @@ class RegistrationConfig(Section):
     view_step: float = option(
         1.0, "directions in which is stored how far a sensor saw", unit="deg", ge=0.1, le=30
     )
-    min_overlap: float = option(0.5, "poses with less overlap are refused", ge=0, le=1)
+    min_overlap: float = option(0.6, "poses with less overlap are refused", ge=0, le=1)
     position_sd: float = option(
         0.05, "floor of the stated standard deviation of positions", unit="m", ge=0
     )

@@ -120,6 +120,15 @@ def test_ranges_are_the_least_of_each_direction(step: float) -> None:
     np.testing.assert_allclose(found, np.where(np.isinf(expected), 0, expected), rtol=1e-5)
 
 
+@pytest.mark.parametrize("size", [1e6, 1e18, 3e38])
+def test_points_far_beyond_any_sensor_are_outside(size: float) -> None:
+    far = size * np.array([[1, 0, 0], [-1, 1, 0.3], [1, 1, 1]], np.float32)
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", 40, degrees=True).as_matrix()
+    assert count_overlap(far, SEEN, RANGES, turn)["outside"] == 3
+    assert nearest_ranges(far[:1]).max() >= 0.9 * size
+
+
 def test_no_points_are_no_overlap() -> None:
     nothing = np.empty((0, 3), np.float32)
     assert not nearest_ranges(nothing).any()

@@ -9,6 +9,7 @@ import numpy as np
 
 import fusionslam
 from fusionslam import DescriptorIndex
+from fusionslam.registration import count_overlap, nearest_ranges
 
 RNG = np.random.default_rng(0)
 POINTS = RNG.uniform([-20, -5, 0], [30, 6, 4], (400, 3)).astype(np.float32)
@@ -35,6 +36,10 @@ POINT_CALLS: dict[str, Call] = {
     "remove_ground_plane": fusionslam.remove_ground_plane,
     "voxel_downsample": lambda points: fusionslam.voxel_downsample(points, COLORS, size=2.0),
     "drop_invalid": fusionslam.drop_invalid,
+    "nearest_ranges": nearest_ranges,
+    "count_overlap": lambda points: np.array(
+        [*count_overlap(points, POINTS, nearest_ranges(POINTS), np.eye(4)).values()]
+    ),
 }
 COLOR_CALLS: dict[str, Call] = {
     "cm2dp": lambda colors: fusionslam.cm2dp(POINTS, colors),
