@@ -29,9 +29,10 @@ if [ "$(id -u)" = 0 ]; then
     cp -a "$bare" "$compiler"
     read -ra packages < <(sed -nE 's/^apt-get install (g\+\+ [^#]*).*/\1/p' docs/start/install.md) ||
       { echo "docs/start/install.md names no packages to install" >&2; exit 1; }
-    { chroot "$compiler" apt-get update && DEBIAN_FRONTEND=noninteractive chroot "$compiler" \
-      apt-get install -y --no-install-recommends "${packages[@]}"; } >"$compiler.log" 2>&1 ||
-      { tail "$compiler.log"; exit 1; }
+    # Java, which libpcl-dev brings, cannot be installed without /proc.
+    DEBIAN_FRONTEND=noninteractive unshare --pid --fork --mount-proc="$compiler/proc" \
+      chroot "$compiler" sh -c 'apt-get update && apt-get install -y --no-install-recommends "$@"' \
+      sh "${packages[@]}" >"$compiler.log" 2>&1 || { tail "$compiler.log"; exit 1; }
     touch "$compiler.made"
   fi
 fi
