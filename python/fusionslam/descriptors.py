@@ -25,7 +25,8 @@ from fusionslam._core import (
 )
 from fusionslam.config import Section, core_section, explain_choice, merged, option, split_preset
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.fusion import PER_FRAME, FusionConfig, require_up
+from fusionslam.fusion import FusionConfig, require_up
+from fusionslam.help_texts import PER_FRAME
 from fusionslam.sensors.frame import Cloud, Frame, require_cloud
 
 if TYPE_CHECKING:

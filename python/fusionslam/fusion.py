@@ -9,7 +9,7 @@ section 4.3).
 
 import logging
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,13 @@ from fusionslam._core import (
 )
 from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.help_texts import counted
+from fusionslam.help_texts import PER_FRAME, counted
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
 _FARTHEST_M = 10_000.0
 """Beyond the range of any LiDAR."""
+DISTANT_M = 500.0
+"""Beyond what a robot's LiDAR sees of most of its surroundings, in metres."""
 _COS_45 = 0.5**0.5
 # Ground heights below a car's LiDAR, which is mounted at 1.73 m (KITTI), and in a robot's frame
 # (Stastny's program).
@@ -77,9 +79,6 @@ else:
     PlaneSection = _ground_section("PlaneSection", GroundPlaneConfig, _ROBOT_PLANE)
     SegmentsSection = _ground_section("SegmentsSection", GroundSegmentsConfig, _ROBOT_SEGMENTS)
 logger = logging.getLogger(__name__)
-
-PER_FRAME = "per_frame"
-"""Attribute of a log record that holds its message without the frame: commands count these."""
 
 Source = Literal["lidar", "stereo", "cloud"]
 SENSORS_OF: Mapping[str, tuple[str, ...]] = {
@@ -263,21 +262,34 @@ def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     return Cloud(points, colors)
 
 
-def check_scan(points: NDArray[np.float32]) -> int:
-    """Return the number of points at the scanner itself, where some drivers put missing returns.
+class ScanCheck(NamedTuple):
+    """Numbers of points that few scans have.
+
+    Attributes:
+        at_scanner: points at the scanner itself, where some drivers put missing returns.
+        distant: points beyond 500 m: the unit may be another one than metres.
+    """
+
+    at_scanner: int
+    distant: int
+
+
+def check_scan(points: NDArray[np.float32]) -> ScanCheck:
+    """Count the points that few scans have.
 
     Raises:
-        DataError: most of the points are farther away than any LiDAR sees (code "far-points").
+        DataError: a tenth of the points are farther away than any LiDAR sees (code "far-points").
     """
-    far = int(((np.abs(points) > _FARTHEST_M) & np.isfinite(points)).any(axis=1).sum())
-    if 2 * far > len(points):
+    largest = np.where(np.isfinite(points), np.abs(points), 0).max(axis=1, initial=0)
+    far = int((largest > _FARTHEST_M).sum())
+    if far > 0.1 * len(points):
         raise DataError(
             f"{far} of {len(points)} points are farther than {_FARTHEST_M / 1000:g} km, expected "
-            "metres from the scanner: is the data damaged, or in another unit or frame?",
+            "metres from the scanner: is the data damaged, of another type, unit or frame?",
             code="far-points",
             fields=(str(far), str(len(points))),
         )
-    return len(points) - int(points.any(axis=1).sum())
+    return ScanCheck(len(points) - int(points.any(axis=1).sum()), int((largest > DISTANT_M).sum()))
 
 
 def _scan(frame: Frame) -> Cloud:
@@ -293,15 +305,20 @@ def _scan(frame: Frame) -> Cloud:
             f"({len(scan)}, 3), one of each point",
             fields=("colors",),
         )
-    here = check_scan(scan.points)
-    if 2 * here > len(scan):
-        logger.warning(
-            "frame %d: %d of %d points lie at the scanner (0, 0, 0)",
-            frame.number,
-            here,
-            len(scan),
-            extra={PER_FRAME: "most points lie at the scanner (0, 0, 0)"},
-        )
+    found = check_scan(scan.points)
+    for count, where in (
+        (found.at_scanner, "lie at the scanner (0, 0, 0)"),
+        (found.distant, f"lie beyond {DISTANT_M:g} m: expected metres"),
+    ):
+        if 2 * count > len(scan):
+            logger.warning(
+                "frame %d: %d of %d points %s",
+                frame.number,
+                count,
+                len(scan),
+                where,
+                extra={PER_FRAME: f"most points {where}"},
+            )
     if len(valid) < len(scan):
         logger.warning(
             "frame %d: dropped %s with NaN or infinity",

@@ -21,6 +21,9 @@ def listed(items: Iterable[object], most: int = 8) -> str:
     return ", ".join([*first[:most], *(["..."] if len(first) > most else [])])
 
 
+PER_FRAME = "per_frame"
+"""Attribute of a log record that holds its message without the frame: commands count these."""
+
 SOURCE = (
     "lidar: the scan coloured by the left image; stereo: depth from both images; "
     "cloud: the scan as it is, with its own colours if it has any"

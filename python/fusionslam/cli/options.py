@@ -65,7 +65,7 @@ def _set_aside(frames: dict[str, set[str]]) -> "Callable[[LogRecord], bool]":
     """Return a filter that collects records about single frames instead of passing them."""
 
     def is_other(entry: "LogRecord") -> bool:
-        text = getattr(entry, "per_frame", None)
+        text = getattr(entry, help_texts.PER_FRAME, None)
         if text is not None:
             frames.setdefault(text, set()).add(entry.getMessage())
         return text is None

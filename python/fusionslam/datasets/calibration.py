@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, naming
+from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
 from fusionslam.storage.files import PathLike, read_yaml, reading
 
 CAMERA_KEYS = ("projection", "rectified_from_points", "size")
-# Tolerance for orthogonality: numbers written by hand have few digits.
-_ORTHOGONAL = 1e-3
 ON_ROBOT = "robot_from_points"
 """Key of calib.yaml that says where the scanner is on the robot."""
 
@@ -118,18 +117,8 @@ def read_place_on_robot(path: PathLike) -> NDArray[np.float64] | None:
     if ON_ROBOT not in entries:
         return None
     matrix = _array(path, ON_ROBOT, entries[ON_ROBOT], (4, 4))
-    turn = matrix[:3, :3]
-    apart = np.abs(turn @ turn.T - np.eye(3)).max() if np.isfinite(matrix).all() else np.inf
-    if (
-        apart > _ORTHOGONAL
-        or np.linalg.det(turn) < 0
-        or not np.array_equal(matrix[3], [0, 0, 0, 1])
-    ):
-        raise DataError(
-            f"{path}: {ON_ROBOT} is no rotation and translation",
-            code="not-a-rotation",
-            fields=(str(path), ON_ROBOT),
-        )
+    with naming(path):
+        check_mounting(ON_ROBOT, matrix)
     return matrix
 
 

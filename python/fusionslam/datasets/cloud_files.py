@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads and writes point cloud files; reads image files."""
 
+import logging
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.help_texts import PER_FRAME
 from fusionslam.sensors.frame import Cloud, require_cloud
 from fusionslam.storage.files import PathLike, atomic_path, check_pixels, reading
+
+logger = logging.getLogger(__name__)
 
 CLOUD_SUFFIXES = (".bin", ".pcd", ".ply")
 _LONGEST_HEADER = 200
@@ -49,7 +53,11 @@ def read_bin(path: PathLike) -> Cloud:
             code="truncated",
             fields=(str(path),),
         )
-    return Cloud(_float32(np.frombuffer(data, dtype=BIN_RECORD)[:, :3]))
+    rows: NDArray[np.float32] = np.frombuffer(data, dtype=BIN_RECORD)
+    if (rows[:, 3] < 0).any():
+        said = "reflectance below 0: expected float32 x y z reflectance, has it other columns?"
+        logger.warning("%s: %s", path, said, extra={PER_FRAME: said})
+    return Cloud(_float32(rows[:, :3]))
 
 
 def read_pcd(path: PathLike) -> Cloud:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid alignment of one set of planar poses to another: rotation and translation, no scale."""
+"""Rigid motions: the one that aligns planar poses to others, and checks of 4x4 matrices."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,6 +10,48 @@ import numpy as np
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.storage.arrays import Floats, read_numbers
+
+_ROTATION_TOLERANCE = 1e-2  # of matrices that were written as text with three digits
+_FARTHEST_MOUNTED_M = 100.0
+
+
+def is_rigid(matrix: Floats, tolerance: float = _ROTATION_TOLERANCE) -> bool:
+    """Whether a float64 (4, 4) matrix is a finite rotation and translation.
+
+    Args:
+        matrix: the matrix.
+        tolerance: most that an entry of R R^T may differ from the identity.
+    """
+    if not np.isfinite(matrix).all() or not np.array_equal(matrix[3], [0, 0, 0, 1]):
+        return False
+    turn = matrix[:3, :3]
+    return bool(np.abs(turn @ turn.T - np.eye(3)).max() <= tolerance and np.linalg.det(turn) > 0)
+
+
+def check_mounting(name: str, matrix: Floats) -> None:
+    """Check the pose of one sensor relative to another on the same robot.
+
+    Args:
+        name: of the matrix, for the error.
+        matrix: float64 (4, 4), finite.
+
+    Raises:
+        DataError: it is no rotation and translation (code "not-a-rotation"), or of more than
+            100 m (code "not-metres").
+    """
+    if not is_rigid(matrix):
+        cure = "; its transpose is one: write it row by row" if is_rigid(matrix.T) else ""
+        raise DataError(
+            f"{name} is no rotation and translation{cure}: {matrix.tolist()}",
+            code="not-a-rotation",
+            fields=(name,),
+        )
+    if (away := float(np.linalg.norm(matrix[:3, 3]))) > _FARTHEST_MOUNTED_M:
+        raise DataError(
+            f"{name} moves points by {away:.0f} m, farther than on any robot: expected metres",
+            code="not-metres",
+            fields=(name, f"{away:.0f}"),
+        )
 
 
 class RigidMotion(NamedTuple):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, one_line
-from fusionslam.fusion import check_scan
+from fusionslam.fusion import DISTANT_M, ScanCheck, check_scan
 from fusionslam.help_texts import counted
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
@@ -38,6 +38,7 @@ class FrameCheck:
         points: number of points; None without a readable scan.
         invalid: number of points with NaN or infinity.
         at_scanner: number of points at the scanner itself.
+        distant: number of points so far away that the unit may not be metres.
     """
 
     number: int
@@ -45,6 +46,7 @@ class FrameCheck:
     points: int | None = None
     invalid: int = 0
     at_scanner: int = 0
+    distant: int = 0
 
 
 def check_frames(
@@ -68,7 +70,7 @@ def check_frames(
 
 def _check(dataset: "Dataset", index: int) -> FrameCheck:
     number, errors = int(dataset.numbers[index]), {}
-    points, invalid, at_scanner = None, 0, 0
+    points, invalid, found = None, 0, ScanCheck(0, 0)
     try:
         frame = dataset[index]
     except FusionSlamError as error:  # the calibration of the frame
@@ -80,10 +82,10 @@ def _check(dataset: "Dataset", index: int) -> FrameCheck:
             elif frame.points is not None:
                 points = len(frame.points)
                 invalid = int((~np.isfinite(frame.points)).any(axis=1).sum())
-                at_scanner = check_scan(frame.points)
+                found = check_scan(frame.points)
         except FusionSlamError as error:
             errors[sensor] = error
-    return FrameCheck(number, errors, points, invalid, at_scanner)
+    return FrameCheck(number, errors, points, invalid, *found)
 
 
 def readable_frames(dataset: "Dataset", bad_frames: str = "error", *, jobs: int = 1) -> "Dataset":
@@ -136,6 +138,8 @@ def check_rows(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:
     yield from _shares(
         checks, "no distance", "at the scanner (0, 0, 0)", lambda one: one.at_scanner
     )
+    far = f"beyond {DISTANT_M:g} m (expected metres)"
+    yield from _shares(checks, "distant points", far, lambda one: one.distant)
 
 
 def _small_scans(checks: list[FrameCheck]) -> Iterator[tuple[str, str]]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from fusionslam._core import count_overlap
 from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.geometry.rigid import is_rigid
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import FEWEST_FEATURES, FEWEST_POINTS, refine, search_pose
@@ -205,8 +206,6 @@ def _check_rigid(guess: Matrix) -> Matrix:
     pose = read_numbers("guess", guess, "float64 (4, 4)")
     if pose.shape != (4, 4):
         raise ShapeError(f"guess has shape {pose.shape}, expected (4, 4)")
-    turn = pose[:3, :3]
-    off = np.abs(turn @ turn.T - np.eye(3)).max() if np.isfinite(pose).all() else np.inf
-    if off > 1e-4 or np.linalg.det(turn) < 0 or not np.array_equal(pose[3], [0, 0, 0, 1]):
+    if not is_rigid(pose, 1e-4):
         raise DataError(f"guess is no rigid motion: {pose.tolist()}")
     return pose

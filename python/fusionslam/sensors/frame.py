@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.rigid import check_mounting
 from fusionslam.storage.arrays import Points, read_numbers
 
 Bytes = NDArray[np.uint8]
@@ -33,7 +34,8 @@ class Camera:
 
     Raises:
         ShapeError: a matrix has the wrong shape.
-        DataError: a matrix has NaN or infinity, or cannot be inverted.
+        DataError: a matrix has NaN or infinity, the projection is singular, or
+            ``rectified_from_points`` is no rotation and translation of at most 100 m.
     """
 
     projection: NDArray[np.float64]
@@ -47,12 +49,10 @@ class Camera:
             "rectified_from_points",
             _matrix("rectified_from_points", self.rectified_from_points, (4, 4)),
         )
-        for name, square in (
-            ("projection", self.projection[:, :3]),
-            ("rectified_from_points", self.rectified_from_points[:3, :3]),
-        ):
-            if np.linalg.matrix_rank(square) < 3:
-                raise DataError(f"camera {name} is singular: {square.tolist()}")
+        square = self.projection[:, :3]
+        if np.linalg.matrix_rank(square) < 3:
+            raise DataError(f"camera projection is singular: {square.tolist()}")
+        check_mounting("rectified_from_points", self.rectified_from_points)
 
     @property
     def projection_from_points(self) -> NDArray[np.float64]:

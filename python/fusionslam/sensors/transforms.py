@@ -16,11 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from fusionslam.config import nearest_name
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.rigid import is_rigid
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
 from fusionslam.storage.arrays import Matrix
-
-# Tolerance for orthogonality: real robots send rounded quaternions.
-_ORTHOGONAL = 1e-3
 
 
 class TransformError(DataError):
@@ -268,12 +266,8 @@ def _name(frame: str) -> str:
 def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
     with suppress(TypeError, ValueError):  # text, rows of different lengths
         matrix = np.asarray(value, dtype=np.float64)
-        if matrix.shape == (4, 4) and np.isfinite(matrix).all():
-            rotation = matrix[:3, :3]
-            skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
-            is_rotation = skew <= _ORTHOGONAL and np.linalg.det(rotation) > 0
-            if is_rotation and (matrix[3] == (0, 0, 0, 1)).all():
-                return matrix
+        if matrix.shape == (4, 4) and is_rigid(matrix):
+            return matrix
     raise DataError(
         f"transform of '{child}' in '{parent}' is no rotation and translation, finite and 4x4: "
         f"{np.asarray(value, dtype=object).tolist()}",

@@ -230,6 +230,15 @@ def test_info_names_scans_that_have_far_fewer_points_than_the_others(tmp_path: P
     assert rows["small scans"].endswith("1 frame: 1") and "0 cannot be read" in rows["checked"]
 
 
+def test_info_names_scans_in_another_unit_or_type(tmp_path: Path) -> None:
+    root = write_sequence(tmp_path, [0, 1, 2], [300, 300, 300], metres=3, width=64)
+    scan = np.random.default_rng(0).uniform(1, 9, (300, 4)).astype(np.float32)
+    (1000 * scan).tofile(root / "velodyne/000001.bin")
+    scan.astype(np.float64).tofile(root / "velodyne/000002.bin")
+    rows = dict(look_at(Recording.at(tmp_path), check_frames).rows)
+    assert rows["distant points"].endswith("1 frame: 1") and "frame 2" in rows
+
+
 @pytest.mark.parametrize("name", ["out", "out.mcap"])
 def test_fuse_names_frames_without_points(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

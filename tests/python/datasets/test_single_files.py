@@ -285,3 +285,17 @@ def test_a_pcd_without_fields_is_refused_in_our_words(tmp_path: Path) -> None:
         read_cloud(path)
     assert "fields" in str(refused.value) and "\n" not in str(refused.value)
     assert "pydantic" not in str(refused.value) and "type=" not in str(refused.value)
+
+
+def test_bin_files_of_other_columns_are_read_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    five = np.random.default_rng(0).uniform(-9, 9, (40, 5)).astype(np.float32)
+    five[:, 3:] = 1
+    for rows, warned in ((five, True), (five[:, :4], False)):
+        caplog.clear()
+        rows.tofile(tmp_path / "a.bin")
+        read_bin(tmp_path / "a.bin")
+        assert [str(tmp_path / "a.bin") in record.message for record in caplog.records] == (
+            [True] if warned else []
+        )

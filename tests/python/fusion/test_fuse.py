@@ -3,6 +3,7 @@
 """Frames to clouds."""
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import fusionslam
 from clouds import PROJECTION, ground_and_things, homogeneous, scene
 from error_codes import has_code
 from fusionslam import Camera, DataError, Frame, FusionConfig, ShapeError
+from fusionslam.storage.arrays import Matrix
 
 
 def frame(seed: int = 18, **changes: object) -> Frame:
@@ -41,18 +43,45 @@ def test_points_farther_than_any_lidar_sees_are_refused_and_dropouts_at_the_scan
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     config, points = FusionConfig(source="cloud"), np.ones((100, 3), np.float32)
-    points[:50, 1] = 2e4
+    points[:10, 1] = 2e4
     assert len(fusionslam.fuse(Frame(points=points), config)) == 100
-    points[50, 1] = -2e4
-    with pytest.raises(DataError, check=has_code("far-points", "51", "100")):
+    points[10, 1] = -2e4
+    with pytest.raises(DataError, check=has_code("far-points", "11", "100")):
         fusionslam.fuse(Frame(points=points), config)
     points[:60] = 0
     assert len(fusionslam.fuse(Frame(points=points, index=1, number=8), config)) == 100
     (record,) = caplog.records
-    assert record.args == (8, 60, 100)
+    assert isinstance(record.args, tuple) and record.args[:3] == (8, 60, 100)
     # No return, for many drivers.
     points[:60] = np.inf
     assert len(fusionslam.fuse(Frame(points=points), config)) == 40
+
+
+def test_scans_in_millimetres_are_fused_with_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    points = 1000 * np.random.default_rng(0).uniform(1, 9, (100, 3)).astype(np.float32)
+    fusionslam.fuse(Frame(points=points, number=8), FusionConfig(source="cloud"))
+    (record,) = caplog.records
+    assert isinstance(record.args, tuple) and record.args[:3] == (8, 100, 100)
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda matrix: matrix.T, "not-a-rotation"),
+        (lambda matrix: 2 * matrix, "not-a-rotation"),
+        (lambda matrix: np.diag([-1.0, 1, 1, 1]) @ matrix, "not-a-rotation"),
+        (lambda matrix: matrix * [[1, 1, 1, 1000]] * [[1], [1], [1], [0.001]], "not-metres"),
+    ],
+)
+def test_a_camera_is_where_a_rotation_and_translation_in_metres_put_it(
+    change: Callable[[Matrix], Matrix], code: str
+) -> None:
+    mounted = np.array([[0, -1, 0, 0.1], [0, 0, -1, 0.2], [1, 0, 0, -0.3], [0, 0, 0, 1]])
+    projection = np.array([[700.0, 0, 600, 0], [0, 700, 180, 0], [0, 0, 1, 0]])
+    assert Camera(projection, mounted).size is None
+    with pytest.raises(DataError, check=has_code(code)) as raised:
+        Camera(projection, change(mounted))
+    assert raised.value.fields[0] == "rectified_from_points"
 
 
 def test_fuse_drops_and_counts_invalid_points(caplog: pytest.LogCaptureFixture) -> None:

@@ -93,5 +93,5 @@ def evaluate(
             curves[name] = evaluate_matches(
                 matches, places, protocol=name, radius=radius, window=window
             )
-    known = published_figures(kitti_sequence(run.dataset), run.source, run.descriptor)
+    known = published_figures(kitti_sequence(run.dataset), run.source, run.descriptor, len(run))
     return Evaluation(run, curves, known, matches, window)

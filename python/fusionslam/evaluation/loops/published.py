@@ -10,6 +10,7 @@ CITATION = (
     "times are means over KITTI 05 on an i7 at 2.0 GHz, matching took 4 to 6 ms a query"
 )
 
+_FRAMES = {"00": 4541, "05": 2761, "06": 1101, "07": 1101}
 # Recall at 100 % precision. Columns: M2DP, c-M2DP, CSHOT of LiDAR and camera, then of stereo.
 _RECALL = {
     "06": (0.668122, 0.824701, 0.818898, 0.227488, 0.502075, 0.822835),
@@ -50,16 +51,22 @@ def kitti_sequence(dataset: str) -> str | None:
 
 
 def published_figures(
-    sequence: str | None, source: str, descriptor: str
+    sequence: str | None, source: str, descriptor: str, frames: int
 ) -> dict[str, float] | None:
     """Return the published figures (``CITATION``), or None if nothing was published.
+
+    Args:
+        sequence: of KITTI odometry, two digits; None for other data.
+        source: of the clouds, "lidar" or "stereo".
+        descriptor: its name.
+        frames: number of frames that are judged; the figures are of whole sequences.
 
     Returns:
         ``recall_at_full_precision`` (protocol perdomo2019) and, where it was published for this
         sequence, ``describe_seconds``.
     """
     key = (sequence or "", source, descriptor)
-    if key not in PUBLISHED_RECALL:
+    if key not in PUBLISHED_RECALL or frames != _FRAMES[key[0]]:
         return None
     figures = {"recall_at_full_precision": PUBLISHED_RECALL[key]}
     if key in PUBLISHED_SECONDS:
