@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.ratslam.events import Event, Motion
 from fusionslam.sensors.frame import Frame
@@ -77,7 +78,8 @@ def odometry_of(event: Event) -> Odometry2D | None:
     if the pose is not finite, and for ``Motion``, which has nothing else.
 
     Raises:
-        DataError: neither pose nor velocity is finite. ShapeError: wrong shapes.
+        DataError: neither pose nor velocity is finite, or a pose is no rotation and translation.
+        ShapeError: wrong shapes.
     """
     if isinstance(event, Motion):
         speed = _finite_speed(event.v, event.w, event.sideways)
@@ -88,10 +90,10 @@ def odometry_of(event: Event) -> Odometry2D | None:
         for name, shape in (("pose", (4, 4)), ("linear", (3,)), ("angular", (3,))):
             _check_shape(event.stamp_ns, name, getattr(event, name), shape)
         speed = _finite_speed(float(event.linear[0]), float(event.angular[2]))
-        odometry = Odometry2D(int(event.stamp_ns), _ground(event.pose), speed)
+        odometry = Odometry2D(int(event.stamp_ns), _ground(event.stamp_ns, event.pose), speed)
     elif isinstance(event, Frame) and event.odometry is not None:
         _check_shape(event.stamp_ns, "odometry", event.odometry, (4, 4))
-        odometry = Odometry2D(int(event.stamp_ns), _ground(event.odometry), None)
+        odometry = Odometry2D(int(event.stamp_ns), _ground(event.stamp_ns, event.odometry), None)
     else:
         return None
     if odometry.pose is None and odometry.speed is None:
@@ -206,9 +208,15 @@ def _check_shape(stamp_ns: int, name: str, found: Any, shape: tuple[int, ...]) -
         )
 
 
-def _ground(pose: NDArray[np.float64]) -> Ground | None:
+def _ground(stamp_ns: int, pose: NDArray[np.float64]) -> Ground | None:
     if not np.isfinite(pose).all():
         return None
+    if not is_rigid(pose):
+        raise DataError(
+            f"odometry at {stamp_ns} ns: the pose is no rotation and translation: {pose.tolist()}",
+            code="not-a-rotation",
+            fields=("pose",),
+        )
     return float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0]))
 
 

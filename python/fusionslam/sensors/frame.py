@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.geometry.rigid import check_mounting
+from fusionslam.geometry.rigid import check_mounting, is_rigid
+from fusionslam.sensors.messages import as_stamp
 from fusionslam.storage.arrays import Points, read_numbers
 
 Bytes = NDArray[np.uint8]
@@ -43,12 +44,9 @@ class Camera:
     size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "projection", _matrix("projection", self.projection, (3, 4)))
-        object.__setattr__(
-            self,
-            "rectified_from_points",
-            _matrix("rectified_from_points", self.rectified_from_points, (4, 4)),
-        )
+        for name, shape in (("projection", (3, 4)), ("rectified_from_points", (4, 4))):
+            matrix = _matrix(f"camera {name}", getattr(self, name), shape)
+            object.__setattr__(self, name, matrix)
         square = self.projection[:, :3]
         if np.linalg.matrix_rank(square) < 3:
             raise DataError(f"camera projection is singular: {square.tolist()}")
@@ -102,6 +100,11 @@ class Frame:
         pose: float64 (4, 4), world_from_body; the dataset says which body (``pose_frame``).
         odometry: float64 (4, 4), measured odom_from_robot at the scan's stamp.
         robot_from_points: float64 (4, 4), maps points of the scan to the robot's frame.
+
+    Raises:
+        DataError: the stamp is no integer of 64 bits, or a matrix is no rotation and translation.
+            A pose or odometry with NaN is unknown.
+        ShapeError: a matrix has another shape.
     """
 
     def __init__(
@@ -120,10 +123,13 @@ class Frame:
     ) -> None:
         self.index = index
         self.number = index if number is None else number
-        self.stamp_ns = stamp_ns
+        self.stamp_ns = as_stamp(stamp_ns)
         self.cameras: Mapping[str, Camera] = cameras or {}
-        self.pose = pose
-        self.odometry = odometry
+        self.pose = _pose("pose", pose)
+        self.odometry = _pose("odometry", odometry)
+        if robot_from_points is not None:
+            robot_from_points = _matrix("robot_from_points", robot_from_points, (4, 4))
+            check_mounting("robot_from_points", robot_from_points)
         self.robot_from_points = robot_from_points
         self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
         self._points = points
@@ -188,11 +194,27 @@ class _LazyMapping(Mapping[str, Bytes]):
 
 
 def _matrix(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    matrix = read_numbers(f"camera {name}", value, str(shape))
+    matrix = read_numbers(name, value, str(shape))
     if matrix.shape != shape:
-        raise ShapeError(f"camera {name} has shape {matrix.shape}, expected {shape}")
+        raise ShapeError(f"{name} has shape {matrix.shape}, expected {shape}", fields=(name,))
     if not np.isfinite(matrix).all():
-        raise DataError(f"camera {name} is not finite: {matrix.tolist()}")
+        raise DataError(f"{name} is not finite: {matrix.tolist()}")
+    return matrix
+
+
+def _pose(name: str, value: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """Check a pose of a frame; one that is not finite is unknown."""
+    if value is None:
+        return None
+    matrix = read_numbers(name, value, "(4, 4)")
+    if matrix.shape != (4, 4):
+        raise ShapeError(f"{name} has shape {matrix.shape}, expected (4, 4)", fields=(name,))
+    if np.isfinite(matrix).all() and not is_rigid(matrix):
+        raise DataError(
+            f"{name} is no rotation and translation: {matrix.tolist()}",
+            code="not-a-rotation",
+            fields=(name,),
+        )
     return matrix
 
 

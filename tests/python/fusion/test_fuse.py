@@ -84,6 +84,19 @@ def test_a_camera_is_where_a_rotation_and_translation_in_metres_put_it(
     assert raised.value.fields[0] == "rectified_from_points"
 
 
+@pytest.mark.parametrize("name", ["pose", "odometry", "robot_from_points"])
+def test_a_frame_takes_rigid_motions_and_whole_nanoseconds(name: str) -> None:
+    moved = np.eye(4)
+    moved[0, 3] = 2
+    assert np.array_equal(getattr(Frame(**{name: moved.tolist()}), name), moved)
+    with pytest.raises(DataError, check=has_code("not-a-rotation", name)):
+        Frame(**{name: moved.T})
+    with pytest.raises(ShapeError, check=lambda error: error.fields == (name,)):
+        Frame(**{name: moved[:3]})
+    with pytest.raises(DataError, check=has_code("stamp")):
+        Frame(stamp_ns=1.5)
+
+
 def test_fuse_drops_and_counts_invalid_points(caplog: pytest.LogCaptureFixture) -> None:
     points, _ = scene(19)
     clean = fusionslam.fuse(frame(points=points))

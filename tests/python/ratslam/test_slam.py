@@ -17,6 +17,7 @@ from drives import (
     same,
     take,
 )
+from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.ratslam import (
     ActionKind,
@@ -31,7 +32,7 @@ from fusionslam.ratslam import (
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import Picture
+from fusionslam.sensors.messages import Odometry, Picture
 from refusals import refuses
 
 TENTH = SECOND // 10
@@ -54,6 +55,11 @@ def test_a_sighting_of_other_types_is_refused_and_changes_nothing(values: Any) -
 def test_odometry_of_a_frame_must_be_a_transform() -> None:
     with pytest.raises(ShapeError, check=lambda error: error.fields == ("odometry",)):
         RatSlam().step(Frame(odometry=np.eye(2)))
+    transposed = np.eye(4)
+    transposed[3, :3] = 1, 2, 0
+    for pose in (transposed, 2 * np.eye(4), np.diag([1.0, -1, 1, 1])):
+        with pytest.raises(DataError, check=has_code("not-a-rotation", "pose")):
+            RatSlam().step(Odometry(stamp_ns=0, frame_id="odom", child_frame_id="base", pose=pose))
 
 
 def straight(seconds: float, v: float = 0.5, start_ns: int = 0) -> list[Event]:
