@@ -29,7 +29,10 @@ def main(
         bool, typer.Option("--resume", help="Count the inputs that the folder holds.")
     ] = False,
     write: Annotated[
-        bool, typer.Option("--write", help="Write the table of docs/results/robustness.md.")
+        bool,
+        typer.Option(
+            "--write", help="Write these rows of the table in docs/results/robustness.md."
+        ),
     ] = False,
 ) -> None:
     """Try hostile inputs; ends with 1 if there is a finding."""

@@ -19,7 +19,7 @@ import fusionslam
 import maps
 import scenes
 from arrays import COLORS, DESCRIPTORS, IMAGE, LEFT, POINTS, PROJECTION, RIGHT_PROJECTION
-from fusionslam import evaluation, ratslam, views
+from fusionslam import evaluation, ratslam, registration, views
 from fusionslam._core import PoseSheet
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.rigid import fit_rigid
@@ -127,6 +127,26 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
     "scene_similarity": (
         views.scene_similarity,
         {"current": SCENE, "stored": SCENE, "preset": "robust"},
+    ),
+    "nearest_ranges": (registration.nearest_ranges, POINTS_OF | {"step": 2.0}),
+    "count_overlap": (
+        registration.count_overlap,
+        {
+            "points": POINTS,
+            "other": POINTS,
+            "other_ranges": registration.nearest_ranges(POINTS),
+            "other_from_points": MATRIX,
+            "distance": 0.5,
+        },
+    ),
+    "register": (registration.register, {"source": POINTS, "target": POINTS}),
+    "register from a guess": (
+        registration.register,
+        {"source": POINTS, "target": POINTS, "guess": MATRIX},
+    ),
+    "register on a floor": (
+        partial(registration.register, config=registration.RegistrationConfig(method="planar")),
+        {"source": CLOUD, "target": CLOUD, "guess": MATRIX},
     ),
     "align_scenes": (views.align_scenes, {"current": SCENE, "stored": SCENE}),
     "dbscan": (views.dbscan, COLORED | {"eps": 1.0, "min_points": 3, "color_scale": 0.01}),

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table in docs/results/robustness.md."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
-from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.markdown import read_rows, table, write_between
 from fuzz import PROJECT
 from fuzz.supervisor import Outcome
 
@@ -13,12 +13,15 @@ FIGURES = ("crashes", "hangs", "memory", "silent", "untyped")
 
 
 def write_table(outcomes: Iterable[Outcome]) -> None:
-    """Write one row a target, and the sums."""
-    done = sorted(outcomes, key=lambda outcome: outcome.target)
-    rows = [_row(outcome.target, [outcome]) for outcome in done]
-    write_between(PAGE, "fuzz", table(["target", "inputs", *FIGURES], [*rows, _row("all", done)]))
-
-
-def _row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
-    sums = [sum(getattr(one, figure) for one in outcomes) for figure in ("inputs", *FIGURES)]
-    return [name, *(f"{number:,}" for number in sums)]
+    """Write one row a target, and the sums; rows of targets that were not tried stay."""
+    rows = {row[0]: row for row in read_rows(PAGE, "fuzz")[:-1]}
+    for one in outcomes:
+        figures = [getattr(one, figure) for figure in ("inputs", *FIGURES)]
+        rows[one.target] = [one.target, *(f"{figure:,}" for figure in figures)]
+    done = [rows[name] for name in sorted(rows)]
+    sums = [
+        sum(int(row[place].replace(",", "")) for row in done)
+        for place in range(1, len(FIGURES) + 2)
+    ]
+    everything = ["all", *(f"{total:,}" for total in sums)]
+    write_between(PAGE, "fuzz", table(["target", "inputs", *FIGURES], [*done, everything]))

@@ -5,6 +5,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate
+from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate, published_figures
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
 from fusionslam.report import write_report
@@ -84,7 +85,11 @@ def report(evaluations: list[Evaluation], folder: Path, **change: Any) -> Page:
 @pytest.fixture(scope="module")
 def evaluations() -> list[Evaluation]:
     runs = [some_run(), some_run(descriptor="cm2dp", noise=3), some_run("stereo", noise=15)]
-    return [evaluate(run, window=20) for run in runs]
+    known = [published_figures("06", run.source, run.descriptor, 1101) for run in runs]
+    return [
+        replace(evaluate(run, window=20), published=figures)
+        for run, figures in zip(runs, known, strict=True)
+    ]
 
 
 @pytest.fixture(scope="module")

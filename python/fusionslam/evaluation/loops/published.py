@@ -10,7 +10,8 @@ CITATION = (
     "times are means over KITTI 05 on an i7 at 2.0 GHz, matching took 4 to 6 ms a query"
 )
 
-_FRAMES = {"00": 4541, "05": 2761, "06": 1101, "07": 1101}
+FRAMES = {"00": 4541, "05": 2761, "06": 1101, "07": 1101}
+"""Frames of the sequences."""
 # Recall at 100 % precision. Columns: M2DP, c-M2DP, CSHOT of LiDAR and camera, then of stereo.
 _RECALL = {
     "06": (0.668122, 0.824701, 0.818898, 0.227488, 0.502075, 0.822835),
@@ -66,7 +67,7 @@ def published_figures(
         sequence, ``describe_seconds``.
     """
     key = (sequence or "", source, descriptor)
-    if key not in PUBLISHED_RECALL or frames != _FRAMES[key[0]]:
+    if key not in PUBLISHED_RECALL or frames != FRAMES[key[0]]:
         return None
     figures = {"recall_at_full_precision": PUBLISHED_RECALL[key]}
     if key in PUBLISHED_SECONDS:
