@@ -113,11 +113,11 @@ def describe(
     if kind.needs_colors and cloud.colors is None:
         raise no_colors(name)
     if kind.needs_up:
-        _warn_if_upright(cloud, name)
+        _warn_unless_upright(cloud, name)
     return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))
 
 
-def _warn_if_upright(cloud: Cloud, name: str) -> None:
+def _warn_unless_upright(cloud: Cloud, name: str) -> None:
     """Warn of a cloud that is taller than wide: its z axis hardly points up."""
     if len(cloud) < 2:
         return

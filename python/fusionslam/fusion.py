@@ -216,16 +216,17 @@ def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
         return
     if frame.robot_from_points is not None:
         tilted, of = frame.robot_from_points[2, 2] < _COS_45, "robot_from_points tilts it"
+        cure = "fusion.frame=robot turns it up"
     elif "left" in frame.cameras:
         ahead = frame.cameras["left"].points_from_rectified[:3, 2]
         tilted = abs(ahead[2]) > _COS_45 * np.linalg.norm(ahead)
         of = "the left camera looks along z"
+        cure = "fusion.frame=robot and robot_from_points in a calib.yaml turn it up"
     else:
         return
     if tilted:
         raise DataError(
-            f"frame {frame.number}: z does not point up in the scan's frame, as {of}: "
-            "FusionConfig(frame='robot') and robot_from_points in a calib.yaml turn it up",
+            f"z does not point up in the scan's frame, as {of}: {cure}",
             code="not-up",
             fields=("scan",),
         )

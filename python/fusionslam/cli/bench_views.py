@@ -3,7 +3,7 @@
 """The command bench views: place recognisers compared."""
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -55,7 +55,7 @@ def bench_views(
         opt.one_of("--shapes", names=opt.SHAPES, help="Shapes that rays hit, if DATA has both."),
     ] = "collision",
     *,
-    build_recording: "Callable[..., Recording]",
+    build_recording: "partial[Recording]",
     jobs: opt.Jobs = None,
     no_report: opt.NoReport = False,
 ) -> None:
@@ -82,9 +82,10 @@ def bench_views(
     if not no_report:
         needs_extra("report", unless="--no-report")
     paths = [Path(path) for path in data or default_data()]
-    for name, value in build_recording.keywords.items():  # type: ignore[attr-defined]
+    for name, value in build_recording.keywords.items():
         if name in ("sequence", "gt") and value is not None and len(paths) > 1:
-            raise ConfigError(f"--{name} {value}: it is for one recording, DATA names {len(paths)}")
+            problem = f"it is for one recording, {len(paths)} are compared"
+            raise ConfigError(f"--{name} {value}: {problem}")
     recordings = [build_recording(data=path) for path in paths]
     keep_parts(ctx, output)
     ranges = merged(RecordingConfig(), {"shapes": shapes})
