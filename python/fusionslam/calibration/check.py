@@ -32,6 +32,8 @@ from fusionslam.storage.progress import Progress
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100
+# With fewer depth edges a score that is no better than chance says nothing.
+_PLENTY = 500
 # A shift or delay is undetermined if its plausible range covers more of the range tried.
 _FLAT = 0.7
 # Degrees: an angle is uncertain if a larger error of the present calibration is plausible.
@@ -159,7 +161,8 @@ def check_calibration(
     if points < _FEWEST_POINTS:
         raise DataError(
             f"{recording.name}: {points} depth edges lie in the images of {len(sites)} frames, "
-            f"expected {_FEWEST_POINTS} or more: nothing can be said about the calibration",
+            f"expected {_FEWEST_POINTS} or more: there is too little structure, or "
+            "rectified_from_points, which maps points of a scan to the camera, is wholly wrong",
             code="few-edges",
             fields=(str(points),),
         )
@@ -168,7 +171,14 @@ def check_calibration(
     trials = {name: search.single(name) for name in (*TURNS, *SHIFTS, DELAY)}
     curves = {name: _curve(name, trial) for name, trial in trials.items() if trial is not None}
     present = float(search.present.scores[0])
-    verdict, fits = _verdict(present, turn, curves, config, _remedy(len(indices), len(recording)))
+    remedy = _remedy(len(indices), len(recording))
+    if points >= _PLENTY and _by_chance(search.present):
+        remedy = (
+            f"{points} depth edges meet edges of the images no better than by chance: perhaps the "
+            "extrinsics are wholly wrong, for example inverted (rectified_from_points maps points "
+            f"of a scan to the camera), or there is too little structure: then {remedy}"
+        )
+    verdict, fits = _verdict(present, turn, curves, config, remedy)
     numbers = recording.numbers[indices].tolist()
     uncertain = _uncertain(turn, config)
     return CalibrationCheck(numbers, points, present, turn, curves, verdict, fits, uncertain)
@@ -269,6 +279,11 @@ def _verdict(
     if DELAY in curves:
         within += f", {config.delay_tolerance:g} s"
     return f"calibration fits{about}; tolerances: {within}", True
+
+
+def _by_chance(present: Trial) -> bool:
+    """Whether the score is within two standard errors of that of points anywhere, 0, or below."""
+    return float(present.errors(np.zeros(present.parts.shape[1]))[0]) > -_PERHAPS
 
 
 def _remedy(used: int, available: int) -> str:

@@ -23,7 +23,7 @@ _LARGEST_JUMP = 3.0
 _NEAREST = 0.5
 # Rings of some scanners are ten times as far apart as the points on them.
 _NEIGHBOURS = 24
-_OPPOSITE, _BELOW = [1, 0, 3, 2], 3  # sides are left, right, above, below
+_OPPOSITE, _ABOVE, _BELOW = [1, 0, 3, 2], 2, 3  # sides are left, right, above, below
 _STRAIGHT = -0.9  # cosine between the directions of opposite neighbours
 _FAR = 3  # neighbours this many times further away than is usual are none
 _BEYOND = 1000.0  # metres; a plane seen beyond its horizon is nowhere
@@ -35,13 +35,16 @@ STRIPS = 12
 _SURROUNDINGS = 4
 
 
-def depth_edges(points: NDArray[np.float32], up: Floats, jump: float) -> tuple[Floats, Floats]:
+def depth_edges(
+    points: NDArray[np.float32], up: Floats, jump: float
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Find where a surface ends and the depth jumps to something further away.
 
     Each point is compared with its nearest neighbours to the left, to the right and above. A
     neighbour is behind an edge if it is further away than the surface would be there, continued
     as a plane from the neighbour opposite. So a floor has no edges, however flat the angle and
-    far apart the rings that hit it. The scan need not have rings.
+    far apart the rings that hit it. Nor has the pavement behind a kerb: the neighbour must also be
+    behind the edge as its own surface continues towards it. The scan need not have rings.
 
     The edge is somewhere between the point and its neighbour, so the middle is taken, at the
     point's distance: edges of objects that stand on the ground are mostly upper edges, and taking
@@ -54,14 +57,15 @@ def depth_edges(points: NDArray[np.float32], up: Floats, jump: float) -> tuple[F
         jump: smallest jump, metres; it is at least a twentieth of the distance.
 
     Returns:
-        float64 (M, 3) points and float64 (M) weights: the square root of the jump up to 3 m, less
-        where the angle between the two points is larger than in most of the scan.
+        float64 (M, 3) points; float64 (M) weights: the square root of the jump up to 3 m, less
+        where the angle between the two points is larger than in most of the scan; bool (M) whether
+        the neighbour is above, not at a side.
     """
     distance = np.linalg.norm(points, axis=1).astype(np.float64)
     seen = np.isfinite(distance) & (distance > _NEAREST)
     distance = distance[seen]
     if len(distance) < 2:
-        return np.zeros((0, 3)), np.zeros(0)
+        return np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool)
     rays = points[seen].astype(np.float64) / distance[:, None]
     near, gaps, opposed = _neighbours(rays, up)
     small = np.percentile(gaps[opposed], 25) if opposed.any() else 1.0
@@ -71,13 +75,20 @@ def depth_edges(points: NDArray[np.float32], up: Floats, jump: float) -> tuple[F
     slope = (inverse - inverse[near[:, _OPPOSITE], 0]) / gaps[:, _OPPOSITE]
     expected = 1 / np.clip(inverse + slope * gaps, 1 / _BEYOND, inverse)
     behind = np.where(opposed, distance[near] - expected, 0)
-    sure = behind > np.maximum(jump, distance / 20)[:, None]
+    least = np.maximum(jump, distance / 20)[:, None]
+    sure = behind > least
+    # The point on a kerb and the one on the road make a ramp, which the pavement is behind.
+    sides = np.arange(len(_OPPOSITE))
+    slope = (inverse[near, 0] - inverse[near[near, sides], 0]) / gaps[near, sides]
+    before = 1 / np.clip(inverse[near, 0] + slope * gaps, 1 / _BEYOND, 1 / _NEAREST)
+    sure &= (before - distance[:, None] > least) | ~opposed[near, sides]
     edge = np.flatnonzero(sure.any(axis=1))
     nearest = np.where(sure, gaps, np.inf)[edge].argmin(axis=1)
     middle = rays[edge] + rays[near[edge, nearest]]
     middle *= (distance[edge] / np.linalg.norm(middle, axis=1))[:, None]
     jumps = np.minimum(behind[edge].max(axis=1), _LARGEST_JUMP)
-    return middle, np.sqrt(jumps) * small / np.maximum(gaps[edge, nearest], small)
+    weights = np.sqrt(jumps) * small / np.maximum(gaps[edge, nearest], small)
+    return middle, weights, nearest == _ABOVE
 
 
 def _neighbours(rays: Floats, up: Floats) -> tuple[NDArray[np.int64], Floats, NDArray[np.bool_]]:
@@ -109,24 +120,25 @@ def _neighbours(rays: Floats, up: Floats) -> tuple[NDArray[np.int64], Floats, ND
 
 
 def edge_map(image: Image, reach: float) -> NDArray[np.float32]:
-    """Edge strength of each pixel relative to its surroundings: float32 (H, W), -1 to 1.
+    """Strength of upright and of level edges at each pixel: float32 (2, H, W), -1 to 1.
 
     Strong gradients count 1 and decay around them by 1/e in ``reach`` pixels. Unlike in Levinson
     and Thrun, the mean over a square is then subtracted.
     """
     grey = image.mean(axis=2) if image.ndim == 3 else image.astype(np.float64)
     smooth = ndimage.gaussian_filter(grey, 1.0)
-    gradient = np.hypot(ndimage.sobel(smooth, 0), ndimage.sobel(smooth, 1))
-    strong = np.percentile(gradient, 98)
-    own = np.minimum(gradient / strong, 1) if strong > 0 else gradient
+    gradients = np.abs([ndimage.sobel(smooth, axis) for axis in (1, 0)])
+    strong = np.percentile(np.hypot(*gradients), 98)
+    own = np.minimum(gradients / strong, 1) if strong > 0 else gradients
     around, fall = own.copy(), np.exp(-1 / reach)
-    for lines in (around, around[::-1], around.T, around.T[::-1]):
-        for before, line in pairwise(lines):
-            np.maximum(line, fall * before, out=line)
+    for kind in around:
+        for lines in (kind, kind[::-1], kind.T, kind.T[::-1]):
+            for before, line in pairwise(lines):
+                np.maximum(line, fall * before, out=line)
     felt = _OWN_SHARE * own + (1 - _OWN_SHARE) * around
     # Else a rotation towards busier texture, such as trees, would raise the score by itself.
     side = 2 * round(_SURROUNDINGS * reach / 2) + 1  # odd: the pixel is in the middle
-    return np.asarray(felt - ndimage.uniform_filter(felt, side), np.float32)
+    return np.asarray(felt - ndimage.uniform_filter(felt, (0, side, side)), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,29 +148,38 @@ class EdgeView:
     Attributes:
         points: float64 (M, 3), in the scan's frame.
         weights: float64 (M).
+        level: bool (M), whether each is compared with level edges of the image, else with upright
+            ones, which a turn up or down moves it along.
         strips: int64 (M), vertical strip of the image that each point lies in at present.
-        edges: float32 (H, W), from ``edge_map``.
+        edges: float32 (2, H, W), from ``edge_map``.
         camera: with the present calibration.
     """
 
     points: Floats
     weights: Floats
+    level: NDArray[np.bool_]
     strips: NDArray[np.int64]
     edges: NDArray[np.float32]
     camera: Camera
 
     @classmethod
     def of(
-        cls, points: Floats, weights: Floats, edges: NDArray[np.float32], camera: Camera, most: int
+        cls,
+        points: Floats,
+        weights: Floats,
+        level: NDArray[np.bool_],
+        edges: NDArray[np.float32],
+        camera: Camera,
+        most: int,
     ) -> "EdgeView":
         """Keep the points that are in the image at present, evenly thinned to at most ``most``."""
         columns, _, inside = _pixels(
-            points, camera, camera.rectified_from_points[None], edges.shape
+            points, camera, camera.rectified_from_points[None], edges.shape[1:]
         )
         kept = np.flatnonzero(inside[0])
         kept = kept[:: max(-(-len(kept) // most), 1)]
-        strips = columns[0, kept] * STRIPS // edges.shape[1]
-        return cls(points[kept], weights[kept], strips, edges, camera)
+        strips = columns[0, kept] * STRIPS // edges.shape[2]
+        return cls(points[kept], weights[kept], level[kept], strips, edges, camera)
 
     def scores(self, rectified_from_points: Floats) -> Floats:
         """Sum of the points' scores in each strip: float64 (K, STRIPS).
@@ -175,9 +196,11 @@ class EdgeView:
 
     def _values(self, rectified_from_points: Floats) -> Floats:
         columns, rows, inside = _pixels(
-            self.points, self.camera, rectified_from_points, self.edges.shape
+            self.points, self.camera, rectified_from_points, self.edges.shape[1:]
         )
-        return np.where(inside, self.edges[rows, columns], self.edges.mean())
+        level = self.level.astype(np.int64)
+        outside = self.edges.mean(axis=(1, 2))[level]
+        return np.where(inside, self.edges[level, rows, columns], outside)
 
 
 def in_view(

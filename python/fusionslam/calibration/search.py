@@ -3,7 +3,7 @@
 """Scores many calibrations of a recording: rotations, translations and delays of its camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -87,7 +87,7 @@ class Site:
             return None
         image = self._recording[self._index + steps].images[CAMERA]
         edges = edge_map(image, self._config.reach)
-        view = EdgeView(self.view.points, self.view.weights, self.view.strips, edges, self.camera)
+        view = replace(self.view, edges=edges)
         return np.asarray(view.scores(self.camera.rectified_from_points[None])[0])
 
     @cached_property

@@ -31,7 +31,9 @@ from fusionslam.calibration.search import (
     camera_shifts,
     camera_turns,
 )
+from fusionslam.config import with_settings
 from fusionslam.errors import DataError
+from fusionslam.pipelines.compare_descriptors import QUICK_TOWN
 from fusionslam.sensors.frame import Frame
 from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
 from worlds import OPTICAL, Drive, make_drive
@@ -117,6 +119,20 @@ def test_images_without_edges_say_nothing() -> None:
     assert found.fits is None
 
 
+def test_extrinsics_that_are_wholly_wrong_are_named_as_a_possible_cause() -> None:
+    upside_down = camera_turned(180, 0, 0) @ OPTICAL
+    found = check(make_drive(8, present=upside_down))
+    assert found.points > 500 and found.fits is None
+    assert "wholly wrong" in found.verdict
+    few = check_calibration(
+        make_drive(3, present=upside_down), CONFIG.model_copy(update={"points": 100})
+    )
+    assert few.fits is None and "wholly wrong" not in few.verdict
+    # Inverted extrinsics leave no point in these images.
+    with pytest.raises(DataError, match="wholly wrong", check=has_code("few-edges")):
+        check(make_drive(2, present=np.linalg.inv(OPTICAL)))
+
+
 @pytest.mark.parametrize(
     ("roll", "score", "words"),
     [
@@ -161,6 +177,19 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> fusionslam.Dataset:
     config = SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive)
     folder = record(config, tmp_path_factory.mktemp("town") / "drive")
     return fusionslam.open_dataset(folder, sensors=["points", "left"])
+
+
+def test_sensors_of_the_quick_demo_are_judged_right(tmp_path: Path) -> None:
+    small = [*QUICK_TOWN, "sim.drive.spacing_m=6"]
+    config = with_settings(SimConfig(), [each.removeprefix("sim.") for each in small])
+    folder = record(config, tmp_path / "drive")
+    recording = fusionslam.open_dataset(folder, sensors=["points", "left"])
+    right = check_calibration(recording)
+    assert right.fits and abs(right.turn.degrees[1]) <= 0.4
+    for degrees in ((0.0, 1.5, 0.0), (0.0, 0.0, -1.5)):
+        found = check_calibration(Turned(recording, degrees))
+        assert found.fits is False
+        assert np.abs(np.subtract(found.turn.degrees, degrees))[1:].max() <= 0.5
 
 
 @pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
@@ -218,7 +247,8 @@ def ground(height: float) -> NDArray[np.float64]:
 def test_edges_lie_between_the_near_side_and_the_far_side_of_a_jump() -> None:
     near = np.where(AZIMUTHS.ravel() > 0.001, plane_ahead(3.0, 9.0), np.inf)
     scan = seen_on(RAYS, near, plane_ahead(5.0, 9.0))
-    found, weights = depth_edges(scan, UP, 0.3)
+    found, weights, level = depth_edges(scan, UP, 0.3)
+    assert not level.any()
     azimuth = np.degrees(np.arctan2(found[:, 1], found[:, 0]))
     # Points of the near side are at 0.4 deg and more, those of the far side at 0 and less.
     assert len(found) > 50
@@ -236,12 +266,23 @@ def test_a_road_has_no_edges_however_far_apart_the_rings() -> None:
     assert len(depth_edges(scan, UP, 0.3)[0]) == 0
 
 
+def test_the_pavement_behind_a_kerb_is_no_edge() -> None:
+    front = 12.0
+    for kerb in (front, front + 0.7, front + 1.5):
+        road, pavement = ground(-1.7), ground(-1.55)
+        road[road * RAYS[:, 0] > kerb] = np.inf
+        pavement[pavement * RAYS[:, 0] < kerb] = np.inf
+        scan = seen_on(RAYS, road, pavement, plane_ahead(kerb, top=-1.55, bottom=-1.7))
+        assert len(depth_edges(scan, UP, 0.3)[0]) == 0
+
+
 def test_the_upper_edge_of_a_wall_is_found_without_a_shift_and_the_lower_one_left_out() -> None:
     offsets = []
     for x in (4.0, 4.3, 4.7, 5.1, 5.6, 6.1):
         scan = seen_on(RAYS, plane_ahead(x, top=-0.4, bottom=-0.8), plane_ahead(30.0, 9.0))
-        found, _ = depth_edges(scan, UP, 0.3)
-        middle = found[np.abs(found[:, 1]) < 0.3]
+        found, _, level = depth_edges(scan, UP, 0.3)
+        assert level.any()
+        middle = found[level & (np.abs(found[:, 1]) < 0.3)]
         elevation = np.degrees(np.arcsin(middle[:, 2] / np.linalg.norm(middle, axis=1)))
         offsets.append(elevation.mean() - np.degrees(np.arctan2(-0.4, x)))
         assert np.ptp(elevation) < 0.5  # one edge
@@ -251,7 +292,11 @@ def test_the_upper_edge_of_a_wall_is_found_without_a_shift_and_the_lower_one_lef
 def test_an_image_is_felt_around_its_edges_as_far_as_asked() -> None:
     image = np.zeros((40, 200), np.uint8)
     image[:, 100:] = 200
-    near, far = edge_map(image, 5.0)[20], edge_map(image, 15.0)[20]
+    near, far = edge_map(image, 5.0)[0, 20], edge_map(image, 15.0)[0, 20]
+    np.testing.assert_array_equal(edge_map(image, 5.0)[1], 0)
+    np.testing.assert_array_equal(
+        edge_map(image.T, 5.0), edge_map(image, 5.0)[::-1].transpose(0, 2, 1)
+    )
     for felt, reach in ((near, 5), (far, 15)):
         assert 97 <= felt.argmax() <= 102 and felt[100] > 0.3
         # Positive up to about the reach, negative beyond it, nothing far away.
@@ -265,7 +310,8 @@ def test_busy_texture_as_such_is_worth_nothing() -> None:
     image = np.zeros((100, 300), np.uint8)
     image[:, 150:] = np.random.default_rng(0).integers(0, 255, (100, 150))
     felt = edge_map(image, 10.0)
-    assert abs(felt[:, 200:270].mean()) < 0.01 and abs(felt[:, 30:100].mean()) < 0.01
+    assert np.abs(felt[..., 200:270].mean(axis=(1, 2))).max() < 0.015
+    assert np.abs(felt[..., 30:100].mean(axis=(1, 2))).max() < 0.01
 
 
 def test_frames_are_spread_evenly() -> None:
