@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
-from fusionslam.datasets.pose_files import read_poses_tum, read_timestamps
+from fusionslam.datasets.pose_files import check_odometry, read_poses_tum, read_timestamps
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError, one_line
 from fusionslam.help_texts import counted
@@ -269,10 +269,19 @@ class FileDataset(Dataset):
         return None if self.odometry is None else self.odometry.name
 
     def motion(self, role: str) -> list[Odometry]:
-        """The poses of the file of odometry, of the robot, by stamp; without velocities."""
+        """The poses of the file of odometry, of the robot, by stamp; without velocities.
+
+        Raises:
+            DataError: there is no such file, it cannot be read, or it is of another time than the
+                frames.
+        """
         if role != "odometry" or self.odometry is None:
             return super().motion(role)
         stamps_ns, poses = read_poses_tum(self.odometry)
+        if len(self):
+            check_odometry(
+                self.odometry, stamps_ns, self.numbers, self.stamps_ns, recorded=self.recorded
+            )
         robots = poses @ self.body_from_robot
         return [
             Odometry(

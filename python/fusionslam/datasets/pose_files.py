@@ -221,8 +221,41 @@ def _check_times(
         raise DataError(
             f"{path} has poses by time, but the recording has no times: its frames are taken to be "
             f"{PERIOD_NS / 1e9:g} s apart; give it times.txt (a drive of KITTI raw: "
-            "timestamps.txt), or a file of poses by line (KITTI), 12 numbers a frame",
+            "timestamps.txt); true poses may also be lines of 12 numbers (KITTI), one a frame",
             code="no-times",
+            fields=(str(path),),
+        )
+
+
+def check_odometry(
+    path: PathLike,
+    pose_stamps: NDArray[np.int64],
+    numbers: NDArray[np.int64],
+    stamps_ns: NDArray[np.int64],
+    *,
+    recorded: int | None,
+) -> None:
+    """Refuse odometry that is of another time than the frames. It may begin and end anywhere.
+
+    Args:
+        path: file of the odometry, for the message.
+        pose_stamps: int64 (M), M > 0, nanoseconds.
+        numbers: int64 (N), N > 0, of the frames.
+        stamps_ns: int64 (N), of the frames.
+        recorded: as for ``match_poses``: None if the frames' times are assumed.
+
+    Raises:
+        DataError: the frames' times are assumed and not among those of the odometry (code
+            "no-times"), or all of it is before or after the frames (code "other-time").
+    """
+    path = Path(path)
+    if recorded is None:
+        _check_times(path, pose_stamps, numbers, stamps_ns)
+    if pose_stamps.max() < stamps_ns.min() or pose_stamps.min() > stamps_ns.max():
+        raise DataError(
+            f"{path} is from {_span(pose_stamps)}, the frames from {_span(stamps_ns)}: expected "
+            "odometry of the time of the frames",
+            code="other-time",
             fields=(str(path),),
         )
 

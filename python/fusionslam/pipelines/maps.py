@@ -204,13 +204,13 @@ def _check_overlap(recorder: RunRecorder) -> None:
     """
     events, earlier, end_ns = recorder.events, recorder.earlier, recorder.slam.seen_ns[1]
     stamps_ns = events.look_stamps_ns
-    if end_ns is None:
+    if end_ns is None or not len(stamps_ns):
         return
     count = int(np.count_nonzero(stamps_ns <= end_ns))
     if not count:
         gap_ns = stamps_ns[0] - end_ns
-        # Two parts of one recording are about as far apart as its views.
-        if gap_ns > 2 * np.ptp(stamps_ns) / max(len(stamps_ns) - 1, 1):
+        # Two parts of one recording are about as far apart as its views; one alone does not tell.
+        if len(stamps_ns) > 1 and gap_ns > 2 * np.ptp(stamps_ns) / (len(stamps_ns) - 1):
             logger.warning(
                 "%s begins %.1f s after the end of the map: it must be of the same place; a robot "
                 "that was carried elsewhere in between needs a map of its own",

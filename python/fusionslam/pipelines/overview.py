@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, one_line
 from fusionslam.help_texts import counted
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 from fusionslam.pipelines.frame_check import FrameCheck, check_frames, check_rows
@@ -140,6 +140,8 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
         yield "cameras", _no_cameras(dataset)
     yield from _stereo(dataset)
     yield "poses", _path(dataset)
+    if isinstance(dataset, FileDataset) and dataset.odometry is not None:
+        yield "odometry", _odometry(dataset, dataset.odometry.name)
     yield "gaps", _gaps(dataset)
     yield "time offsets", _offsets(dataset)
 
@@ -182,6 +184,16 @@ def _path(dataset: "Dataset") -> str:
     # Short paths need a decimal.
     path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
     return f"{len(dataset.poses)} of {dataset.pose_frame} {_origin(dataset)}, {path}"
+
+
+def _odometry(dataset: FileDataset, name: str) -> str:
+    """Describe a file of odometry, or say why it cannot be used: the frames need none."""
+    try:
+        moved = dataset.motion("odometry")
+    except DataError as error:
+        return f"{name}; {one_line(error)}"
+    first, last = (moved[row].stamp_ns / 1e9 for row in (0, -1))
+    return f"{counted(len(moved), 'pose')} in {name}, from {first:.3f} to {last:.3f} s"
 
 
 def _origin(dataset: "Dataset") -> str:

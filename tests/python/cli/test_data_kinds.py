@@ -365,6 +365,29 @@ def test_odometry_that_fuse_writes_is_that_of_a_map(driven: Path, tmp_path: Path
     assert "odometry.txt" in str(error)
 
 
+def test_odometry_of_another_time_than_the_frames_is_refused_and_shown(
+    driven: Path, tmp_path: Path
+) -> None:
+    succeeds("fuse", driven, "-o", tmp_path / "fused")
+    folder = datasets.open_dataset(tmp_path / "fused")
+    path = folder.root / "odometry.txt"
+
+    def row() -> str:
+        return dict(look_at(Recording.at(folder.root)).rows)["odometry"]
+
+    stamps_ns, poses = datasets.read_poses_tum(path)
+    assert f"{len(poses)} poses" in row() and f"{stamps_ns[-1] / 1e9:.3f} s" in row()
+    datasets.write_poses_tum(path, stamps_ns + 10**12, poses)
+    command = (*COMMANDS["ratslam"], folder.root, "-o", tmp_path / "map")
+    assert error_of(1, *command).code == "other-time"
+    # Without times the frames' are assumed, and only odometry of just these times fits them.
+    (folder.root / "times.txt").unlink()
+    datasets.write_poses_tum(path, stamps_ns + 1, poses)
+    assert error_of(1, *command).code == "no-times" and str(path) in row()
+    datasets.write_poses_tum(path, np.arange(len(poses)) * 10**8, poses)
+    assert len(datasets.open_dataset(folder.root).motion("odometry")) == len(poses)
+
+
 @pytest.mark.parametrize(
     ("command", "page"),
     [("views match", "views.html"), ("bench", "report.html"), ("ratslam", "ratslam.html")],

@@ -277,6 +277,27 @@ def test_a_later_recording_is_warned_of_unless_it_follows_at_once(
     assert [entry.args for entry in caplog.records] == [("later", gap_s)] * warned
 
 
+@pytest.mark.parametrize("looks", [0, 1])
+def test_a_later_recording_of_fewer_than_two_views_is_not_warned_of(
+    looks: int,
+    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    slam, earlier, whole = halfway
+    end_ns = slam.seen_ns[1]
+    assert end_ns is not None
+    later = replace(
+        whole,
+        name="later",
+        motions=[Motion(end_ns + SECOND, 0.5, 0.0)],
+        look_stamps_ns=end_ns + 2 * SECOND + np.arange(looks),
+    )
+    taking = RunRecorder(slam, later, earlier=earlier)
+    run_events(taking)
+    assert len(taking.record()) == len(earlier) + 1 + looks
+    assert not caplog.records
+
+
 def test_a_part_without_truth_leaves_that_of_the_other(
     halfway: tuple[RatSlam, RatSlamRun, RunEvents],
 ) -> None:
