@@ -28,6 +28,7 @@ from fusionslam.datasets.cloud_files import (
     read_ply,
     write_cloud,
 )
+from fusionslam.datasets.folder import unread_files
 from fusionslam.datasets.kinds import KINDS, Kind
 from fusionslam.datasets.pose_files import (
     match_poses,
@@ -199,7 +200,14 @@ def _kind(root: Path, name: str | None) -> Kind:
         looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in KINDS.values())
         inner = next((path for path in entries(root) if _is_recording(path)), None)
         near = "" if inner is None else f", but {inner} is one"
-        message = f"{root} is no recording that is known here{near}; looked for {looked_for}"
+        unread = [problem for sensor in SENSORS for problem in unread_files(root, sensor)]
+        message = "; ".join(
+            [
+                f"{root} is no recording that is known here{near}",
+                *unread,
+                f"looked for {looked_for}",
+            ]
+        )
         raise DataError(message, code="no-recording", fields=(str(root),))
     return recognised
 

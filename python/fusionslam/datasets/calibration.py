@@ -35,7 +35,11 @@ class Calibration:
         """
         if key not in self.entries:
             present = ", ".join(self.entries) or "nothing"
-            raise DataError(f"{self.path} lacks {key} ({count} numbers): it has {present}")
+            raise DataError(
+                f"{self.path} lacks {key} ({count} numbers): it has {present}",
+                code="calibration-key",
+                fields=(str(self.path), key),
+            )
         with reading(self.path, f"{count} numbers behind {key}"):
             values = np.array(self.entries[key].split(), dtype=np.float64)
         if len(values) != count:

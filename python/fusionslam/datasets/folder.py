@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads plain folders with point clouds, images, calib.yaml, poses, odometry and times."""
 
+import logging
 import re
 from pathlib import Path
 
@@ -23,10 +24,13 @@ from fusionslam.datasets.streams import (
     itself,
     regular_stamps,
     unique,
+    unread_types,
     warn_uncalibrated,
 )
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
+
+logger = logging.getLogger(__name__)
 
 # Folders that may hold each sensor's files, and their suffixes; the first one with files is used.
 LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -48,7 +52,11 @@ def open_folder(path: Path, request: Request) -> Dataset:
     root = itself(path, request.sequence)
     # Files of sensors that were not requested do not count as frames.
     wanted = request.sensors or tuple(LAYOUT)
-    streams, name_stamps = _number({s: paths for s, paths in _files(root).items() if s in wanted})
+    files = {sensor: paths for sensor, paths in _files(root).items() if sensor in wanted}
+    for sensor in (sensor for sensor, paths in files.items() if not paths):
+        for problem in unread_files(root, sensor):
+            logger.warning("%s", problem)
+    streams, name_stamps = _number(files)
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
     poses = request.poses or find_existing(root / "poses.txt")
@@ -148,6 +156,13 @@ def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]
         if name not in cameras:
             raise DataError(f"{path} lacks camera '{name}', of which there are images")
     return {name: cameras[name] for name in names}
+
+
+def unread_files(root: Path, sensor: str) -> list[str]:
+    """Say which files in the folders of a sensor without files are of a type that is not read."""
+    folders, suffixes = LAYOUT[sensor]
+    named = [root / name for name in folders if name != "."]
+    return [problem for folder in named if (problem := unread_types(folder, suffixes))]
 
 
 def is_folder(path: Path) -> bool:

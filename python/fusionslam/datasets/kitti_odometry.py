@@ -25,6 +25,7 @@ from fusionslam.datasets.streams import (
     scan,
     warn_uncalibrated,
 )
+from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
 
 POSE_FRAME = "camera 0 (left grey)"
@@ -128,9 +129,19 @@ def _camera0_from_points(
     calibration: Calibration | None, streams: dict[str, Stream]
 ) -> NDArray[np.float64] | None:
     """Tr, or None: the calib.txt that comes with images alone may lack it."""
-    if calibration is None or ("points" not in streams and "Tr" not in calibration.entries):
+    if calibration is None:
         return None
-    return calibration.transform("Tr")
+    if "Tr" in calibration.entries:
+        return calibration.transform("Tr")
+    if "points" not in streams:
+        return None
+    raise DataError(
+        f"{calibration.path} lacks Tr (12 numbers), which maps the scans to camera 0: it has "
+        f"{', '.join(calibration.entries) or 'nothing'}; the files of KITTI's download of "
+        "calibrations have it, those that come with its images do not",
+        code="calibration-key",
+        fields=(str(calibration.path), "Tr"),
+    )
 
 
 def _cameras(

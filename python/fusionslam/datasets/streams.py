@@ -128,6 +128,16 @@ def files_in(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     )
 
 
+def unread_types(folder: Path, suffixes: Sequence[str]) -> str:
+    """Say which types of files a folder without a file that is read holds; empty if none."""
+    files = (path for path in entries(folder) if path.is_file() and path.name[0] != ".")
+    types = sorted({path.suffix.lower() or "no type" for path in files})
+    if not types:
+        return ""
+    expected = ", ".join(suffixes)
+    return f"{folder} holds files of {', '.join(types)}, which are not read: expected {expected}"
+
+
 def absolute_path(path: str | os.PathLike[str]) -> Path:
     """Make a path absolute, but keep links to folders: poses are found by the link's name.
 
@@ -211,7 +221,7 @@ def frame_numbers(
     if gaps:
         _report(streams, gaps, len(complete), request.gaps)
     if not complete:
-        message = f"no frame has a file from each of {', '.join(streams)}"
+        message = f"no frame has a file from each of {', '.join(streams)}{_rule(streams)}"
         raise DataError(message, code="no-frames", fields=tuple(streams))
     return np.array(sorted(complete), dtype=np.int64), gaps
 
@@ -231,9 +241,21 @@ def _report(streams: Mapping[str, Stream], gaps: list[int], complete: int, polic
     message = f"{path} is missing; {len(gaps)} of {len(gaps) + complete} frames lack a file"
     if policy == "error":
         kind = GapsError if complete else DataError
-        advice = 'gaps="skip" (command line: --skip-gaps) leaves them out'
-        raise kind(f"{message}: {advice}", fields=(str(path), str(len(gaps))))
+        advice = ': gaps="skip" (command line: --skip-gaps) leaves them out'
+        if not complete:
+            advice = _rule(streams)
+        raise kind(f"{message}{advice}", fields=(str(path), str(len(gaps))))
     logger.warning("%s and are left out", message)
+
+
+def _rule(streams: Mapping[str, Stream]) -> str:
+    """State how the files of one frame are told, with the first file of each sensor."""
+    firsts = [stream.files[min(stream.files)] for stream in streams.values()]
+    names = " and ".join(f"{path.parent.name}/{path.name}" for path in firsts)
+    return (
+        ": files of one frame end in the same number, or have the same name if some end in none, "
+        f"but the first ones are {names}"
+    )
 
 
 def regular_stamps(numbers: NDArray[np.int64], missing: str) -> NDArray[np.int64]:

@@ -221,7 +221,10 @@ def _gaps(dataset: "Dataset") -> str:
     more = ", ..." if len(dataset.gaps) > 8 else ""
     if not isinstance(dataset, FileDataset):
         return f"{frames} left out, see the log: {some}{more}"
-    return f"{frames} without a file: {some}{more} (other commands: --skip-gaps)"
+    return (
+        f"{frames} without a file: {some}{more} (left out here; fuse, describe, loops, bench, "
+        "views, ratslam and calib-check leave them out with --skip-gaps)"
+    )
 
 
 def _offsets(dataset: "Dataset") -> str:

@@ -17,7 +17,6 @@ from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.datasets.streams import (
-    GapsError,
     absolute_path,
     check_scans,
     check_self_contained,
@@ -94,22 +93,26 @@ class Recording:
         """Return the sources of clouds that the data allow, at least one.
 
         Raises:
-            DataError: there is no source, or a source lacks a file in between.
+            DataError: there is no source, or the data of some sensor are damaged. That is no
+                reason to take another source, but the message names those that can be asked for.
         """
-        problem = None
         try:
             everything = self.open()
-            if everything.sensors == ("points",) or isinstance(everything, CloudDataset):
-                return ("cloud",)
-            # A calibration can be lacking in files; that of a bag can be named by option.
-            is_complete = isinstance(everything, FileDataset) or has_colors(everything)
-            if everything.has_points and not everything.cameras and is_complete:
-                return ("cloud",)
         except DataError as error:
-            problem = error
-        usable = tuple(source for source in ("lidar", "stereo") if self._allows(source))
+            others = " or ".join(f"--source {source}" for source in self._usable())
+            if not others:
+                raise
+            message = f"{error}; {others} makes clouds without these data"
+            raise type(error)(message, code=error.code, fields=error.fields) from error
+        if everything.sensors == ("points",) or isinstance(everything, CloudDataset):
+            return ("cloud",)
+        # A calibration can be lacking in files; that of a bag can be named by option.
+        is_complete = isinstance(everything, FileDataset) or has_colors(everything)
+        if everything.has_points and not everything.cameras and is_complete:
+            return ("cloud",)
+        usable = self._usable()
         if not usable:
-            raise problem or DataError(
+            raise DataError(
                 f"{self.path}: clouds need scans and left images, or left and right images of the "
                 "same frames",
                 code="no-source",
@@ -131,12 +134,13 @@ class Recording:
         check_scans(path, what, sensors)
         return SceneRecording.open(path)
 
+    def _usable(self) -> tuple[str, ...]:
+        """Return the sources of clouds with a camera for which there are frames."""
+        return tuple(source for source in ("lidar", "stereo") if self._allows(source))
+
     def _allows(self, source: str) -> bool:
-        """Tell whether there are frames for a source; frames missing in between are an error."""
         try:
             self.open(source)
-        except GapsError:
-            raise
         except DataError:
             return False
         return True

@@ -329,3 +329,15 @@ def test_lines_beyond_the_frames_are_said_where_nothing_tells_whose_they_are(
     caplog.clear()
     open_dataset(tmp_path, poses=tmp_path / "poses/03.txt")
     assert [record.args[1] for record in caplog.records if len(record.args) > 1] == [9]
+
+
+def test_scans_without_tr_are_an_error_and_not_left_out_for_stereo(tmp_path: Path) -> None:
+    calib = odometry(tmp_path) / "calib.txt"
+    lines = calib.read_text().splitlines()
+    put_text(calib, "".join(f"{line}\n" for line in lines if not line.startswith("Tr")))
+    recording = Recording.at(calib.parent)
+    for act in (recording.open, recording.sources):
+        with pytest.raises(DataError, check=has_code("calibration-key", str(calib), "Tr")) as error:
+            act()
+    assert "--source stereo" in str(error.value)
+    assert recording.open("stereo").sensors == ("left", "right")

@@ -193,3 +193,22 @@ def test_the_calib_yaml_of_the_documentation_is_valid(tmp_path: Path) -> None:
     put_text(tmp_path / "calib.yaml", page.split("```yaml\n")[1].split("```")[0])
     cameras = read_calib_yaml(tmp_path / "calib.yaml")
     assert cameras["left"].size == (1241, 376) and cameras["right"].size is None
+
+
+def test_files_of_types_that_are_not_read_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    put_text(tmp_path / "clouds/000.npy", "")
+    with pytest.raises(DataError, match=r"\.npy.*\.bin, \.pcd, \.ply"):
+        open_dataset(tmp_path)
+    put_image(tmp_path / "left/000.png")
+    assert open_dataset(tmp_path).sensors == ("left",)
+    assert f"{tmp_path / 'clouds'} holds files of .npy" in caplog.text
+
+
+@pytest.mark.parametrize("gaps", ["error", "skip"])
+def test_sensors_without_a_common_name_are_told_the_rule(tmp_path: Path, gaps: str) -> None:
+    folder(tmp_path, [f"17000000000000000{n}0" for n in range(3)])
+    put_image(tmp_path / "left/1700000000000000005.png")
+    with pytest.raises(DataError, match=r"same number.*00\.ply and left/1700000000000000005\.png"):
+        open_dataset(tmp_path, gaps=gaps)
