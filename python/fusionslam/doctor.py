@@ -5,6 +5,7 @@
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,9 @@ def _same(*names: str) -> dict[str, str]:
     return dict(zip(names, names, strict=True))
 
 
+_KISS_MATCHER = {"kiss-matcher": "kiss_matcher"} if sys.version_info < (3, 13) else {}
+"""It has no package for later ones."""
+
 EXTRAS = {
     "sim": Extra(
         {"embreex": "embreex", "pycollada": "collada"},
@@ -52,7 +56,7 @@ EXTRAS = {
     "tune": Extra(_same("pymoo"), ("tune",)),
     "live": Extra({"rerun-sdk": "rerun"}, ("ratslam --live",)),
     "map": Extra(
-        {"kiss-matcher": "kiss_matcher", "small_gicp": "small_gicp"},
+        _KISS_MATCHER | _same("small_gicp"),
         ("fusionslam.registration",),
     ),
 }

@@ -3,10 +3,12 @@
 """The libraries of the extra ``map``: KISS-Matcher and small_gicp."""
 
 import ctypes
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +29,13 @@ def _load(module: str, package: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
+        if module == "kiss_matcher" and sys.version_info >= (3, 13):
+            raise FusionSlamError(
+                "registration without a guess needs KISS-Matcher, which has no package for Python "
+                "3.13 and later: give a guess",
+                code="no-package",
+                fields=("kiss-matcher",),
+            ) from error
         raise FusionSlamError(
             f"registration needs {package}, which is not installed ({error}): "
             "pip install 'fusionslam[map]'",
@@ -88,6 +97,11 @@ def count_features(points: Points, voxel: float) -> int:
     return int(np.isfinite(distances[:, 2]).sum())
 
 
+def can_search() -> bool:
+    """Whether KISS-Matcher is installed."""
+    return find_spec("kiss_matcher") is not None
+
+
 def search_pose(source: Points, target: Points, voxel: float) -> Matrix | None:
     """Search a pose without a guess by KISS-Matcher (Lim et al., ICRA 2025).
 
@@ -97,6 +111,10 @@ def search_pose(source: Points, target: Points, voxel: float) -> Matrix | None:
 
     Returns:
         target_from_source, float64 (4, 4); None if fewer than three points were matched.
+
+    Raises:
+        FusionSlamError: KISS-Matcher is not installed (code "missing-extra"), has no package for
+            this Python ("no-package") or is not that of PyPI ("other-package").
     """
     kiss_matcher = _load("kiss_matcher", "KISS-Matcher")
     # Its own voxel grid is not repeatable.
@@ -125,20 +143,40 @@ def _one_thread(kiss_matcher: Any) -> Iterator[None]:
     Its threads write neighbouring bits of one vector<bool>, so that with more of them a result can
     differ from the last one. It has no option; its own copies of TBB and OpenMP have.
     """
-    tbb, openmp = _thread_libraries(Path(kiss_matcher.__file__).parent.parent)
+    packages = Path(kiss_matcher.__file__).parent.parent
+    set_limit, lift_limit, get_threads, set_threads = _thread_functions(packages)
     limit = _ParallelismLimit(1, 0, 0)
-    threads = openmp.omp_get_max_threads()
-    openmp.omp_set_num_threads(1)
-    tbb._ZN3tbb6detail2r16createERNS0_2d114global_controlE(ctypes.byref(limit))
+    threads = get_threads()
+    set_threads(1)
+    set_limit(ctypes.byref(limit))
     try:
         yield
     finally:
-        tbb._ZN3tbb6detail2r17destroyERNS0_2d114global_controlE(ctypes.byref(limit))
-        openmp.omp_set_num_threads(threads)
+        lift_limit(ctypes.byref(limit))
+        set_threads(threads)
 
 
 @cache
-def _thread_libraries(packages: Path) -> tuple[ctypes.CDLL, ctypes.CDLL]:
+def _thread_functions(packages: Path) -> tuple[Any, Any, Any, Any]:
+    """Those of TBB that set and lift a limit, and those of OpenMP that get and set the threads."""
     folder = packages / "kiss_matcher.libs"
-    (tbb,), (openmp,) = folder.glob("libtbb-*"), folder.glob("libgomp-*")
-    return ctypes.CDLL(str(tbb)), ctypes.CDLL(str(openmp))
+    try:
+        tbb, openmp = (
+            ctypes.CDLL(str(path))
+            for name in ("libtbb", "libgomp")
+            for path in folder.glob(f"{name}-*")
+        )
+        return (
+            tbb._ZN3tbb6detail2r16createERNS0_2d114global_controlE,
+            tbb._ZN3tbb6detail2r17destroyERNS0_2d114global_controlE,
+            openmp.omp_get_max_threads,
+            openmp.omp_set_num_threads,
+        )
+    except (AttributeError, OSError, ValueError) as error:
+        found = ", ".join(sorted(path.name for path in folder.glob("*"))) or "nothing"
+        raise FusionSlamError(
+            "registration without a guess needs kiss-matcher 1.0.2 as PyPI has it, a wheel with "
+            f"its own libtbb and libgomp in {folder}; found there: {found} ({error})",
+            code="other-package",
+            fields=("kiss-matcher",),
+        ) from error

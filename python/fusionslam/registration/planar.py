@@ -9,6 +9,7 @@ import numpy as np
 
 from fusionslam._core import RangeImage
 from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.uncertainty import weak_directions
@@ -46,7 +47,8 @@ def register_planar(
     if not found.information.any():
         text = "the range images show no common surfaces"
         return Registration(None, None, reason=Refusal("no-match", 0, text))
-    pose = _pose(found.x, found.y, found.yaw + np.radians(columns * source.image.azimuth_step))
+    yaw = found.yaw + np.radians(columns * source.image.azimuth_step)
+    (pose,) = ground_poses(*np.array([[found.x], [found.y], [yaw]]))
     covariance, degenerate = _uncertainty(found.information, pose[:2, :2], config)
     overlap = found.evidence["agreeing"]
     accepted = found.probability >= config.min_probability
@@ -78,11 +80,6 @@ def _turned(scene: Scene, columns: int) -> Scene:
     cells = cells[np.lexsort((cells["column"], cells["row"]))]
     turned = RangeImage(cells, image.azimuth_step, image.elevation_step, image.sensor)
     return Scene(scene.objects, turned)
-
-
-def _pose(x: float, y: float, yaw: float) -> Matrix:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], np.float64)
 
 
 def _uncertainty(

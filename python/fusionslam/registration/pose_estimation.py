@@ -18,7 +18,13 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.config import RegistrationConfig
-from fusionslam.registration.map_extra import FEWEST_FEATURES, FEWEST_POINTS, refine, search_pose
+from fusionslam.registration.map_extra import (
+    FEWEST_FEATURES,
+    FEWEST_POINTS,
+    can_search,
+    refine,
+    search_pose,
+)
 from fusionslam.registration.planar import register_planar
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.uncertainty import pose_uncertainty
@@ -39,7 +45,8 @@ def register(
     """Find the pose of a cloud in the frame of another one.
 
     Method "global": a guess is refined by GICP; without one, or if its overlap is too small,
-    features are matched by KISS-Matcher and the pose that they give is refined. Method "planar",
+    features are matched by KISS-Matcher and the pose that they give is refined; where KISS-Matcher
+    is not installed, as on Python 3.13 and later, a guess is judged alone. Method "planar",
     for robots on a floor: range images are aligned in x, y and yaw. Equal input gives equal bits.
 
     Args:
@@ -54,8 +61,9 @@ def register(
         The pose with its covariance, or the reason why there is none.
 
     Raises:
-        FusionSlamError: the extra ``map`` is not installed (code "missing-extra"); "planar" does
-            not need it.
+        FusionSlamError: the extra ``map`` is not installed (code "missing-extra"); without a guess,
+            KISS-Matcher has no package for this Python ("no-package") or is not that of PyPI
+            ("other-package"). "planar" needs neither.
         ShapeError: not a cloud, or a guess of another shape.
         DataError: NaN or infinity in a point; no colours ("planar"); a guess that is no rigid
             motion.
@@ -154,6 +162,8 @@ def _candidates(
     if guess is not None:
         near, _ = refined(guess, config.guess_distance)
         yield _judged(source, target, *refined(near, config.distance), config)
+        if not can_search():
+            return
     if min(source.features, target.features) < FEWEST_FEATURES:
         return
     found = search_pose(source.search_points, target.search_points, config.search_voxel)

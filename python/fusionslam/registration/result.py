@@ -41,7 +41,7 @@ class Registration:
         overlap: share of each cloud's points above the ground that the other cloud confirms, the
             smaller of both; 0 without an estimate. A point in space that the other sensor saw to be
             free counts against it, one that it cannot have seen a quarter, one out of its view not
-            at all.
+            at all. Of method planar: share of the compared cells of the range images that agree.
         tilt: angle between the z axes of the clouds, degrees; 0 without an estimate.
         degenerate: float64 (k, 3), unit vectors in the source's frame along which the clouds can
             slide on each other at the estimate, as along a corridor.

@@ -5,6 +5,7 @@
 import ast
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -47,6 +48,16 @@ def test_a_missing_extra_is_optional_and_a_missing_package_is_not(
         "scipy": ("no-package", ["scipy"], False),
         "extra bags": ("no-extra", ["bags"], True),
     }
+
+
+@pytest.mark.parametrize(("python", "has_package"), [((3, 12), True), ((3, 13), False)])
+def test_a_package_that_python_does_not_get_is_no_part_of_its_extra(
+    python: tuple[int, int], has_package: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "version_info", python)
+    modules = runpy.run_path(str(PACKAGE / "doctor.py"))["EXTRAS"]["map"].modules
+    assert ("kiss-matcher" in modules) == has_package
+    assert "small_gicp" in modules
 
 
 def test_a_cache_that_cannot_be_written_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:

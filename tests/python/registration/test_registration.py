@@ -7,6 +7,8 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -173,14 +175,24 @@ def test_an_upside_down_copy_is_refused_unless_there_is_no_gravity(
 
 def test_another_place_is_refused_with_its_overlap(scans: tuple[Points, Points]) -> None:
     elsewhere = scan_blocks(pose_of(-45, 40, 1.7, 0, 0, 0), 3)
-    refused = register(elsewhere, scans[1])
-    assert not refused.accepted
+    refused = register(elsewhere, scans[1], np.eye(4))
+    assert refused.target_from_source is None
     assert refused.reason is not None
-    assert refused.reason.code in ("low-overlap", "tilted", "no-match")
-    if refused.reason.code == "low-overlap":
-        assert refused.reason.number == refused.overlap < 0.6
-    tolerant = register(elsewhere, scans[1], config=RegistrationConfig(min_overlap=0, max_tilt=180))
-    assert tolerant.accepted == (tolerant.estimate is not None)
+    assert refused.reason.code == "low-overlap"
+    assert refused.reason.number == refused.overlap == pytest.approx(0.085, abs=0.005)
+    tolerant = register(elsewhere, scans[1], np.eye(4), config=RegistrationConfig(min_overlap=0))
+    assert tolerant.reason is not None
+    assert tolerant.reason.code == "degenerate"
+    assert tolerant.estimate is not None
+    np.testing.assert_array_equal(tolerant.estimate, refused.estimate)
+
+
+def test_another_place_has_no_matching_features(scans: tuple[Points, Points]) -> None:
+    elsewhere = scan_blocks(pose_of(-45, 40, 1.7, 0, 0, 0), 3)
+    refused = register(elsewhere, scans[1])
+    assert refused.reason is not None
+    assert (refused.reason.code, refused.reason.number) == ("no-match", 0)
+    assert refused.estimate is None
 
 
 def test_space_that_the_other_sensor_saw_to_be_free_counts_against_a_pose() -> None:
@@ -299,3 +311,46 @@ def test_a_missing_extra_is_named(
     with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[map\]'") as caught:
         register(*scans)
     assert (caught.value.code, caught.value.fields) == ("missing-extra", ("map",))
+
+
+def test_without_a_package_of_kiss_matcher_for_this_python_a_guess_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
+) -> None:
+    monkeypatch.setitem(sys.modules, "kiss_matcher", None)
+    later = SimpleNamespace(version_info=(3, 13))
+    monkeypatch.setattr("fusionslam.registration.map_extra.sys", later)
+    with pytest.raises(FusionSlamError, match="give a guess") as caught:
+        register(*scans)
+    assert (caught.value.code, caught.value.fields) == ("no-package", ("kiss-matcher",))
+
+
+def test_without_kiss_matcher_a_guess_is_judged_alone(
+    monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
+) -> None:
+    monkeypatch.setitem(sys.modules, "kiss_matcher", None)
+    assert register(*scans, TRUTH).accepted
+    refused = register(*scans, pose_of(-20, 5, 0, 0, 0, 90))
+    assert refused.reason is not None
+    assert refused.reason.code == "low-overlap"
+    assert refused.estimate is not None
+
+
+@pytest.mark.parametrize("is_built_from_source", [True, False])
+def test_another_package_of_kiss_matcher_than_that_of_pypi_is_refused(
+    is_built_from_source: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    scans: tuple[Points, Points],
+    tmp_path: Path,
+) -> None:
+    kiss_matcher = sys.modules["kiss_matcher"]
+    (openmp,) = (Path(str(kiss_matcher.__file__)).parents[1]).glob("kiss_matcher.libs/libgomp-*")
+    if not is_built_from_source:  # its TBB lacks the functions
+        libraries = tmp_path / "kiss_matcher.libs"
+        libraries.mkdir()
+        for name in ("libtbb-1.so", "libgomp-1.so"):
+            (libraries / name).symlink_to(openmp)
+    monkeypatch.setattr(kiss_matcher, "__file__", str(tmp_path / "kiss_matcher" / "__init__.py"))
+    found = "nothing" if is_built_from_source else r"libgomp-1\.so, libtbb-1\.so"
+    with pytest.raises(FusionSlamError, match=f"found there: {found}") as caught:
+        register(*scans)
+    assert (caught.value.code, caught.value.fields) == ("other-package", ("kiss-matcher",))
