@@ -67,7 +67,8 @@ Returns:
 
 Raises:
     ConfigError: distance is not in (0, 100]. ShapeError: arrays of other shapes.
-    DataError: NaN or infinity in a point or in the transform.)");
+    DataError: NaN or infinity in a point; a range that is negative or not finite; a transform that
+        is not rigid.)");
 }
 
 }  // namespace fusionslam::bindings

@@ -1214,7 +1214,8 @@ def count_overlap(points: numpy.typing.NDArray[numpy.float32], other: numpy.typi
     
     Raises:
         ConfigError: distance is not in (0, 100]. ShapeError: arrays of other shapes.
-        DataError: NaN or infinity in a point or in the transform.
+        DataError: NaN or infinity in a point; a range that is negative or not finite; a transform that
+            is not rigid.
     """
 def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """

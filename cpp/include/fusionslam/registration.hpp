@@ -36,8 +36,8 @@ struct OverlapCounts {
 /// `other` are points of the other cloud, `seen` the nearest ranges of all that its sensor saw.
 /// A point is before a surface if it is more than `distance` nearer than the nearest of its own and
 /// the eight neighbouring directions. Throws ConfigError unless `distance` is positive and at
-/// most 100 m, ShapeError if `seen` is no complete grid, DataError for points and transforms that
-/// are not finite.
+/// most 100 m, ShapeError if `seen` is no complete grid, DataError for points that are
+/// not finite, ranges that are negative or not finite, and transforms that are not rigid.
 OverlapCounts count_overlap(PointsView points, PointsView other, const NearestRanges& seen,
                             const Transform& other_from_points, double distance);
 
