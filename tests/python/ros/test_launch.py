@@ -172,6 +172,34 @@ def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path
     assert len(found["/ExperienceMap/Map"][-1].node) == len(kept.map.nodes)
 
 
+_DRIVER = """
+from fusionslam.ros.environment import need_ros
+need_ros()
+import rospy
+from sensor_msgs.msg import PointCloud2
+rospy.init_node("driver")
+publisher = rospy.Publisher("/velodyne_points", PointCloud2, queue_size=1)
+print("is ready", flush=True)
+rospy.spin()
+"""
+
+
+def test_a_topic_that_another_node_publishes_is_not_played(
+    played_bag: PlayedBag, tmp_path: Path
+) -> None:
+    with RosWorld(tmp_path) as world:
+        world.run("driver", [sys.executable, "-uc", _DRIVER])
+        wait_until(lambda: "is ready" in world.log("driver"), "a driver")
+        listener = world.listen("/velodyne_points", "/odom")
+        options = (f"bag:={played_bag.path}", "experiment:=first_stage", "rate:=20")
+        assert play(world, *options) == 0, world.log("launch")
+        found = listener.messages()
+        log = world.log("launch")
+    assert found["/odom"] and not found["/velodyne_points"]
+    (warning,) = (line for line in log.splitlines() if "is not played" in line)
+    assert "/velodyne_points" in warning and "/driver" in warning
+
+
 @pytest.mark.parametrize(
     ("wrong", "named"),
     [

@@ -7,9 +7,11 @@ import subprocess
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
-from xmlrpc.client import ServerProxy
+from xml.parsers.expat import ExpatError
+from xmlrpc.client import Error, ServerProxy
 
 import rosgraph
 import rospy
@@ -20,6 +22,7 @@ from fusionslam.errors import DataError
 from fusionslam.ros.messages.types import DIAGNOSTICS, message_class
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.runtime.config import from_parameters
+from fusionslam.ros.runtime.master_watch import ros_proxy
 
 _POLL_S = 0.1
 _SAME_REPORTS = 3
@@ -143,24 +146,43 @@ def _ours(processes: Iterable[str]) -> set[str]:
 
 
 def _choose_topics(held: Collection[str]) -> list[str]:
-    """Return the topics of the bag that nodes subscribe to and ours do not publish.
+    """Return the topics of the bag that nodes subscribe to and none that runs publishes.
 
     Raises:
         DataError: there are none.
     """
     publishers, subscribers, _ = rosgraph.Master(rospy.get_name()).getSystemState()
-    # Do not play topics that our nodes publish themselves; transforms come from both. The master
-    # also lists publishers that were killed, such as an earlier player.
-    nodes = _nodes()
-    own = {topic for topic, names in publishers if nodes & set(names)} - {"/tf", "/tf_static"}
-    wanted = {topic for topic, _ in subscribers} - own - {"/clock"}
+    # Two streams on one topic would mix; only transforms come from several nodes.
+    listed = {
+        topic: set(names) for topic, names in publishers if topic not in ("/tf", "/tf_static")
+    }
+    own = _nodes() | {rospy.get_name()}
+    others = {name for name in set().union(*listed.values()) - own if _is_running(name)}
+    heard = {topic for topic, _ in subscribers} - {"/clock"}
+    wanted = heard - {topic for topic, names in listed.items() if names & (own | others)}
+    for topic in sorted(heard & set(held) - wanted):
+        if not listed[topic] & own:
+            publisher = min(listed[topic] & others)
+            rospy.logwarn("%s of the bag is not played: %s publishes it", topic, publisher)
     lacking = sorted(wanted - set(held))
     if lacking:
         missed = ", ".join(_with_guess(each, held) for each in lacking)
         rospy.logwarn("not in the bag: %s; it has %s", missed, ", ".join(sorted(held)))
     if not wanted & set(held):
-        raise DataError("the bag has no topic that a node listens to: name its topics (scan:=...)")
+        raise DataError(
+            "the bag has no topic that a node listens to and no other node publishes: name its "
+            "topics (scan:=...), or end the other publishers"
+        )
     return sorted(wanted & set(held))
+
+
+def _is_running(node: str) -> bool:
+    """Tell whether a node answers. The master also lists those that were killed."""
+    try:
+        ros_proxy(rosgraph.Master(rospy.get_name()).lookupNode(node)).getPid(rospy.get_name())
+    except (OSError, HTTPException, Error, ExpatError, rosgraph.MasterException):
+        return False
+    return True
 
 
 def _with_guess(topic: str, held: Collection[str]) -> str:

@@ -41,7 +41,7 @@ class Registration(threading.Thread):
                 logger.debug("the ROS master does not answer: %s", error)
 
     def _renew(self) -> None:
-        master, name = _proxy(rosgraph.get_master_uri()), rospy.get_name()
+        master, name = ros_proxy(rosgraph.get_master_uri()), rospy.get_name()
         code, _, _ = master.lookupNode(name, name)
         # A node that ends unregisters its topics before it counts as shut down.
         if (code == _SUCCESS and self._is_complete) or is_shutdown_requested():
@@ -60,7 +60,7 @@ def _register(master: Any, name: str) -> None:
     for topic, type_name in topics.get_subscriptions():
         _, _, publishers = master.registerSubscriber(name, topic, type_name, own)
         # The call that the master makes to the node's slave API when publishers change.
-        _proxy(own).publisherUpdate("/master", topic, publishers)
+        ros_proxy(own).publisherUpdate("/master", topic, publishers)
 
 
 class _Impatient(Transport):
@@ -72,5 +72,6 @@ class _Impatient(Transport):
         return connection
 
 
-def _proxy(uri: str) -> Any:
+def ros_proxy(uri: str) -> Any:
+    """Return a proxy of a master's or node's API, with a time limit of each call."""
     return ServerProxy(uri, transport=_Impatient())
