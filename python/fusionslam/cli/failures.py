@@ -205,8 +205,12 @@ def _cure_of(error: FusionSlamError, command: Any) -> str:
 
     known = {name for each in command.command.params for name in each.opts}
     if isinstance(error, FrameError):
-        skip = "--skip-bad-frames leaves such frames out, " if "--skip-bad-frames" in known else ""
-        return f"; {skip}info --all lists them"
+        skip = "; --skip-bad-frames leaves such frames out" if "--skip-bad-frames" in known else ""
+        if error.code == "no-colors":
+            return skip  # the cloud is whole: info has nothing to list
+        return f"{skip}{',' if skip else ';'} info --all lists them"
+    if error.code == "no-colors" and error.fields and "--descriptors" in known:
+        return f"; --descriptors {error.fields[-1]} takes clouds without"
     cures = [cure for option, cure in _CURES.get(error.code, {}).items() if option in known]
     return f"; {', '.join(cures)}" if cures else ""
 

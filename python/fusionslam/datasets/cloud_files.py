@@ -3,6 +3,9 @@
 """Reads and writes point cloud files; reads image files."""
 
 import logging
+import struct
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -22,6 +25,12 @@ _LONGEST_HEADER = 200
 """In lines."""
 _MOST_VALUES = 10_000
 """Numbers of a point of a PCD file; pypcd4 makes a column of each."""
+_COLOR_FIELDS = (
+    ("red", "green", "blue"),
+    ("r", "g", "b"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+)
+"""Names that fields of separate colours have in PCD and PLY files."""
 # KITTI's scans: little-endian float32 x, y, z, reflectance.
 BIN_RECORD = np.dtype(("<f4", 4))
 
@@ -63,10 +72,11 @@ def read_bin(path: PathLike) -> Cloud:
 def read_pcd(path: PathLike) -> Cloud:
     """Read a PCD file with fields x, y, z and, for colour, packed rgb or rgba.
 
+    Without these, colours are read from fields of uint8 that are named as those of a PLY file.
     Points with a NaN coordinate, PCL's mark of a ray without return, are left out.
 
     Raises:
-        DataError: the file is missing, truncated or malformed.
+        DataError: the file is missing, truncated or malformed, or holds more points than stated.
     """
     from pypcd4.pypcd4 import PointCloud
 
@@ -74,11 +84,20 @@ def read_pcd(path: PathLike) -> Cloud:
     with reading(path, "a PCD file with fields x, y and z"):
         _check_header(path, b"DATA ", b"")
         _check_counts(path)
-        cloud = PointCloud.from_path(path)
+        try:
+            cloud = PointCloud.from_path(path)
+        except Exception as error:  # whatever numpy and lzf make of a part of the data
+            if not _is_cut(path):
+                raise
+            message = "truncated: its last points are missing"
+            raise DataError(message, code="truncated", fields=(str(path),)) from error
         rows = np.atleast_1d(cloud.pc_data)
         points = _float32(np.stack([rows[axis] for axis in "xyz"], axis=1))
         packed = next((rows[name] for name in ("rgb", "rgba") if name in cloud.fields), None)
-        colors = None if packed is None else PointCloud.decode_rgb(np.ascontiguousarray(packed))
+        if packed is None:
+            colors = _separate_colors(rows, cloud.fields)
+        else:
+            colors = PointCloud.decode_rgb(np.ascontiguousarray(packed))
     _expect_points(path, len(points), cloud.points)
     valid = ~np.isnan(points).any(axis=1)
     return Cloud(points[valid], None if colors is None else colors[valid])
@@ -86,6 +105,8 @@ def read_pcd(path: PathLike) -> Cloud:
 
 def read_ply(path: PathLike) -> Cloud:
     """Read the vertices of a PLY file: x, y, z and, for colour, uchar red, green, blue.
+
+    Colours may also be named r, g, b, or diffuse_red, diffuse_green, diffuse_blue.
 
     Raises:
         DataError: the file is missing, truncated or malformed, or its colours are not 8 bit.
@@ -96,10 +117,13 @@ def read_ply(path: PathLike) -> Cloud:
     with reading(path, "a PLY file with vertices x y z"), path.open("rb") as file:
         _check_header(path, b"end_header", b"ply")
         ply = load_ply(file, fix_texture=False, skip_materials=True)
-        declared = ply["metadata"]["_ply_raw"]["vertex"]["length"]
+        vertex = ply["metadata"]["_ply_raw"]["vertex"]
+        declared = vertex["length"]
         points = _float32(ply.get("vertices", np.empty((0, 3))))
+        colors = ply.get("vertex_colors")
+        if colors is None and declared:
+            colors = _separate_colors(vertex["data"], vertex["properties"])
     _expect_points(path, len(points), declared)
-    colors = ply.get("vertex_colors")
     if colors is not None and colors.dtype != np.uint8:
         raise DataError(f"{path} has colours of type {colors.dtype}, expected uchar")
     return Cloud(points, None if colors is None else np.ascontiguousarray(colors[:, :3]))
@@ -123,12 +147,44 @@ def _check_counts(path: Path) -> None:
     """Raise ValueError if a point of a PCD file has too many numbers."""
     with path.open("rb") as file:
         for line in islice(file, _LONGEST_HEADER):
-            key, *values = line[: 20 * _MOST_VALUES].split()[: _MOST_VALUES + 1] or [b""]
+            key, *values = line[: 20 * _MOST_VALUES].split()[: _MOST_VALUES + 2] or [b""]
             count = sum(map(int, values)) if key == b"COUNT" else len(values)
             if count > _MOST_VALUES and key in (b"FIELDS", b"SIZE", b"TYPE", b"COUNT"):
                 raise ValueError(f"{count} numbers a point, expected at most {_MOST_VALUES}")
             if key == b"DATA":
                 return
+
+
+def _is_cut(path: Path) -> bool:
+    """Whether a PCD file that cannot be read lacks the end of its data."""
+    header: dict[bytes, list[bytes]] = {}
+    with path.open("rb") as file:
+        for line in islice(file, _LONGEST_HEADER):
+            key, *header[key] = line.split() or [b""]
+            if key == b"DATA":
+                break
+        data = file.read()
+    with suppress(KeyError, IndexError, ValueError, struct.error):  # of a damaged header
+        sizes = [int(size) for size in header[b"SIZE"]]
+        counts = [int(count) for count in header.get(b"COUNT", [b"1"] * len(sizes))]
+        points = int(header[b"POINTS"][0])
+        if header[b"DATA"] == [b"ascii"]:
+            lines = data.splitlines()
+            return len(lines) <= points and len(lines[-1].split()) < sum(counts)
+        if header[b"DATA"] == [b"binary"]:
+            return len(data) < points * sum(map(int.__mul__, sizes, counts))
+        return len(data) < 8 or len(data) < 8 + struct.unpack("<I", data[:4])[0]
+    return False
+
+
+def _separate_colors(
+    columns: Mapping[str, NDArray[Any]] | NDArray[Any], names: Iterable[str]
+) -> NDArray[np.uint8] | None:
+    """Return the colours (N, 3) of fields that hold 8 bits each; None if there are none."""
+    for fields in _COLOR_FIELDS:
+        if set(fields) <= set(names) and all(columns[each].dtype == np.uint8 for each in fields):
+            return np.column_stack([columns[each] for each in fields])
+    return None
 
 
 def write_cloud(path: PathLike, cloud: Cloud) -> None:
@@ -189,12 +245,12 @@ def _cloud_suffix(path: Path) -> str:
 
 
 def _expect_points(path: Path, found: int, declared: int) -> None:
-    if found != declared:
-        raise DataError(
-            f"{path} holds {found} points, its header says {declared}: truncated?",
-            code="truncated",
-            fields=(str(path),),
-        )
+    if found < declared:
+        message = f"{path} is truncated: it holds {found} points, its header says {declared}"
+        raise DataError(message, code="truncated", fields=(str(path),))
+    if found > declared:
+        message = f"{path} holds {found} points, more than the {declared} of its header"
+        raise DataError(message, code="more-points", fields=(str(path),))
 
 
 def _float32(points: NDArray[Any]) -> NDArray[np.float32]:

@@ -65,6 +65,8 @@ INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
 """The indoor demo's source: a robot's scan, coloured by its camera."""
 TARGET_PRECISION = 0.95
 """Share of the loops that are right at a threshold taken from a stored run."""
+_LONGEST_STEP_M = 100.0
+"""Between frames that follow each other: 3 s of a fast car."""
 DEMO_NOTE = (
     "The LiDAR's full circle is described by m2dp and scan_context only: the camera sees and "
     "colours a part of it, which cm2dp and cshot need, and shot is slow for so many points."
@@ -128,7 +130,7 @@ def benchmark(
             demo=demo,
         )
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
-    _warn_of_radius(evaluations)
+    _warn_of_poses(evaluations)
     return evaluations
 
 
@@ -174,7 +176,7 @@ def evaluate_stored(
     if truth is not None:
         runs = [_with_truth(run, truth) for run in runs]
     evaluations = [time_and_evaluate(run, config, step) for run in runs]
-    _warn_of_radius(evaluations)
+    _warn_of_poses(evaluations)
     return evaluations, config.evaluation
 
 
@@ -209,7 +211,7 @@ def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> 
         )
     rule = stored_config(folder)
     evaluation = evaluate(judged[0], radius=rule.radius, window=rule.window)
-    _warn_of_radius([evaluation])
+    _warn_of_poses([evaluation])
     curve = evaluation.curves["revisit"]
     if not curve.n_revisits:
         raise DataError(
@@ -228,6 +230,20 @@ def stored_threshold(folder: str | os.PathLike[str], source: str, name: str) -> 
             fields=(str(folder), source, name),
         )
     return threshold
+
+
+def _warn_of_poses(evaluations: Sequence[Evaluation]) -> None:
+    """Log once that poses are far apart, as in another unit, or that the radius is too large."""
+    places = next((e.run.positions for e in evaluations if e.run.positions is not None), None)
+    if places is not None and len(places) > 1:
+        step = np.median(np.linalg.norm(np.diff(places, axis=0), axis=1))
+        if step > _LONGEST_STEP_M:
+            logger.warning(
+                "the poses of frames that follow each other are %.0f m apart (median): expected "
+                "poses in metres",
+                step,
+            )
+    _warn_of_radius(evaluations)
 
 
 def _warn_of_radius(evaluations: Sequence[Evaluation]) -> None:

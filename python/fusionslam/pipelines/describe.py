@@ -153,11 +153,14 @@ def describable(
         instead = ", ".join(usable), ", ".join(colorful)
         logger.warning("%s has no colours: %s instead of %s", dataset.name, *instead)
         return usable
-    logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
     if len(colorful) == len(names):
+        plain = dict.fromkeys(without_colors(name) for name in names)
         raise DataError(
-            f"{dataset.name} has no colours, which {', '.join(names)} need", code="no-colours"
+            f"{dataset.name} has no colours, which {', '.join(names)} need",
+            code="no-colors",
+            fields=(",".join(names), ",".join(plain)),
         )
+    logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
     return [name for name in names if name not in colorful]
 
 

@@ -31,7 +31,7 @@ from fusionslam.views.scene_set import SceneSet, is_scene_set
 logger = logging.getLogger(__name__)
 
 
-_LACKING = ("missing-sensor", "no-calibration", "no-transform", "no-odometry")
+_LACKING = ("missing-sensor", "no-calibration", "no-transform", "no-odometry", "no-colors")
 """Codes of what all frames lack if the first one does."""
 
 

@@ -353,6 +353,17 @@ def test_eval_refuses_poses_of_another_drive_and_keeps_its_figures(
     assert (out / "metrics.json").read_bytes() == before
 
 
+@pytest.mark.parametrize(("metres", "count"), [(20, 0), (2000, 1)])
+def test_poses_in_another_unit_are_warned_of(
+    kitti: Path, tmp_path: Path, metres: int, count: int
+) -> None:
+    succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path / "out", *NO_WINDOW)
+    truth = tmp_path / "truth.txt"
+    truth.write_text("".join(f"1 0 0 0 0 1 0 0 0 0 1 {metres * n}\n" for n in range(20)))
+    said = " ".join(succeeds("eval", tmp_path / "out", "--gt", truth).stderr.split())
+    assert said.count("2000 m apart (median): expected poses in metres") == count
+
+
 def test_bench_compares_both_sources_and_ends_with_the_report(kitti: Path, tmp_path: Path) -> None:
     result = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW)
     for name in ("LiDAR-camera", "Stereo", *fusionslam_descriptors()):

@@ -27,7 +27,7 @@ from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.scenes import SceneConfig
-from kitti import write_sequence
+from kitti import COLORS, POINTS, write_sequence
 from recordings import write_drive
 from refusals import refuses
 
@@ -468,3 +468,27 @@ def test_what_needs_colours_is_refused_with_what_does_not(
     assert "WARNING" not in said.stderr  # the reason is given once
     if "ratslam" not in words:  # its frames are named by their stamps
         assert "720" in str(error)
+    if "-d" in words:
+        assert said.stderr.rstrip().split("; ")[-1].startswith(f"--descriptors {cure} ")
+
+
+def test_a_bench_of_what_needs_colours_is_refused_with_what_does_not(
+    colorless: Path, tmp_path: Path
+) -> None:
+    words = ("bench", colorless, "-d", "cm2dp,cshot", "-o", tmp_path / "out")
+    error = error_of(1, *words)
+    assert (error.code, error.fields) == ("no-colors", ("cm2dp,cshot", "m2dp,shot"))
+    said = run(*words).stderr
+    assert "--descriptors m2dp,shot " in said and "WARNING" not in said
+
+
+def test_a_later_frame_without_colours_can_be_left_out(tmp_path: Path) -> None:
+    for number in range(3):
+        path = tmp_path / f"my/clouds/{number}.ply"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        datasets.write_cloud(path, Cloud(POINTS, None if number == 1 else COLORS))
+    words = ("describe", tmp_path / "my", "-d", "cm2dp", "-o", tmp_path / "out")
+    assert error_of(1, *words).code == "no-colors"
+    said = run(*words).stderr
+    assert "--skip-bad-frames" in said and "info --all" not in said
+    succeeds(*words, "--skip-bad-frames")

@@ -68,6 +68,73 @@ def test_pcd_files_of_every_encoding_are_read(tmp_path: Path, encoding: str) -> 
         read_cloud(tmp_path / "cloud.pcd")
 
 
+@pytest.mark.parametrize("suffix", [".pcd", ".ply"])
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize(
+    ("names", "code", "read"),
+    [
+        ("red green blue", "u1", True),
+        ("r g b", "u1", True),
+        ("diffuse_red diffuse_green diffuse_blue", "u1", True),
+        ("r g b", "f4", False),
+        ("r g c", "u1", False),
+    ],
+)
+def test_separate_colours_of_8_bits_are_read(
+    tmp_path: Path, suffix: str, binary: bool, names: str, code: str, read: bool
+) -> None:
+    path, names = tmp_path / f"a{suffix}", f"x y z {names}"
+    fields = [(name, "<f4" if k < 3 else code) for k, name in enumerate(names.split())]
+    rows = np.zeros(20, fields)
+    for name, column in zip(names.split(), [*POINTS.T, *COLORS.T], strict=True):
+        rows[name] = column
+    if suffix == ".ply":
+        kinds = ["float"] * 3 + [{"u1": "uchar", "f4": "float"}[code]] * 3
+        header = f"ply\nformat {'binary_little_endian' if binary else 'ascii'} 1.0\n"
+        header += "element vertex 20\n" + "".join(
+            f"property {kind} {name}\n" for kind, name in zip(kinds, names.split(), strict=True)
+        )
+        header += "end_header\n"
+    else:
+        header = f"VERSION 0.7\nFIELDS {names}\nSIZE 4 4 4{f' {code[1]}' * 3}\n"
+        header += f"TYPE F F F{f' {code[0].upper()}' * 3}\nCOUNT 1 1 1 1 1 1\nWIDTH 20\nHEIGHT 1\n"
+        header += f"POINTS 20\nDATA {'binary' if binary else 'ascii'}\n"
+    text = "".join(" ".join(map(str, row)) + "\n" for row in rows.tolist())
+    path.write_bytes(header.encode() + (rows.tobytes() if binary else text.encode()))
+    cloud = read_cloud(path)
+    assert np.allclose(cloud.points, POINTS)
+    if read:
+        assert cloud.colors.dtype == np.uint8 and np.array_equal(cloud.colors, COLORS)
+    else:
+        assert cloud.colors is None
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+@pytest.mark.parametrize("lost", [1, 13, 121])
+def test_a_pcd_that_is_cut_is_called_truncated(tmp_path: Path, encoding: str, lost: int) -> None:
+    from pypcd4.pypcd4 import Encoding, PointCloud
+
+    path = tmp_path / "a.pcd"
+    # lzf compresses nothing random.
+    points = np.repeat(POINTS, 5, axis=0)
+    PointCloud.from_xyz_points(points).save(path, Encoding(encoding))
+    assert f"DATA {encoding}\n".encode() in path.read_bytes()
+    # Of the text, the end of a line, some of its columns, and some lines.
+    path.write_bytes(path.read_bytes()[: -lost - (15 if encoding == "ascii" else 0)])
+    with pytest.raises(DataError, check=has_code("truncated", path)):
+        read_cloud(path)
+
+
+def test_a_pcd_with_more_points_than_stated_is_refused_as_such(tmp_path: Path) -> None:
+    from pypcd4.pypcd4 import Encoding, PointCloud
+
+    path = tmp_path / "a.pcd"
+    PointCloud.from_xyz_points(POINTS).save(path, Encoding.ASCII)
+    path.write_text(path.read_text().replace("POINTS 20", "POINTS 19"))
+    with pytest.raises(DataError, match=r"\b20\b.*\b19\b", check=has_code("more-points", path)):
+        read_cloud(path)
+
+
 def test_rays_without_return_in_a_pcd_are_left_out(tmp_path: Path) -> None:
     points = POINTS.copy()
     points[3] = np.nan
