@@ -55,4 +55,5 @@ run_pytest \
   tests/python/fusion/test_{colorize,filters,fuse,ground,rectify,stereo}.py \
   tests/python/views/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py \
   tests/python/views/test_{alignment,range_images}.py
-run_pytest tests/python/package/test_fuzz_targets.py -k "functions or classes or scene or index"
+# KISS-Matcher and small_gicp of the wheels know no sanitizer; what is ours of registration has own targets.
+run_pytest tests/python/package/test_fuzz_targets.py -k "(functions or classes or scene or index) and not register"
