@@ -170,14 +170,19 @@ def open_data(recording: "Recording", whole: Any) -> "tuple[Dataset, Any]":
 
     from fusionslam.config import merged
     from fusionslam.datasets.base import CloudDataset
+    from fusionslam.datasets.range_recording import is_recording
     from fusionslam.pipelines.recording import settle_frame
+    from fusionslam.views.scene_set import is_scene_set
 
     recording = replace(recording, shapes=whole.recording.shapes)
     whole = merged(whole, {"fusion": {"source": opt.choose_source(None, whole, recording)}})
-    dataset = recording.open()
+    # Coloured clouds serve whatever the source. Other data are opened with its sensors alone, as
+    # those of others may be damaged.
+    path = Path(recording.path)
+    own_clouds = path.is_file() and (is_recording(path) or is_scene_set(path))
+    dataset = recording.open(None if own_clouds else whole.fusion.source)
     if isinstance(dataset, CloudDataset):
         return dataset, whole
-    dataset = recording.open(whole.fusion.source)
     return dataset, whole.model_copy(update={"fusion": settle_frame(whole.fusion, dataset)})
 
 

@@ -110,6 +110,31 @@ def test_a_gap_is_reported_and_skipped_only_on_request(recording: Path, tmp_path
     assert f"{FRAMES - 1} frames" in result.stdout
 
 
+def test_info_names_the_commands_that_leave_gaps_out_on_request(recording: Path) -> None:
+    (recording / "velodyne/000005.bin").unlink()
+    row = next(line for line in succeeds("info", recording).stdout.splitlines() if "--skip" in line)
+    for command in ("fuse", "describe", "loops", "bench", "views record", "ratslam", "calib-check"):
+        assert command.split()[0] in row
+        assert "--skip-gaps" in succeeds(*command.split(), "--help").stdout
+
+
+@pytest.mark.parametrize("command", ["info", "loops", "bench", "describe", "fuse", "views record"])
+def test_scans_without_their_place_are_refused_unless_stereo_is_asked_for(
+    recording: Path, tmp_path: Path, command: str
+) -> None:
+    calib = recording / "calib.txt"
+    lines = calib.read_text().splitlines(keepends=True)
+    calib.write_text("".join(line for line in lines if not line.startswith("Tr")))
+    words = (*command.split(), recording)
+    out = (
+        () if command == "info" else ("-o", tmp_path / ("out.npz" if "views" in command else "out"))
+    )
+    error = error_of(1, *words, *out)
+    assert (error.code, error.fields) == ("calibration-key", (str(calib), "Tr"))
+    if command == "views record":
+        succeeds(*words, *out, "--source", "stereo", "--set", "fusion.frame=scan")
+
+
 @pytest.mark.parametrize("command", ["info", "describe", "bench"])
 def test_without_calibration_scans_serve_and_the_file_is_named(
     recording: Path, tmp_path: Path, command: str
