@@ -193,10 +193,15 @@ class _LazyMapping(Mapping[str, Bytes]):
         return len(self._values)
 
 
-def _matrix(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+def _shaped(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
     matrix = read_numbers(name, value, str(shape))
     if matrix.shape != shape:
         raise ShapeError(f"{name} has shape {matrix.shape}, expected {shape}", fields=(name,))
+    return matrix
+
+
+def _matrix(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+    matrix = _shaped(name, value, shape)
     if not np.isfinite(matrix).all():
         raise DataError(f"{name} is not finite: {matrix.tolist()}")
     return matrix
@@ -206,9 +211,7 @@ def _pose(name: str, value: NDArray[np.float64] | None) -> NDArray[np.float64] |
     """Check a pose of a frame; one that is not finite is unknown."""
     if value is None:
         return None
-    matrix = read_numbers(name, value, "(4, 4)")
-    if matrix.shape != (4, 4):
-        raise ShapeError(f"{name} has shape {matrix.shape}, expected (4, 4)", fields=(name,))
+    matrix = _shaped(name, value, (4, 4))
     if np.isfinite(matrix).all() and not is_rigid(matrix):
         raise DataError(
             f"{name} is no rotation and translation: {matrix.tolist()}",
