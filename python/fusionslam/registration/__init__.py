@@ -3,12 +3,14 @@
 """Relative poses of clouds: found without a first guess, judged by what both clouds show."""
 
 from fusionslam._core import count_overlap, nearest_ranges
+from fusionslam.registration.birds_eye import Hypothesis
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.config import RegistrationConfig
-from fusionslam.registration.pose_estimation import register
+from fusionslam.registration.pose_estimation import register, search_poses
 from fusionslam.registration.result import Refusal, Registration
 
 __all__ = [
+    "Hypothesis",
     "PreparedCloud",
     "Refusal",
     "Registration",
@@ -16,4 +18,5 @@ __all__ = [
     "count_overlap",
     "nearest_ranges",
     "register",
+    "search_poses",
 ]

@@ -14,6 +14,7 @@ from fusionslam._core import (
     voxel_downsample,
 )
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.registration.birds_eye import Spectra, draw, draw_turned
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
     RefinedCloud,
@@ -28,11 +29,12 @@ from fusionslam.storage.arrays import Floats32, Points
 class PreparedCloud:
     """A cloud that is registered with several others: what they all need is computed once.
 
-    Its voxels and the range in each direction are kept, and sent between processes.
+    Its voxels and the range in each direction are kept, stored and sent between processes.
 
     Attributes:
-        points: float32 (N, 3): one point for each voxel.
-        search_points: float32 (M, 3): one point for each voxel of the search without a guess.
+        points: float32 (N, 3): one point for each voxel, to 8 mm.
+        search_points: float32 (M, 3): one point for each voxel of the search by features, which is
+            for clouds without ``gravity``; else empty.
         scene: range image for method planar; None for others.
         ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
 
@@ -49,10 +51,12 @@ class PreparedCloud:
     def __init__(self, cloud: Cloud | Points, config: RegistrationConfig | None = None) -> None:
         self.config = config or RegistrationConfig()
         points = _check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
-        self.points = _voxels(points, self.config.voxel)
+        self.points = _round(_voxels(points, self.config.voxel))
         # Of all points: voxels of voxels lose a part of the poses that features find.
-        self.search_points = _voxels(points, self.config.search_voxel)
-        self.ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
+        searched = points[:0] if self.config.gravity else points
+        self.search_points = _round(_voxels(searched, self.config.search_voxel))
+        ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
+        self.ranges: Floats32 = ranges.astype(np.float16).astype(np.float32)  # as it is stored
         is_planar = self.config.method == "planar"
         self.scene = build_planar(cloud) if is_planar else None
 
@@ -63,15 +67,37 @@ class PreparedCloud:
         kept = ("config", "points", "search_points", "ranges", "scene")
         return {name: getattr(self, name) for name in kept}
 
-    @cached_property
+    @property
     def above_ground(self) -> Points:
         """float32 (M, 3): the voxels that can tell places apart; all without ``gravity``."""
+        return self._above_and_level[0]
+
+    @property
+    def ground_level(self) -> float:
+        """Height of the ground about the sensor; 0 without ``gravity``."""
+        return self._above_and_level[1]
+
+    @cached_property
+    def _above_and_level(self) -> tuple[Points, float]:
+        """``above_ground`` and ``ground_level``."""
         if not self.config.gravity or not len(self):
-            return self.points
+            return self.points, 0.0
         ground = GroundSegmentsConfig(distance=self.config.ground_height)
         kept, _, _ = remove_ground_segments(self.points, config=ground)
+        below = np.delete(self.points, kept, axis=0)
+        level = np.median(below[:, 2]) if len(below) else self.points[:, 2].min()
         above: Points = self.points[kept]
-        return above
+        return above, float(level)
+
+    @cached_property
+    def image(self) -> Spectra:
+        """Spectrum of its image from above."""
+        return draw(*self._above_and_level, self.config.search_cell)
+
+    @cached_property
+    def turned_images(self) -> Spectra:
+        """Spectra of its images from above, turned in steps: 1.5 MB."""
+        return draw_turned(*self._above_and_level, self.config.search_cell)
 
     @cached_property
     def features(self) -> int:
@@ -98,6 +124,15 @@ def _check_points(points: Any) -> Points:
             "drop such points first (drop_invalid)"
         )
     return array.astype(np.float32)
+
+
+_STEPS_PER_M = 128
+"""Coordinates are multiples of this part of a metre: stored in 16 bits they stay as they are."""
+
+
+def _round(points: Points) -> Points:
+    rounded: Points = np.rint(points * np.float32(_STEPS_PER_M)) / np.float32(_STEPS_PER_M)
+    return rounded
 
 
 def _voxels(points: Points, size: float) -> Points:

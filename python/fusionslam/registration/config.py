@@ -14,8 +14,14 @@ class RegistrationConfig(Section):
         "global", "global: whatever the pose; planar: nearby views of a robot on a floor"
     )
     voxel: float = option(0.5, "voxels in which clouds are refined and compared", unit="m", gt=0)
+    search_cell: float = option(
+        2.0,
+        "cells, 64 x 64, of the images from above in which a pose is searched with gravity",
+        unit="m",
+        ge=0.01,
+    )
     search_voxel: float = option(
-        1.0, "voxels in which a pose is searched without a guess", unit="m", ge=0.01, le=1.0
+        1.0, "voxels of the search by features, without gravity", unit="m", ge=0.01, le=1.0
     )
     guess_distance: float = option(
         3.0, "farthest neighbours when the refinement starts from a guess", unit="m", gt=0

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Searches poses of clouds whose z axes point up: matched filtering of bird's-eye images.
+
+What both clouds show above the ground is drawn from above, in layers by height. The source's
+images, turned in steps, are correlated with the target's over all shifts at once, by FFT.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from fusionslam.storage.arrays import Floats, Matrix, Points
+
+Spectra = NDArray[np.complex64]
+
+_CELLS = 64
+"""Of an image, in x and y."""
+_RADIUS = 0.43
+"""Of what is drawn, in images: the rest is for shifts, which else wrap around."""
+_LAYERS = (0.75, 1.5)
+"""Heights above the ground between layers, in cells."""
+_STEPS = 60
+"""Turns, of 6 degrees: the refinement takes it from there."""
+_NEAR_STEPS = 4
+"""Nearer turns are one hypothesis."""
+_BLUR = 0.7
+"""Standard deviation, in cells."""
+
+_fx, _fy = np.fft.fftfreq(_CELLS)[:, None], np.fft.rfftfreq(_CELLS)[None]
+_FILTER = np.exp(-2 * (np.pi * _BLUR) ** 2 * (_fx**2 + _fy**2)).astype(np.float32)
+# A spectrum of real images holds one of each two conjugate columns.
+_WEIGHTS = np.where(np.isin(np.arange(_CELLS // 2 + 1), (0, _CELLS // 2)), 1, 2)
+_TURNS = np.linspace(0, 2 * np.pi, _STEPS, endpoint=False, dtype=np.float64)
+
+
+class Hypothesis(NamedTuple):
+    """A pose, float64 (4, 4) target_from_source, to be refined; its correlation is at most 1."""
+
+    pose: Matrix
+    correlation: float
+
+
+def draw_turned(points: Points, ground: float, cell: float) -> Spectra:
+    """Spectra of a cloud's images, turned in steps: complex64 (turns, layers, cells, cells/2+1).
+
+    Args:
+        points: float32 (N, 3), above the ground.
+        ground: height of the ground.
+        cell: metres.
+    """
+    return _spectra(points, ground, cell, _TURNS)
+
+
+def draw(points: Points, ground: float, cell: float) -> Spectra:
+    """Spectra of a cloud's images as they are, complex64 (layers, cells, cells/2+1)."""
+    spectra: Spectra = _spectra(points, ground, cell, _TURNS[:1])[0]
+    return spectra
+
+
+def _spectra(points: Points, ground: float, cell: float, turns: Floats) -> Spectra:
+    scaled = (points - np.array([0, 0, ground], np.float32)) / np.float32(cell)
+    near = scaled[np.hypot(scaled[:, 0], scaled[:, 1]) < _RADIUS * _CELLS]
+    layers = np.searchsorted(_LAYERS, near[:, 2])
+    cos, sin = np.cos(turns, dtype=np.float32)[:, None], np.sin(turns, dtype=np.float32)[:, None]
+    rows = np.floor(cos * near[:, 0] - sin * near[:, 1]).astype(np.intp) % _CELLS
+    columns = np.floor(sin * near[:, 0] + cos * near[:, 1]).astype(np.intp) % _CELLS
+    images = np.zeros((len(turns), len(_LAYERS) + 1, _CELLS, _CELLS), np.float32)
+    images[np.arange(len(turns))[:, None], layers, rows, columns] = 1
+    spectra = scipy.fft.rfft2(images) * _FILTER
+    power = (spectra.real**2 + spectra.imag**2) * _WEIGHTS
+    norms = np.sqrt(power.sum(axis=(1, 2, 3), dtype=np.float64, keepdims=True)) / _CELLS
+    normed: Spectra = (spectra / np.maximum(norms, 1e-6)).astype(np.complex64)
+    return normed
+
+
+def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) -> list[Hypothesis]:
+    """Return the poses that correlate best, of turns that differ, the best first.
+
+    Args:
+        turned: of the source, from ``draw_turned``.
+        target: from ``draw``.
+        cell: metres.
+        most: number of poses.
+    """
+    products = np.einsum("tlxy,lxy->txy", turned.conj(), target)
+    shifts = scipy.fft.irfft2(products, s=(_CELLS, _CELLS)).reshape(_STEPS, -1)
+    peaks = shifts.argmax(axis=1)
+    heights = shifts[np.arange(_STEPS), peaks]
+    found: list[Hypothesis] = []
+    while len(found) < most and heights.max() > 0:
+        best = int(heights.argmax())
+        shift = (np.array(divmod(int(peaks[best]), _CELLS)) + _CELLS // 2) % _CELLS - _CELLS // 2
+        found.append(Hypothesis(_pose(_TURNS[best], cell * shift), float(heights[best])))
+        apart = (np.arange(_STEPS) - best + _STEPS // 2) % _STEPS - _STEPS // 2
+        heights[np.abs(apart) < _NEAR_STEPS] = 0
+    return found
+
+
+def _pose(turn: float, shift: Floats) -> Matrix:
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    pose[:2, 3] = shift
+    return pose
