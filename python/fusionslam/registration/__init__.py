@@ -5,11 +5,13 @@
 from fusionslam._core import count_overlap, nearest_ranges
 from fusionslam.registration.birds_eye import Hypothesis
 from fusionslam.registration.clouds import PreparedCloud
+from fusionslam.registration.colors import ColorDifference
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.pose_estimation import register, search_poses
 from fusionslam.registration.result import Refusal, Registration
 
 __all__ = [
+    "ColorDifference",
     "Hypothesis",
     "PreparedCloud",
     "Refusal",

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fusionslam._core import (
     GroundSegmentsConfig,
@@ -23,7 +24,7 @@ from fusionslam.registration.map_extra import (
 )
 from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats32, Points
+from fusionslam.storage.arrays import Floats32, Image, Integers, Points
 
 
 class PreparedCloud:
@@ -35,6 +36,7 @@ class PreparedCloud:
         points: float32 (N, 3): one point for each voxel, to 8 mm.
         search_points: float32 (M, 3): one point for each voxel of the search by features, which is
             for clouds without ``gravity``; else empty.
+        colors: uint8 (N, 3), sRGB, of the points; None if the cloud has none.
         scene: range image for method planar; None for others.
         ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
 
@@ -51,10 +53,12 @@ class PreparedCloud:
     def __init__(self, cloud: Cloud | Points, config: RegistrationConfig | None = None) -> None:
         self.config = config or RegistrationConfig()
         points = _check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
-        self.points = _round(_voxels(points, self.config.voxel))
+        colors = cloud.colors if isinstance(cloud, Cloud) else None
+        voxels, self.colors = _voxels(points, colors, self.config.voxel)
+        self.points = _round(voxels)
         # Of all points: voxels of voxels lose a part of the poses that features find.
         searched = points[:0] if self.config.gravity else points
-        self.search_points = _round(_voxels(searched, self.config.search_voxel))
+        self.search_points = _round(_voxels(searched, None, self.config.search_voxel)[0])
         ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
         self.ranges: Floats32 = ranges.astype(np.float16).astype(np.float32)  # as it is stored
         is_planar = self.config.method == "planar"
@@ -64,40 +68,51 @@ class PreparedCloud:
         return len(self.points)
 
     def __getstate__(self) -> dict[str, Any]:
-        kept = ("config", "points", "search_points", "ranges", "scene")
+        kept = ("config", "points", "colors", "search_points", "ranges", "scene")
         return {name: getattr(self, name) for name in kept}
 
-    @property
+    @cached_property
     def above_ground(self) -> Points:
         """float32 (M, 3): the voxels that can tell places apart; all without ``gravity``."""
-        return self._above_and_level[0]
-
-    @property
-    def ground_level(self) -> float:
-        """Height of the ground about the sensor; 0 without ``gravity``."""
-        return self._above_and_level[1]
+        above: Points = self.points[self._above]
+        return above
 
     @cached_property
-    def _above_and_level(self) -> tuple[Points, float]:
-        """``above_ground`` and ``ground_level``."""
+    def colors_above(self) -> Image | None:
+        """uint8 (M, 3): those of ``above_ground``."""
+        return None if self.colors is None else self.colors[self._above]
+
+    @cached_property
+    def tree_above(self) -> cKDTree:
+        """Finds the nearest of ``above_ground``."""
+        return cKDTree(self.above_ground)
+
+    @cached_property
+    def ground_level(self) -> float:
+        """Height of the ground about the sensor; 0 without ``gravity``."""
         if not self.config.gravity or not len(self):
-            return self.points, 0.0
+            return 0.0
+        below = np.delete(self.points, self._above, axis=0)
+        return float(np.median(below[:, 2]) if len(below) else self.points[:, 2].min())
+
+    @cached_property
+    def _above(self) -> Integers:
+        """Indices of ``above_ground``."""
+        if not self.config.gravity or not len(self):
+            return np.arange(len(self))
         ground = GroundSegmentsConfig(distance=self.config.ground_height)
-        kept, _, _ = remove_ground_segments(self.points, config=ground)
-        below = np.delete(self.points, kept, axis=0)
-        level = np.median(below[:, 2]) if len(below) else self.points[:, 2].min()
-        above: Points = self.points[kept]
-        return above, float(level)
+        kept: Integers = remove_ground_segments(self.points, config=ground)[0]
+        return kept
 
     @cached_property
     def image(self) -> Spectra:
         """Spectrum of its image from above."""
-        return draw(*self._above_and_level, self.config.search_cell)
+        return draw(self.above_ground, self.ground_level, self.config.search_cell)
 
     @cached_property
     def turned_images(self) -> Spectra:
         """Spectra of its images from above, turned in steps: 1.5 MB."""
-        return draw_turned(*self._above_and_level, self.config.search_cell)
+        return draw_turned(self.above_ground, self.ground_level, self.config.search_cell)
 
     @cached_property
     def features(self) -> int:
@@ -135,5 +150,8 @@ def _round(points: Points) -> Points:
     return rounded
 
 
-def _voxels(points: Points, size: float) -> Points:
-    return voxel_downsample(points, size=size)[0] if len(points) else points
+def _voxels(points: Points, colors: Image | None, size: float) -> tuple[Points, Image | None]:
+    if not len(points):
+        return points, colors
+    voxels, voxel_colors, _ = voxel_downsample(points, colors, size=size)
+    return voxels, None if colors is None else voxel_colors

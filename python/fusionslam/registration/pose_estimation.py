@@ -19,6 +19,7 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.registration.birds_eye import Hypothesis, find_hypotheses
 from fusionslam.registration.clouds import PreparedCloud
+from fusionslam.registration.colors import ColorDifference, compare_colors
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
     FEWEST_FEATURES,
@@ -35,6 +36,8 @@ from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
 
 _HIDDEN_WEIGHT = 0.25
 """Of points that the other sensor cannot have seen: right poses have fewer of them."""
+_MOST_COMPARED = 2000
+"""Points whose colours are compared; more cost time alone."""
 
 
 def register(
@@ -84,7 +87,8 @@ def register(
         result = _register_globally(one, other, start, search, config)
     else:
         result = register_planar(one.scene, other.scene, start, config)
-    return replace(result, seconds=time.perf_counter() - started)
+    colors = _color_difference(one, other, result.estimate, config.overlap_distance)
+    return replace(result, color_difference=colors, seconds=time.perf_counter() - started)
 
 
 def search_poses(source: PreparedCloud, target: PreparedCloud, most: int = 1) -> list[Hypothesis]:
@@ -240,6 +244,19 @@ def _overlap(
     )
     against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
     return counts["agreeing"] / max(1.0, counts["agreeing"] + against)
+
+
+def _color_difference(
+    source: PreparedCloud, target: PreparedCloud, pose: Matrix | None, distance: float
+) -> ColorDifference | None:
+    """Compare the colours of a cloud's points and of their neighbours in the other."""
+    if pose is None or source.colors_above is None or target.colors_above is None:
+        return None
+    some = slice(None, None, 1 + len(source.above_ground) // _MOST_COMPARED)
+    places = source.above_ground[some] @ pose[:3, :3].T + pose[:3, 3]
+    apart, nearest = target.tree_above.query(places, distance_upper_bound=distance)
+    near = np.isfinite(apart)
+    return compare_colors(source.colors_above[some][near], target.colors_above[nearest[near]])
 
 
 def _config_of(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fusionslam.registration.colors import ColorDifference
 from fusionslam.storage.arrays import Floats, Matrix
 
 
@@ -50,6 +51,8 @@ class Registration:
         probability: that the pose is right, of method planar; None of others.
         estimate: float64 (4, 4), the pose that was judged, refused or not; None if there was none.
             For pictures and diagnosis.
+        color_difference: of the points above the ground that the estimate puts on each other;
+            None without an estimate, without colours in both clouds, or with fewer than 20 points.
     """
 
     target_from_source: Matrix | None
@@ -61,6 +64,7 @@ class Registration:
     reason: Refusal | None = None
     probability: float | None = None
     estimate: Matrix | None = None
+    color_difference: ColorDifference | None = None
 
     @property
     def accepted(self) -> bool:
