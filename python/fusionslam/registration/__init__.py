@@ -3,7 +3,7 @@
 """Relative poses of clouds: found without a first guess, judged by what both clouds show."""
 
 from fusionslam._core import count_overlap, nearest_ranges
-from fusionslam.registration.birds_eye import Hypothesis
+from fusionslam.registration.birds_eye import Hypothesis, SearchImage
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.colors import ColorDifference
 from fusionslam.registration.config import RegistrationConfig
@@ -17,6 +17,7 @@ __all__ = [
     "Refusal",
     "Registration",
     "RegistrationConfig",
+    "SearchImage",
     "count_overlap",
     "nearest_ranges",
     "register",

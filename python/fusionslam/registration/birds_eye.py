@@ -6,6 +6,7 @@ What both clouds show above the ground is drawn from above, in layers by height.
 images, turned in steps, are correlated with the target's over all shifts at once, by FFT.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,31 @@ class Hypothesis(NamedTuple):
     correlation: float
 
 
+@dataclass(frozen=True)
+class SearchImage:
+    """A cloud's images from above, kept in 1.5 kB.
+
+    Attributes:
+        bits: the cells with points, (layers, cells, cells), packed.
+        ground_level: height of the ground, metres.
+    """
+
+    bits: bytes
+    ground_level: float
+
+    @classmethod
+    def of(cls, points: Points, ground: float, cell: float) -> "SearchImage":
+        """Draw float32 (N, 3), points above the ground, in cells of this many metres."""
+        return cls(np.packbits(_draw(points, ground, cell, _TURNS[:1])).tobytes(), ground)
+
+    @property
+    def spectra(self) -> Spectra:
+        """Of the images, complex64 (layers, cells, cells/2+1)."""
+        cells = np.unpackbits(np.frombuffer(self.bits, np.uint8))
+        spectra: Spectra = _spectra(cells.reshape(1, -1, _CELLS, _CELLS))[0]
+        return spectra
+
+
 def draw_turned(points: Points, ground: float, cell: float) -> Spectra:
     """Spectra of a cloud's images, turned in steps: complex64 (turns, layers, cells, cells/2+1).
 
@@ -51,25 +77,23 @@ def draw_turned(points: Points, ground: float, cell: float) -> Spectra:
         ground: height of the ground.
         cell: metres.
     """
-    return _spectra(points, ground, cell, _TURNS)
+    return _spectra(_draw(points, ground, cell, _TURNS))
 
 
-def draw(points: Points, ground: float, cell: float) -> Spectra:
-    """Spectra of a cloud's images as they are, complex64 (layers, cells, cells/2+1)."""
-    spectra: Spectra = _spectra(points, ground, cell, _TURNS[:1])[0]
-    return spectra
-
-
-def _spectra(points: Points, ground: float, cell: float, turns: Floats) -> Spectra:
+def _draw(points: Points, ground: float, cell: float, turns: Floats) -> NDArray[np.uint8]:
     scaled = (points - np.array([0, 0, ground], np.float32)) / np.float32(cell)
     near = scaled[np.hypot(scaled[:, 0], scaled[:, 1]) < _RADIUS * _CELLS]
     layers = np.searchsorted(_LAYERS, near[:, 2])
     cos, sin = np.cos(turns, dtype=np.float32)[:, None], np.sin(turns, dtype=np.float32)[:, None]
     rows = np.floor(cos * near[:, 0] - sin * near[:, 1]).astype(np.intp) % _CELLS
     columns = np.floor(sin * near[:, 0] + cos * near[:, 1]).astype(np.intp) % _CELLS
-    images = np.zeros((len(turns), len(_LAYERS) + 1, _CELLS, _CELLS), np.float32)
+    images = np.zeros((len(turns), len(_LAYERS) + 1, _CELLS, _CELLS), np.uint8)
     images[np.arange(len(turns))[:, None], layers, rows, columns] = 1
-    spectra = scipy.fft.rfft2(images) * _FILTER
+    return images
+
+
+def _spectra(images: NDArray[np.uint8]) -> Spectra:
+    spectra = scipy.fft.rfft2(images.astype(np.float32)) * _FILTER
     power = (spectra.real**2 + spectra.imag**2) * _WEIGHTS
     norms = np.sqrt(power.sum(axis=(1, 2, 3), dtype=np.float64, keepdims=True)) / _CELLS
     normed: Spectra = (spectra / np.maximum(norms, 1e-6)).astype(np.complex64)
@@ -81,7 +105,7 @@ def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) ->
 
     Args:
         turned: of the source, from ``draw_turned``.
-        target: from ``draw``.
+        target: of a ``SearchImage``.
         cell: metres.
         most: number of poses.
     """

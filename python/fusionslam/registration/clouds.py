@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds as registration needs them, computed once however many others they are compared with."""
 
+import io
+import zipfile
+import zlib
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fusionslam._core import (
@@ -15,7 +19,7 @@ from fusionslam._core import (
     voxel_downsample,
 )
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.registration.birds_eye import Spectra, draw, draw_turned
+from fusionslam.registration.birds_eye import SearchImage, Spectra, draw_turned
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
     RefinedCloud,
@@ -24,7 +28,8 @@ from fusionslam.registration.map_extra import (
 )
 from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats32, Image, Integers, Points
+from fusionslam.storage.arrays import Floats32, Image, Integers, Mask, Points
+from fusionslam.views.scenes import Scene
 
 
 class PreparedCloud:
@@ -36,13 +41,16 @@ class PreparedCloud:
         points: float32 (N, 3): one point for each voxel, to 8 mm.
         search_points: float32 (M, 3): one point for each voxel of the search by features, which is
             for clouds without ``gravity``; else empty.
-        colors: uint8 (N, 3), sRGB, of the points; None if the cloud has none.
-        scene: range image for method planar; None for others.
+        colors: uint8 (N, 3), sRGB, of the points; None if none has any.
+        is_colored: bool (N,): points whose colours are known.
+        scene: range image for method planar, which keeps nothing else; None for others.
         ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
 
     Args:
         cloud: a Cloud, or float32 (N, 3), metres, the sensor at the origin; may be empty.
         config: that of the registrations.
+        colored: the part of a cloud without colours whose colours are known, as the camera's of a
+            LiDAR's full circle; None if there is none.
 
     Raises:
         ShapeError: neither a cloud nor an array of points.
@@ -50,26 +58,91 @@ class PreparedCloud:
         DataError: NaN or infinity in a point; the message names it.
     """
 
-    def __init__(self, cloud: Cloud | Points, config: RegistrationConfig | None = None) -> None:
+    def __init__(
+        self,
+        cloud: Cloud | Points,
+        config: RegistrationConfig | None = None,
+        *,
+        colored: Cloud | None = None,
+    ) -> None:
         self.config = config or RegistrationConfig()
         points = _check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
-        colors = cloud.colors if isinstance(cloud, Cloud) else None
-        voxels, self.colors = _voxels(points, colors, self.config.voxel)
-        self.points = _round(voxels)
+        self.scene = build_planar(cloud) if self.config.method == "planar" else None
+        if self.scene is not None:
+            points = points[:0]
+        self.points = _round(_voxels(points, None, self.config.voxel)[0])
         # Of all points: voxels of voxels lose a part of the poses that features find.
         searched = points[:0] if self.config.gravity else points
         self.search_points = _round(_voxels(searched, None, self.config.search_voxel)[0])
+        self.colors, self.is_colored = None, np.zeros(len(self.points), np.bool_)
+        if colored is None and isinstance(cloud, Cloud):
+            colored = cloud
+        if colored is not None and colored.colors is not None:
+            self._take_colors(_check_points(colored.points), colored.colors)
         ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
         self.ranges: Floats32 = ranges.astype(np.float16).astype(np.float32)  # as it is stored
-        is_planar = self.config.method == "planar"
-        self.scene = build_planar(cloud) if is_planar else None
+
+    def _take_colors(self, points: Points, colors: Image) -> None:
+        """Give each voxel the colour of the coloured voxel in its place."""
+        voxels, voxel_colors = _voxels(points, colors, self.config.voxel)
+        if voxel_colors is None or not len(voxels) or not len(self):
+            return
+        apart, nearest = cKDTree(voxels).query(
+            self.points, distance_upper_bound=self.config.voxel / 2
+        )
+        self.is_colored = np.isfinite(apart)
+        self.colors = voxel_colors[np.where(self.is_colored, nearest, 0)]
 
     def __len__(self) -> int:
         return len(self.points)
 
     def __getstate__(self) -> dict[str, Any]:
-        kept = ("config", "points", "colors", "search_points", "ranges", "scene")
-        return {name: getattr(self, name) for name in kept}
+        return {name: getattr(self, name) for name in _KEPT}
+
+    def to_bytes(self) -> bytes:
+        """Compress what is kept, without the configuration, for ``from_bytes``."""
+        arrays: dict[str, NDArray[Any]] = {
+            "points": _as_steps(self.points),
+            "search_points": _as_steps(self.search_points),
+            "is_colored": np.packbits(self.is_colored),
+            "ranges": self.ranges.astype(np.float16),
+        }
+        if self.colors is not None:
+            arrays["colors"] = self.colors[self.is_colored]
+        if self.scene is not None:
+            arrays["scene"] = np.frombuffer(self.scene.to_bytes(), np.uint8)
+        stream = io.BytesIO()
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
+        return zlib.compress(stream.getvalue(), level=1)
+
+    @classmethod
+    def from_bytes(cls, packed: bytes, config: RegistrationConfig) -> "PreparedCloud":
+        """Return the cloud that ``to_bytes`` packed, prepared with this configuration.
+
+        Raises:
+            DataError: the bytes are damaged.
+        """
+        cloud = cls.__new__(cls)
+        cloud.config = config
+        try:
+            with np.load(io.BytesIO(zlib.decompress(packed)), allow_pickle=False) as stored:
+                cloud._restore(dict(stored))
+        except (zlib.error, zipfile.BadZipFile, KeyError, ValueError) as error:
+            raise DataError(f"a stored cloud is damaged: {error}") from error
+        return cloud
+
+    def _restore(self, arrays: dict[str, NDArray[Any]]) -> None:
+        self.points = _from_steps(arrays["points"])
+        self.search_points = _from_steps(arrays["search_points"])
+        self.ranges = arrays["ranges"].astype(np.float32)
+        count = len(self.points)
+        self.is_colored: Mask = np.unpackbits(arrays["is_colored"], count=count).astype(np.bool_)
+        self.colors: Image | None = None
+        if "colors" in arrays:
+            self.colors = np.zeros((count, 3), np.uint8)
+            self.colors[self.is_colored] = arrays["colors"]
+        scene = arrays.get("scene")
+        self.scene = None if scene is None else Scene.from_bytes(scene.tobytes())
 
     @cached_property
     def above_ground(self) -> Points:
@@ -78,14 +151,17 @@ class PreparedCloud:
         return above
 
     @cached_property
-    def colors_above(self) -> Image | None:
-        """uint8 (M, 3): those of ``above_ground``."""
-        return None if self.colors is None else self.colors[self._above]
+    def colored_above(self) -> tuple[Points, Image]:
+        """Coloured points above the ground, float32 (K, 3), and their colours, uint8 (K, 3)."""
+        if self.colors is None:
+            return self.points[:0], np.empty((0, 3), np.uint8)
+        rows = self._above[self.is_colored[self._above]]
+        return self.points[rows], self.colors[rows]
 
     @cached_property
-    def tree_above(self) -> cKDTree:
-        """Finds the nearest of ``above_ground``."""
-        return cKDTree(self.above_ground)
+    def colored_tree(self) -> cKDTree:
+        """Finds the nearest of ``colored_above``."""
+        return cKDTree(self.colored_above[0])
 
     @cached_property
     def ground_level(self) -> float:
@@ -104,10 +180,15 @@ class PreparedCloud:
         kept: Integers = remove_ground_segments(self.points, config=ground)[0]
         return kept
 
+    @property
+    def has_search_image(self) -> bool:
+        """Whether poses are searched by its images from above."""
+        return self.scene is None and self.config.gravity
+
     @cached_property
-    def image(self) -> Spectra:
-        """Spectrum of its image from above."""
-        return draw(self.above_ground, self.ground_level, self.config.search_cell)
+    def search_image(self) -> SearchImage:
+        """Its images from above."""
+        return SearchImage.of(self.above_ground, self.ground_level, self.config.search_cell)
 
     @cached_property
     def turned_images(self) -> Spectra:
@@ -141,6 +222,7 @@ def _check_points(points: Any) -> Points:
     return array.astype(np.float32)
 
 
+_KEPT = ("config", "points", "search_points", "colors", "is_colored", "ranges", "scene")
 _STEPS_PER_M = 128
 """Coordinates are multiples of this part of a metre: stored in 16 bits they stay as they are."""
 
@@ -148,6 +230,17 @@ _STEPS_PER_M = 128
 def _round(points: Points) -> Points:
     rounded: Points = np.rint(points * np.float32(_STEPS_PER_M)) / np.float32(_STEPS_PER_M)
     return rounded
+
+
+def _as_steps(points: Points) -> NDArray[np.signedinteger[Any]]:
+    steps = np.rint(points * np.float32(_STEPS_PER_M))
+    small = not steps.size or np.abs(steps).max() < 2**15
+    whole: NDArray[np.signedinteger[Any]] = steps.astype(np.int16 if small else np.int64)
+    return whole
+
+
+def _from_steps(steps: NDArray[np.signedinteger[Any]]) -> Points:
+    return (steps / np.float32(_STEPS_PER_M)).astype(np.float32)
 
 
 def _voxels(points: Points, colors: Image | None, size: float) -> tuple[Points, Image | None]:

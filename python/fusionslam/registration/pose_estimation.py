@@ -17,7 +17,7 @@ import numpy as np
 from fusionslam._core import count_overlap
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.registration.birds_eye import Hypothesis, find_hypotheses
+from fusionslam.registration.birds_eye import Hypothesis, SearchImage, find_hypotheses
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.colors import ColorDifference, compare_colors
 from fusionslam.registration.config import RegistrationConfig
@@ -98,15 +98,17 @@ def search_poses(source: PreparedCloud, target: PreparedCloud, most: int = 1) ->
     10 ms, and 2 ms a target.
 
     Args:
-        source, target: prepared with ``gravity``, metres, in the frame of the sensor.
+        source: prepared with ``gravity``.
+        target: prepared like it, or the ``search_image`` that is kept of it.
         most: number of poses; their turns differ by 24 degrees or more.
 
     Returns:
         Poses and their correlations; none if a cloud has nothing above the ground nearby.
     """
-    turned, image, cell = source.turned_images, target.image, target.config.search_cell
-    found = find_hypotheses(turned, image, cell, most)
-    rise = target.ground_level - source.ground_level
+    image = target if isinstance(target, SearchImage) else target.search_image
+    cell = source.config.search_cell
+    found = find_hypotheses(source.turned_images, image.spectra, cell, most)
+    rise = image.ground_level - source.search_image.ground_level
     for each in found:
         each.pose[2, 3] = rise
     return found
@@ -250,13 +252,14 @@ def _color_difference(
     source: PreparedCloud, target: PreparedCloud, pose: Matrix | None, distance: float
 ) -> ColorDifference | None:
     """Compare the colours of a cloud's points and of their neighbours in the other."""
-    if pose is None or source.colors_above is None or target.colors_above is None:
+    if pose is None or source.colors is None or target.colors is None:
         return None
-    some = slice(None, None, 1 + len(source.above_ground) // _MOST_COMPARED)
-    places = source.above_ground[some] @ pose[:3, :3].T + pose[:3, 3]
-    apart, nearest = target.tree_above.query(places, distance_upper_bound=distance)
+    points, colors = source.colored_above
+    some = slice(None, None, 1 + len(points) // _MOST_COMPARED)
+    places = points[some] @ pose[:3, :3].T + pose[:3, 3]
+    apart, nearest = target.colored_tree.query(places, distance_upper_bound=distance)
     near = np.isfinite(apart)
-    return compare_colors(source.colors_above[some][near], target.colors_above[nearest[near]])
+    return compare_colors(colors[some][near], target.colored_above[1][nearest[near]])
 
 
 def _config_of(

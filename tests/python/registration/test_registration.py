@@ -51,6 +51,7 @@ def scans() -> tuple[Points, Points]:
 
 
 TRUTH = np.linalg.inv(HERE) @ THERE
+FREE = RegistrationConfig(gravity=False)
 
 
 @pytest.fixture(scope="module")
@@ -163,33 +164,36 @@ def test_an_upside_down_copy_is_refused_unless_there_is_no_gravity(
     scans: tuple[Points, Points],
 ) -> None:
     source = scans[1] * np.array([1, -1, -1], np.float32)
-    refused = register(source, scans[1])
+    over = np.diag([1.0, -1, -1, 1])
+    refused = register(source, scans[1], over, search=False)
     assert refused.target_from_source is None
     assert refused.covariance is None
     assert refused.reason is not None
     assert (refused.reason.code, round(refused.reason.number)) == ("tilted", 180)
     assert refused.estimate is not None
-    free = register(source, scans[1], config=RegistrationConfig(gravity=False))
-    assert np.abs(error_between(free.target_from_source, np.diag([1.0, -1, -1, 1]))).max() < 0.01
+    free = register(source, scans[1], config=FREE)
+    assert np.abs(error_between(free.target_from_source, over)).max() < 0.01
 
 
 def test_another_place_is_refused_with_its_overlap(scans: tuple[Points, Points]) -> None:
     elsewhere = scan_blocks(pose_of(-45, 40, 1.7, 0, 0, 0), 3)
-    refused = register(elsewhere, scans[1], np.eye(4))
+    refused = register(elsewhere, scans[1], np.eye(4), search=False)
     assert refused.target_from_source is None
     assert refused.reason is not None
     assert refused.reason.code == "low-overlap"
     assert refused.reason.number == refused.overlap == pytest.approx(0.085, abs=0.005)
-    tolerant = register(elsewhere, scans[1], np.eye(4), config=RegistrationConfig(min_overlap=0))
+    tolerant = register(
+        elsewhere, scans[1], np.eye(4), search=False, config=RegistrationConfig(min_overlap=0)
+    )
     assert tolerant.reason is not None
     assert tolerant.reason.code == "degenerate"
     assert tolerant.estimate is not None
     np.testing.assert_array_equal(tolerant.estimate, refused.estimate)
 
 
-def test_another_place_has_no_matching_features(scans: tuple[Points, Points]) -> None:
-    elsewhere = scan_blocks(pose_of(-45, 40, 1.7, 0, 0, 0), 3)
-    refused = register(elsewhere, scans[1])
+def test_bare_ground_has_nothing_to_search_by(scans: tuple[Points, Points]) -> None:
+    floor = np.random.default_rng(4).uniform([-30, -30, -1.7], [30, 30, -1.7], (20000, 3))
+    refused = register(floor.astype(np.float32), scans[1])
     assert refused.reason is not None
     assert (refused.reason.code, refused.reason.number) == ("no-match", 0)
     assert refused.estimate is None
@@ -266,7 +270,7 @@ def test_few_points_are_a_reason(count: int, scans: tuple[Points, Points]) -> No
 
 def test_scattered_points_have_no_features() -> None:
     scattered = np.random.default_rng(3).uniform(-1e4, 1e4, (300, 3)).astype(np.float32)
-    refused = register(scattered, scattered + np.float32(1))
+    refused = register(scattered, scattered + np.float32(1), config=FREE)
     assert refused.reason is not None
     assert (refused.reason.code, refused.reason.number) == ("no-features", 0)
 
@@ -295,6 +299,29 @@ def test_a_guess_that_is_no_rigid_motion_is_refused(guess: Any) -> None:
         register(points, points, guess)
 
 
+def test_a_packed_cloud_registers_as_before(
+    scans: tuple[Points, Points], found: Registration
+) -> None:
+    config = RegistrationConfig()
+    packed = [PreparedCloud(points).to_bytes() for points in scans]
+    assert max(map(len, packed)) < 150_000
+    assert same(register(*(PreparedCloud.from_bytes(each, config) for each in packed)), found)
+    for damaged in (b"", packed[0][:-20], packed[0][:40] + b"x" + packed[0][41:]):
+        with pytest.raises(DataError, match="damaged"):
+            PreparedCloud.from_bytes(damaged, config)
+
+
+def test_points_farther_than_16_bits_reach_are_packed_all_the_same() -> None:
+    cloud = PreparedCloud(np.random.default_rng(3).uniform(-3e3, 3e3, (300, 3)).astype(np.float32))
+    again = PreparedCloud.from_bytes(cloud.to_bytes(), cloud.config)
+    np.testing.assert_array_equal(again.points, cloud.points)
+
+
+def test_a_guess_or_a_search_is_needed(scans: tuple[Points, Points]) -> None:
+    with pytest.raises(ConfigError, match="neither a guess nor a search"):
+        register(*scans, search=False)
+
+
 def test_prepared_clouds_keep_their_configuration(scans: tuple[Points, Points]) -> None:
     fine = RegistrationConfig(voxel=0.3)
     prepared = PreparedCloud(scans[0], fine)
@@ -309,7 +336,7 @@ def test_a_missing_extra_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[map\]'") as caught:
-        register(*scans)
+        register(*scans, config=FREE)
     assert (caught.value.code, caught.value.fields) == ("missing-extra", ("map",))
 
 
@@ -320,7 +347,7 @@ def test_without_a_package_of_kiss_matcher_for_this_python_a_guess_is_asked_for(
     later = SimpleNamespace(version_info=(3, 13))
     monkeypatch.setattr("fusionslam.registration.map_extra.sys", later)
     with pytest.raises(FusionSlamError, match="give a guess") as caught:
-        register(*scans)
+        register(*scans, config=FREE)
     assert (caught.value.code, caught.value.fields) == ("no-package", ("kiss-matcher",))
 
 
@@ -328,8 +355,8 @@ def test_without_kiss_matcher_a_guess_is_judged_alone(
     monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
 ) -> None:
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)
-    assert register(*scans, TRUTH).accepted
-    refused = register(*scans, pose_of(-20, 5, 0, 0, 0, 90))
+    assert register(*scans, TRUTH, config=FREE).accepted
+    refused = register(*scans, pose_of(-20, 5, 0, 0, 0, 90), config=FREE)
     assert refused.reason is not None
     assert refused.reason.code == "low-overlap"
     assert refused.estimate is not None
@@ -352,5 +379,5 @@ def test_another_package_of_kiss_matcher_than_that_of_pypi_is_refused(
     monkeypatch.setattr(kiss_matcher, "__file__", str(tmp_path / "kiss_matcher" / "__init__.py"))
     found = "nothing" if is_built_from_source else r"libgomp-1\.so, libtbb-1\.so"
     with pytest.raises(FusionSlamError, match=f"found there: {found}") as caught:
-        register(*scans)
+        register(*scans, config=FREE)
     assert (caught.value.code, caught.value.fields) == ("other-package", ("kiss-matcher",))
