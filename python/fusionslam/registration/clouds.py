@@ -74,7 +74,8 @@ class PreparedCloud:
         # Of all points: voxels of voxels lose a part of the poses that features find.
         searched = points[:0] if self.config.gravity else points
         self.search_points = _round(_voxels(searched, None, self.config.search_voxel)[0])
-        self.colors, self.is_colored = None, np.zeros(len(self.points), np.bool_)
+        self.colors: Image | None = None
+        self.is_colored: Mask = np.zeros(len(self.points), np.bool_)
         if colored is None and isinstance(cloud, Cloud):
             colored = cloud
         if colored is not None and colored.colors is not None:
@@ -136,11 +137,12 @@ class PreparedCloud:
         self.search_points = _from_steps(arrays["search_points"])
         self.ranges = arrays["ranges"].astype(np.float32)
         count = len(self.points)
-        self.is_colored: Mask = np.unpackbits(arrays["is_colored"], count=count).astype(np.bool_)
-        self.colors: Image | None = None
+        self.is_colored = np.unpackbits(arrays["is_colored"], count=count).astype(np.bool_)
+        self.colors = None
         if "colors" in arrays:
-            self.colors = np.zeros((count, 3), np.uint8)
-            self.colors[self.is_colored] = arrays["colors"]
+            colors: Image = np.zeros((count, 3), np.uint8)
+            colors[self.is_colored] = arrays["colors"]
+            self.colors = colors
         scene = arrays.get("scene")
         self.scene = None if scene is None else Scene.from_bytes(scene.tobytes())
 
