@@ -27,6 +27,7 @@ from fusionslam.evaluation import (
     MapReport,
     PrecisionRecall,
     RatSlamRun,
+    VerifiedRun,
     ViewCurve,
     ViewJudge,
     ViewRun,
@@ -46,6 +47,7 @@ from fuzz.hostile_values import (
     random_bytes,
 )
 from fuzz.target import SilentError, Target, check_numbers, refusing, scratch
+from verified import verified_run
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,9 @@ FORMATS: dict[str, Format] = {
         _index_again,
     ),
     "descriptor_run": Format(_descriptor_run, DescriptorRun.load),
+    "verified_run": Format(
+        lambda path: verified_run().save(path), VerifiedRun.load, lambda run: str(run.matches)
+    ),
     "view_run": Format(_view_run, ViewRun.load, lambda run: str(run.judge())),
     "rat_slam_run": Format(lambda path: maps.square_run().save(path), RatSlamRun.load, judge_map),
     "precision_recall": Format(_precision_recall, PrecisionRecall.load),

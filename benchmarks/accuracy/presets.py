@@ -85,7 +85,8 @@ def evaluate_preset(drive: Path, source: str, preset: str) -> list[Evaluation]:
 def figures_of(evaluation: Evaluation) -> list[float | None]:
     """The values of ``FIGURES``."""
     curve = evaluation.curves["revisit"]
-    by_direction = [evaluation.top1_by_direction[kind] for kind in ("same", "opposite")]
+    directions = evaluation.by_direction["revisit"]
+    by_direction = [directions[kind].top1 for kind in ("same", "opposite")]
     return [
         curve.top1,
         *by_direction,

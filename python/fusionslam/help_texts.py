@@ -51,6 +51,6 @@ EVALUATION_WINDOW = (
     "(loop_closure.window: when they are found)"
 )
 PROTOCOL = (
-    "what recall is a share of: revisit (all revisits) or perdomo2019 (those whose nearest "
-    "candidate is correct)"
+    "what must be right: the place (revisit: recall of all revisits; perdomo2019: of those whose "
+    "nearest candidate is right) or, of verified loops, the pose (pose-1m-5deg, pose-2m-5deg)"
 )

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
     from fusionslam.doctor import Finding
-    from fusionslam.evaluation import DescriptorRun, Evaluation
+    from fusionslam.evaluation import Evaluation, LoopRun
     from fusionslam.report.page.tables import Table
 
 OPENING = "opening the recording"
@@ -160,12 +160,26 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
     sizes = [(name, len(group)) for name, group in groups.items()]
     for table in [*tables, cost_table(ranked)]:
         _print_groups(table, sizes)
-    for line in (_conditions(ranked, protocol), _COSTS, winner(ranked, protocol)):
+    lines = [_conditions(ranked, protocol), _COSTS, *_accepted(ranked, protocol)]
+    for line in (*lines, winner(ranked, protocol)):
         if line:
             print(line)
     for line in dict.fromkeys(left_out(evaluation.run) for evaluation in ranked):
         if line:
             print(line.removeprefix(", "))
+
+
+def _accepted(evaluations: "Sequence[Evaluation]", protocol: str) -> Iterator[str]:
+    """Yield a line for each run of verified loops: what proposed them and what was accepted."""
+    from fusionslam.evaluation import VerifiedRun
+
+    for evaluation in evaluations:
+        run = evaluation.run
+        if isinstance(run, VerifiedRun):
+            found = evaluation.accepted.get(protocol)
+            wrong = "" if found is None else f", {found.wrong} of them wrong"
+            loops = counted(int(run.accepted.sum()), "loop")
+            yield f"verified, {run.source}: {loops} accepted{wrong}; candidates of {run.descriptor}"
 
 
 _COSTS = (
@@ -174,7 +188,7 @@ _COSTS = (
 )
 
 
-def left_out(run: "DescriptorRun") -> str:
+def left_out(run: "LoopRun") -> str:
     """List the skipped frames of the run, as the end of a line."""
     if not run.skipped:
         return ""

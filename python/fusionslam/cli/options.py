@@ -92,7 +92,7 @@ KINDS = (
 )
 ODOMETRY = ("topic", "visual", "truth", "truth+noise")
 PRESETS_OF_RATSLAM = ("robust", "openratslam")
-PROTOCOLS = ("revisit", "perdomo2019")
+PROTOCOLS = ("revisit", "perdomo2019", "pose-1m-5deg", "pose-2m-5deg")
 RECOGNISERS = (
     *("alignment", "objects", "two_stages", *DESCRIPTORS),
     "visual_templates",

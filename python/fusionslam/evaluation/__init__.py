@@ -20,7 +20,13 @@ judges the map that RatSLAM made from them.
 
 from fusionslam.evaluation.loops.costs import Costs, StageCost, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
-from fusionslam.evaluation.loops.evaluation import Evaluation, evaluate
+from fusionslam.evaluation.loops.evaluation import (
+    AcceptedLoops,
+    DirectionFigures,
+    Evaluation,
+    evaluate,
+    evaluate_verified,
+)
 from fusionslam.evaluation.loops.judge import RANKS, evaluate_matches, precision_recall
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
@@ -33,6 +39,7 @@ from fusionslam.evaluation.loops.protocols import (
 )
 from fusionslam.evaluation.loops.published import CITATION, kitti_sequence, published_figures
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, Visit, visits
+from fusionslam.evaluation.loops.verified_run import REJECTED, LoopRun, VerifiedRun
 from fusionslam.evaluation.maps.judge import judge_map, pose_errors
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import REFUSED, RatSlamRun
@@ -71,17 +78,21 @@ __all__ = [
     "PUBLISHED_VIEWS",
     "RANKS",
     "REFUSED",
+    "REJECTED",
     "RERUN_CITATION",
     "RERUN_DESCRIPTORS",
     "RERUN_VIEWS",
     "THRESHOLDS",
     "VIEW_CITATION",
     "VIEW_RULES",
+    "AcceptedLoops",
     "Costs",
     "DescriptorRun",
+    "DirectionFigures",
     "Evaluation",
     "EvaluationConfig",
     "JudgedView",
+    "LoopRun",
     "MapReport",
     "Matches",
     "PoseErrors",
@@ -93,6 +104,7 @@ __all__ = [
     "RerunViews",
     "RunningViews",
     "StageCost",
+    "VerifiedRun",
     "ViewCurve",
     "ViewJudge",
     "ViewReport",
@@ -103,6 +115,7 @@ __all__ = [
     "baselines",
     "evaluate",
     "evaluate_matches",
+    "evaluate_verified",
     "every_kth",
     "find_matches",
     "find_protocol",

@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,15 +20,26 @@ from fusionslam.config import merged
 from fusionslam.datasets import match_poses
 from fusionslam.descriptors import DESCRIPTORS, PRESETS, find_descriptor
 from fusionslam.errors import DataError
-from fusionslam.evaluation import DescriptorRun, Evaluation, EvaluationConfig, evaluate
+from fusionslam.evaluation import (
+    DescriptorRun,
+    Evaluation,
+    EvaluationConfig,
+    VerifiedRun,
+    evaluate,
+    evaluate_verified,
+)
+from fusionslam.evaluation.loops.evaluation import check_judged
+from fusionslam.evaluation.loops.protocols import check_bound
 from fusionslam.pipelines.describe import PipelineConfig, describable, for_source, load_runs
 from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording, warn_of_odometry
-from fusionslam.pipelines.results import Work, runs_folder
+from fusionslam.pipelines.results import Work, load_verified, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.storage.progress import Step, label_progress
 
 logger = logging.getLogger(__name__)
+
+Run = TypeVar("Run", DescriptorRun, VerifiedRun)
 
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 """Settings that the demo changes, by source: dense stereo clouds are thinned to save time."""
@@ -105,12 +116,14 @@ def benchmark(
     Raises:
         DataError: the data cannot be used, or the folder cannot be written or holds the results
             of other data.
-        ConfigError: an unknown descriptor.
+        ConfigError: an unknown descriptor, or a protocol by pose: descriptors give no poses.
     """
     configs = configs or {source: PipelineConfig() for source in recording.sources()}
     wanted = names if isinstance(names, Mapping) else dict.fromkeys(configs, names)
     for name in (name for source in configs for name in wanted[source]):
         find_descriptor(name)
+    for config in configs.values():
+        check_bound(config.evaluation.protocol, has_poses=False)
     evaluations = []
     for source, config in configs.items():
         own = for_source(config, source)
@@ -155,32 +168,39 @@ def evaluate_stored(
     truth: str | os.PathLike[str] | None = None,
     step: Step | None = None,
 ) -> tuple[list[Evaluation], EvaluationConfig]:
-    """Evaluate every run in a folder of results.
+    """Evaluate every run in a folder of results, of descriptors and of verified loops.
 
     Args:
         folder: written by ``benchmark`` or ``describe_dataset``.
         changes: to the evaluation configuration stored there.
         truth: file of ground-truth poses in KITTI or TUM format, to use instead of those in the
-            runs.
+            runs; of the same body, where protocols by pose are to hold.
         step: progress callback.
 
     Raises:
-        DataError: no such folder, no runs in it, or poses that do not fit.
-        ConfigError: a value out of range.
+        DataError: no such folder, no runs in it, poses that do not fit, or verified loops that the
+            window excludes.
+        ConfigError: a value out of range, or a protocol by pose without verified loops.
     """
     if not Path(folder).is_dir():
         raise DataError(f"{folder} is no folder: expected one with descriptor runs")
     config = merged(PipelineConfig(), {"evaluation": stored_config(folder).model_dump()})
     config = merged(config, {"evaluation": changes or {}})
-    runs = load_runs(runs_folder(folder))
+    runs, verified = load_runs(runs_folder(folder)), load_verified(folder)
     if truth is not None:
         runs = [_with_truth(run, truth) for run in runs]
+        verified = [_with_truth(run, truth) for run in verified]
+    rule = config.evaluation
     evaluations = [time_and_evaluate(run, config, step) for run in runs]
+    evaluations += [
+        evaluate_verified(run, radius=rule.radius, window=rule.window) for run in verified
+    ]
+    check_judged(evaluations, rule.protocol)
     _warn_of_poses(evaluations)
     return evaluations, config.evaluation
 
 
-def _with_truth(run: DescriptorRun, truth: str | os.PathLike[str]) -> DescriptorRun:
+def _with_truth(run: Run, truth: str | os.PathLike[str]) -> Run:
     """The run with the poses of a file, without the frames that it lacks at both ends."""
     poses = match_poses(truth, run.numbers, run.stamps_ns, recorded=run.recorded)
     known = np.isfinite(poses).all(axis=(1, 2))

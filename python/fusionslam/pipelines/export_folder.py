@@ -4,6 +4,7 @@
 
 import logging
 import os
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, refuse_input
@@ -175,15 +177,13 @@ def cloud_poses(dataset: "Dataset", config: FusionConfig) -> NDArray[np.float64]
     """
     if dataset.poses is None:
         return None
-    # The poses in a plain folder are those of the points.
-    body_from_points = np.eye(4) if dataset.body_from_points is None else dataset.body_from_points
-    scans = dataset.poses @ body_from_points
-    if config.frame == "scan":
-        return scans
     if config.frame == "odometry":
         logger.warning(
             "the poses written say where odometry begins, as the clouds lie in it: "
             "loops cannot be judged by it"
         )
-    moved = [frame_from_points(dataset[i], config.frame) for i in range(len(dataset))]
-    return np.asarray(scans @ np.linalg.inv(moved), dtype=np.float64)
+    if dataset.body_from_points is None:  # then the poses are taken to be those of the points
+        dataset = replace(dataset, body_from_points=np.eye(4))
+    places = body_from_clouds(dataset, config)
+    assert dataset.poses is not None and places is not None
+    return np.asarray(dataset.poses @ places, dtype=np.float64)

@@ -7,14 +7,18 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
 from fusionslam.storage.archive import load_json, save_json
 
+if TYPE_CHECKING:
+    from fusionslam.evaluation import VerifiedRun
+
 FORMAT = "fusionslam.work.2"
 FILE = "run.json"
+_VERIFIED = "verified"
 
 
 @dataclass(frozen=True)
@@ -159,18 +163,32 @@ def _delete(paths: Iterable[Path]) -> None:
 
 def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the runs in a folder that belong to this work; others may lie beside them."""
-    from fusionslam.evaluation import DescriptorRun
+    from fusionslam.evaluation import DescriptorRun, VerifiedRun
 
     for source in work.configs:
-        for path in sorted(runs_folder(folder).glob(f"{source}-*.npz")):
+        paths = sorted(runs_folder(folder).glob(f"{source}-*.npz"))
+        for path in (*paths, verified := verified_path(folder, source)):
             with suppress(DataError):
-                if DescriptorRun.load(path).dataset == work.dataset:
+                kind = VerifiedRun if path == verified else DescriptorRun
+                if kind.load(path).dataset == work.dataset:
                     yield path
 
 
 def _place(recording: Recording) -> Path:
     """Where a recording is stored, whatever link it was opened by."""
     return Path(recording.path).resolve()
+
+
+def verified_path(folder: str | os.PathLike[str], source: str) -> Path:
+    """Return the path of a source's verified loops in a folder of results: verified/lidar.npz."""
+    return Path(folder) / _VERIFIED / f"{source}.npz"
+
+
+def load_verified(folder: str | os.PathLike[str]) -> "list[VerifiedRun]":
+    """Load the verified loops of all sources in a folder of results, if there are any."""
+    from fusionslam.evaluation import VerifiedRun
+
+    return [VerifiedRun.load(path) for path in sorted((Path(folder) / _VERIFIED).glob("*.npz"))]
 
 
 def runs_folder(folder: str | os.PathLike[str]) -> Path:

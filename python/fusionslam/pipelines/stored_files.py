@@ -40,6 +40,7 @@ _KINDS: Mapping[str, str] = {
     "ratslam_run": "map with all steps that led to it, by ratslam",
     "training": "checkpoint of a training, which the same command resumes",
     "tuning": "state of a tuning, which the same command resumes",
+    "verified_run": "verified loops of a recording, for eval and report",
     "view_bench": "tables of bench views",
     "view_curve": "ids judged at many thresholds, by views curve",
     "view_matcher": "views of places, by views match",
@@ -56,6 +57,7 @@ _COUNTS: Mapping[str, Mapping[str, str]] = {
     "loop_detector": {"frames": "numbers"},
     "ratslam": {"nodes": "map.nodes", "links": "map.ends"},
     "ratslam_run": {"nodes": "nodes", "links": "links", "steps": "stamps_ns"},
+    "verified_run": {"frames": "frames"},
     "view_matcher": {"views": "slots"},
 }
 """Arrays of a format whose length is the number of something."""

@@ -22,7 +22,7 @@ from drives import SECOND, circle_events, take
 from fusionslam import DescriptorIndex, LoopDetector
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.errors import DataError
-from fusionslam.evaluation import DescriptorRun, precision_recall
+from fusionslam.evaluation import DescriptorRun, VerifiedRun, precision_recall
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
 from fusionslam.evaluation.maps.judge import judge_map
 from fusionslam.evaluation.maps.report import MapReport
@@ -41,6 +41,7 @@ from fusionslam.views.scene_set import CloudArray, SceneSet
 from fusionslam.views.visual_templates import VisualTemplates
 from maps import square_run
 from scenes import LAPS, place, write_recording
+from verified import verified_run
 
 TRIED = os.environ.get("FUSIONSLAM_FLIPS", "40")
 
@@ -215,6 +216,7 @@ FORMATS: dict[str, Stored] = {
         lambda path: saved_file(SceneSet.load(path).save, path),
     ),
     "descriptor run": Stored(lambda p: descriptor_run().save(p), plain(DescriptorRun.load)),
+    "verified run": Stored(lambda p: verified_run().save(p), plain(VerifiedRun.load)),
     "view run": Stored(lambda p: view_run().save(p), plain(ViewRun.load)),
     "RatSLAM run": Stored(lambda p: square_run().save(p), plain(RatSlamRun.load)),
     "recording": Stored(lambda p: write_recording(p, LAPS[:4]), plain(RangeRecording.open)),

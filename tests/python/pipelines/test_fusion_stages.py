@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 import fusionslam
 from cli import fails, succeeds
@@ -16,6 +18,7 @@ from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
+from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.recording import Recording
 from fusionslam.report.fusion_stages import _Eye, draw_stages, write_stages
@@ -129,6 +132,47 @@ def test_a_bag_of_clouds_knows_where_its_frames_were(sequence: Path, tmp_path: P
         truth = given.poses[3] @ given.body_from_points
         for one, other in zip(frame.points, cloud.points, strict=True):
             assert (place @ [*one, 1])[:3] == pytest.approx((truth @ [*other, 1])[:3], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["scan", "camera", "robot", "odometry"])
+def test_clouds_of_every_frame_lie_in_the_body_where_the_scan_does(name: Any) -> None:
+    """The scanner turns on the robot; the body of the poses is fixed to it."""
+    rng = np.random.default_rng(1)
+
+    def rigid() -> NDArray[np.float64]:
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec(rng.normal(0, 1, 3)).as_matrix()
+        pose[:3, 3] = rng.normal(0, 2, 3)
+        return pose
+
+    body_from_robot, points = rigid(), rng.normal(0, 5, (30, 3)).astype(np.float32)
+    frames = [
+        Frame(
+            index=index,
+            points=points,
+            odometry=rigid(),
+            robot_from_points=rigid(),
+            cameras={"left": Camera(np.eye(3, 4), rigid())},
+        )
+        for index in range(3)
+    ]
+
+    class Turning(list[Frame]):
+        """A recording of these frames."""
+
+    config = FusionConfig(source="cloud", frame=name)
+    dataset: Any = Turning(frames)
+    dataset.body_from_robot = body_from_robot
+    dataset.body_from_points = body_from_robot @ frames[0].robot_from_points
+    places = body_from_clouds(dataset, config)
+    assert places is not None and places.shape == (3, 4, 4)
+    for frame, place in zip(frames, places, strict=True):
+        assert frame.robot_from_points is not None
+        cloud = np.c_[fusionslam.fuse(frame, config).points, np.ones(30)]
+        true = body_from_robot @ frame.robot_from_points
+        np.testing.assert_allclose(cloud @ place.T, np.c_[points, np.ones(30)] @ true.T, atol=1e-4)
+    dataset.body_from_points = None
+    assert body_from_clouds(dataset, config) is None
 
 
 def test_odometry_and_the_robots_frame_are_written_where_they_are_known() -> None:

@@ -13,8 +13,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.evaluation import DescriptorRun, Evaluation, evaluate, published_figures
+from fusionslam.evaluation import (
+    DescriptorRun,
+    Evaluation,
+    evaluate,
+    evaluate_verified,
+    published_figures,
+)
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
 from fusionslam.report import write_report
@@ -23,6 +30,7 @@ from fusionslam.report.loops.stored import write_stored_report
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
 from pages import Page, read_page
+from verified import verified_run
 
 
 def two_laps(count: int) -> NDArray[np.float64]:
@@ -156,7 +164,8 @@ def test_every_match_is_a_row_of_loops_csv(
     assert (int(first["query"]), int(first["match"])) == (210, 10 * int(curve.matches[21]))
     assert int(first["query_stamp_ns"]) == 1_700_000_000_000_000_001 + 21 * 10**8
     own = [row for row in rows if (row["source"], row["descriptor"]) == ("lidar", "m2dp")]
-    assert sum(int(row["accepted"]) for row in own) == judge_queries(curve).accepted.sum()
+    found = judge_queries(evaluations[0].run, curve)
+    assert sum(int(row["accepted"]) for row in own) == found.accepted.sum()
     assert all((float(row["metres"]) < 10) == (row["correct"] == "1") for row in rows)
 
 
@@ -246,9 +255,67 @@ def test_the_pairs_tell_the_best_the_worst_and_the_missed(evaluations: list[Eval
     false = curve.distances[matched & ~curve.correct]
     assert pairs["worst"].distance == pytest.approx(false.min(), rel=1e-5)
     assert pairs["worst"].metres >= 10
-    assert pairs["missed"].metres < 10 and judge_queries(curve).missed[pairs["missed"].query]
+    assert pairs["missed"].metres < 10 and judge_queries(run, curve).missed[pairs["missed"].query]
 
 
 def test_the_trajectory_is_drawn_in_the_plane_of_its_largest_extents() -> None:
     assert widest_axes(two_laps(50)[:, :3, 3]) == (0, 2)
     assert widest_axes(np.zeros((1, 3))) == (0, 1)
+
+
+def beside_descriptors() -> list[Evaluation]:
+    """Verified loops, and a descriptor of the same frames that finds its first match wrong."""
+    verified = evaluate_verified(verified_run(), window=0)
+    run = verified.run
+    plain = some_run(
+        count=len(run),
+        dataset=run.dataset,
+        poses=run.poses,
+        frames=run.frames,
+        numbers=run.numbers,
+        stamps_ns=run.stamps_ns,
+    )
+    return [evaluate(plain, window=0), verified]
+
+
+def test_verified_loops_are_a_row_beside_descriptors(tmp_path: Path) -> None:
+    page = report(beside_descriptors(), tmp_path, clouds=some_cloud, protocol="pose-2m-5deg")
+    assert "verified m2dp+scan_context" in page.text and "3 loops accepted" in page.text
+    names = {path.stem for path in tmp_path.iterdir() if path.suffix in (".png", ".jpg")}
+    run = "lidar_verified_m2dp-scan_context"
+    kinds = ("best", "worst", "missed")
+    drawn = {"pr_lidar", f"trajectory_{run}", *(f"pairs_{run}_{kind}" for kind in kinds)}
+    assert drawn <= names and f"distances_{run}" not in names
+    plain, verified = json.loads((tmp_path / "metrics.json").read_text())["runs"]
+    assert not plain["verified"] and "pose-2m-5deg" not in plain["protocols"]
+    assert verified["verified"] and verified["costs"]["bytes_per_descriptor"] is None
+    assert verified["protocols"]["pose-2m-5deg"]["recall_at_full_precision"] == 0.5
+    assert verified["accepted"]["pose-1m-5deg"] == {"loops": 3, "wrong": 1, "recall": 0.25}
+    assert verified["by_direction"]["pose-2m-5deg"]["opposite"]["top1"] == 1
+
+
+def test_verified_loops_are_rows_of_matches_with_the_errors_of_their_poses(tmp_path: Path) -> None:
+    report(beside_descriptors(), tmp_path, protocol="pose-2m-5deg")
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "matches.csv").read_text())))
+    own = {int(row["query"]): row for row in rows if row["descriptor"].startswith("verified")}
+    assert sorted(own) == [40, 50, 60, 70, 80]
+    assert {query for query, row in own.items() if row["accepted"] == "1"} == {40, 50, 80}
+    assert {query for query, row in own.items() if row["correct"] == "1"} == {40, 50, 70, 80}
+    assert float(own[50]["pose_error_m"]) == pytest.approx(1.5, abs=1e-3)
+    assert float(own[60]["pose_error_deg"]) == pytest.approx(5.2, abs=1e-3)
+    assert (own[40]["probability"], own[40]["overlap"], own[40]["distance"]) == (
+        "0.9",
+        "0.75",
+        "0.1",
+    )
+    other = next(row for row in rows if row["descriptor"] == "m2dp")
+    assert {other[name] for name in ("probability", "overlap", "pose_error_m")} == {""}
+    report([evaluate_verified(verified_run(poses=None), window=0)], tmp_path)
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "matches.csv").read_text())))
+    assert [row["accepted"] for row in rows] == ["1", "1", "0", "0", "1"]
+    assert {row["correct"] + row["pose_error_m"] for row in rows} == {""}
+
+
+def test_a_protocol_by_pose_needs_verified_loops(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, check=has_code("needs-poses", "evaluation.protocol")):
+        report(beside_descriptors()[:1], tmp_path, protocol="pose-1m-5deg")

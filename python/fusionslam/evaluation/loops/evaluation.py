@@ -1,26 +1,62 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of a descriptor run under several protocols."""
+"""Evaluation of a run of descriptors, or of verified loops, under several protocols."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.judge import RANKS, evaluate_matches
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
-from fusionslam.evaluation.loops.protocols import DEFAULTS, PROTOCOLS, validate_config
+from fusionslam.evaluation.loops.protocols import (
+    DEFAULTS,
+    PROTOCOLS,
+    check_bound,
+    find_protocol,
+    validate_config,
+)
 from fusionslam.evaluation.loops.published import kitti_sequence, published_figures
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, visits
+from fusionslam.evaluation.loops.verified_run import LoopRun, VerifiedRun
+from fusionslam.storage.arrays import Mask
+
+
+@dataclass(frozen=True)
+class AcceptedLoops:
+    """Loops that a detector accepted, judged: their number, the wrong ones among them, recall."""
+
+    loops: int
+    wrong: int
+    recall: float | None
+
+
+@dataclass(frozen=True)
+class DirectionFigures:
+    """Figures of the revisits in one direction.
+
+    Attributes:
+        revisits: their number.
+        top1: share whose match is correct.
+        recall_at_full_precision: share that is found at the threshold of 100 % precision of all
+            directions together.
+        accepted: share that is found by the accepted loops of a verified run; None of others.
+    """
+
+    revisits: int
+    top1: float
+    recall_at_full_precision: float
+    accepted: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A descriptor run evaluated under several protocols.
+    """A run evaluated under several protocols.
 
     Attributes:
         run: the run that was evaluated.
@@ -31,7 +67,7 @@ class Evaluation:
         window: number of frames before the query that are not candidates.
     """
 
-    run: DescriptorRun
+    run: LoopRun
     curves: dict[str, PrecisionRecall] = field(default_factory=dict)
     published: dict[str, float] | None = None
     matches: Matches | None = None
@@ -47,19 +83,47 @@ class Evaluation:
         return summarise_costs(self.run)
 
     @cached_property
-    def top1_by_direction(self) -> dict[str, float]:
-        """Top-1 of the revisits in the same, opposite or crossing direction, if there are any."""
+    def accepted(self) -> dict[str, AcceptedLoops]:
+        """The loops that the detector of a verified run accepted, by protocol; none of others."""
+        if not isinstance(self.run, VerifiedRun):
+            return {}
+        found = {}
+        for name, curve in self.curves.items():
+            relevant = find_protocol(name).relevant(curve.correct, curve.revisit)
+            right = self.run.accepted & curve.correct
+            loops = int(self.run.accepted.sum())
+            recall = float(right[relevant].mean()) if relevant.any() else None
+            found[name] = AcceptedLoops(loops, loops - int(right.sum()), recall)
+        return found
+
+    @cached_property
+    def by_direction(self) -> dict[str, dict[str, DirectionFigures]]:
+        """Protocol -> direction of revisits ("same", "opposite", "crossing"), if any -> figures."""
         if self.run.poses is None or not self.curves:
             return {}
-        curve = next(iter(self.curves.values()))
-        kinds = np.array(
-            [v.kind for v in visits(self.run.poses, radius=curve.radius, window=curve.window)]
-        )
+        first = next(iter(self.curves.values()))
+        found = visits(self.run.poses, radius=first.radius, window=first.window)
+        kinds = np.array([visit.kind for visit in found])
         return {
-            kind: float(curve.correct[kinds == kind].mean())
-            for kind in DIRECTIONS
-            if (kinds == kind).any()
+            protocol: {
+                kind: self._direction_figures(curve, kinds == kind)
+                for kind in DIRECTIONS
+                if (kinds == kind).any()
+            }
+            for protocol, curve in self.curves.items()
         }
+
+    def _direction_figures(self, curve: PrecisionRecall, among: Mask) -> DirectionFigures:
+        """Figures of the queries ``among`` all, bool (N,)."""
+        full = curve.correct & curve.accepted(curve.threshold_at_full_precision)
+        run = self.run
+        accepted = run.accepted & curve.correct if isinstance(run, VerifiedRun) else None
+        return DirectionFigures(
+            revisits=int(among.sum()),
+            top1=float(curve.correct[among].mean()),
+            recall_at_full_precision=float(full[among].mean()),
+            accepted=None if accepted is None else float(accepted[among].mean()),
+        )
 
 
 def evaluate(
@@ -74,7 +138,8 @@ def evaluate(
 
     A frame with a descriptor of zeros, which describes nothing, has no candidates.
 
-    Without ground truth there are matches but no curves. Arguments as for precision_recall.
+    Without ground truth there are matches but no curves. Protocols by pose are left out, as
+    descriptors give none. Arguments as for precision_recall.
 
     Raises:
         DataError: a position that is not finite.
@@ -90,8 +155,86 @@ def evaluate(
     curves: dict[str, PrecisionRecall] = {}
     if (places := run.positions) is not None:
         for name in protocols:
-            curves[name] = evaluate_matches(
-                matches, places, protocol=name, radius=radius, window=window
-            )
+            if find_protocol(name).bound is None:
+                curves[name] = evaluate_matches(
+                    matches, places, protocol=name, radius=radius, window=window
+                )
     known = published_figures(kitti_sequence(run.dataset), run.source, run.descriptor, len(run))
     return Evaluation(run, curves, known, matches, window)
+
+
+def evaluate_verified(
+    run: VerifiedRun,
+    *,
+    protocols: Sequence[str] = tuple(PROTOCOLS),
+    radius: float = DEFAULTS.radius,
+    window: int = DEFAULTS.window,
+) -> Evaluation:
+    """Judge the matches of verified loops under each protocol, with 1 - probability as distance.
+
+    ``recall_at_k`` of the curves is the share of the revisits with a candidate within the radius
+    among the first k that were registered, for k = 1, 5, 10 and all of them: what the descriptors
+    left to be verified, under every protocol. Without ground truth there are no curves, without
+    ``body_from_cloud`` none by pose. Other arguments as for precision_recall.
+
+    Raises:
+        DataError: a pose that is not finite, or a candidate that the window excludes (code
+            "window").
+        ConfigError: unknown protocol, radius <= 0 or window < 0.
+    """
+    for protocol in protocols:
+        validate_config(protocol=protocol, radius=radius, window=window)
+    _check_window(run, window)
+    matches = run.matches
+    curves: dict[str, PrecisionRecall] = {}
+    if run.poses is not None:
+        recalls = _candidate_recalls(run, radius, window)
+        for name in protocols:
+            if matches.match_from_query is not None or find_protocol(name).bound is None:
+                curve = evaluate_matches(
+                    matches, run.poses, protocol=name, radius=radius, window=window
+                )
+                curves[name] = replace(curve, recall_at_k=recalls)
+    return Evaluation(run, curves, None, matches, window)
+
+
+def _check_window(run: VerifiedRun, window: int) -> None:
+    rows = np.column_stack([run.match, run.candidates])
+    lags = np.where(rows >= 0, np.arange(len(run))[:, None] - rows, window + 1)
+    if lags.min(initial=window + 1) <= window:
+        raise DataError(
+            f"verified loops of {run.source} clouds: some candidates are {lags.min()} frames "
+            f"before their query, but evaluation.window is {window}: verify them with a "
+            f"loop_closure.window of {window}",
+            code="window",
+            fields=(run.source, str(lags.min()), str(window)),
+        )
+
+
+def check_judged(evaluations: Sequence[Evaluation], protocol: str) -> None:
+    """Check that runs with ground truth were judged under a protocol.
+
+    Raises:
+        ConfigError: the protocol is unknown, or nothing was judged under it but under others (code
+            "not-judged"; "needs-poses" of a protocol by pose).
+    """
+    find_protocol(protocol)
+    known = {name for evaluation in evaluations for name in evaluation.curves}
+    if known and protocol not in known:
+        check_bound(protocol, has_poses=False)
+        names = ", ".join(sorted(known))
+        problem = f"nothing was judged under protocol {protocol}, only under {names}"
+        raise ConfigError(problem, code="not-judged", fields=(protocol,))
+
+
+def _candidate_recalls(run: VerifiedRun, radius: float, window: int) -> dict[int, float | None]:
+    count = run.candidates.shape[1]
+    if not count:
+        return dict.fromkeys(RANKS)
+    present = run.candidates >= 0
+    apart = np.where(present, 0, np.inf).astype(np.float32)
+    assert run.positions is not None
+    ranks = tuple(sorted({*RANKS, count}))
+    return evaluate_matches(
+        Matches(run.candidates, apart), run.positions, radius=radius, window=window, ranks=ranks
+    ).recall_at_k

@@ -6,6 +6,7 @@ Source: Perdomo 2019, sections 3.2 and 4.1.2, as implemented in the author's pro
 chooses the denominator of recall.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,15 @@ from fusionslam.evaluation.loops.nearest_matches import (
     find_matches,
     validate_descriptors,
     validate_positions,
+    validate_truth,
 )
 from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
-from fusionslam.evaluation.loops.protocols import DEFAULTS, find_protocol, validate_config
+from fusionslam.evaluation.loops.protocols import (
+    DEFAULTS,
+    check_bound,
+    find_protocol,
+    validate_config,
+)
 from fusionslam.storage.arrays import Floats, Mask
 
 RANKS = (1, 5, 10)
@@ -41,7 +48,7 @@ def precision_recall(
     Args:
         descriptors: float32 (N, D), one row per frame, in order of time.
         positions: (N, 3), true positions in metres, in any fixed frame.
-        protocol: "revisit" or "perdomo2019".
+        protocol: "revisit" or "perdomo2019"; those by pose need matches with poses.
         radius: positions closer than this (metres) are the same place.
         window: number of frames before the query that are not candidates.
         threads: number of threads of the search; 0 is one per core.
@@ -50,9 +57,11 @@ def precision_recall(
     Raises:
         ShapeError: descriptors or positions of the wrong shape, length or dtype.
         DataError: a value that is not finite.
-        ConfigError: unknown protocol or metric, radius <= 0 or window < 0.
+        ConfigError: unknown protocol or metric, a protocol by pose (code "needs-poses"), radius
+            <= 0 or window < 0.
     """
     validate_config(protocol=protocol, radius=radius, window=window)
+    check_bound(protocol, has_poses=False)
     descriptors = validate_descriptors(descriptors)
     places = validate_positions(positions, len(descriptors))
     matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads, metric=metric)
@@ -66,24 +75,39 @@ def evaluate_matches(
     protocol: str = DEFAULTS.protocol,
     radius: float = DEFAULTS.radius,
     window: int = DEFAULTS.window,
+    ranks: Sequence[int] = RANKS,
 ) -> PrecisionRecall:
-    """Judge nearest candidates that are already known. Arguments as for precision_recall.
+    """Judge nearest candidates that are already known.
+
+    Args:
+        matches: the candidates of each frame; under a protocol by pose with ``match_from_query``.
+        positions: (N, 3), true positions in metres; or (N, 4, 4), true world_from_body, which
+            protocols by pose need. The body is that of ``match_from_query``.
+        protocol, radius, window: as for precision_recall.
+        ranks: values of k for recall@k.
 
     Raises:
         ShapeError: positions whose shape or length does not fit the matches.
         DataError: a position that is not finite, or a match that the window excludes.
-        ConfigError: unknown protocol, radius <= 0 or window < 0.
+        ConfigError: unknown protocol, one by pose without poses of the matches or true ones (code
+            "needs-poses"), radius <= 0 or window < 0.
     """
     config = validate_config(protocol=protocol, radius=radius, window=window)
-    places = validate_positions(positions, len(matches))
+    places, poses = validate_truth(positions, len(matches))
     check_causal(matches, config.window)
-    hits = _hits(matches.indices, places, config.radius)
+    rule = find_protocol(config.protocol)
+    check_bound(rule.name, matches.match_from_query is not None and poses is not None)
+    if rule.bound is None or poses is None:
+        hits = _hits(matches.indices, places, config.radius)
+    else:
+        metres, degrees = pose_differences(matches, poses)
+        hits = (metres <= rule.bound.metres) & (degrees <= rule.bound.degrees)
     revisit = _revisits(places, config.radius, config.window)
     distances = matches.distances[:, 0].astype(np.float64)
-    relevant = find_protocol(config.protocol).relevant(hits[:, 0], revisit)
+    relevant = rule.relevant(hits[:, 0], revisit)
     return PrecisionRecall(
-        **_sweep_thresholds(distances, hits[:, 0], int(relevant.sum())),
-        **_compute_ranks(hits, revisit),
+        **_sweep_thresholds(distances, hits[:, 0], relevant),
+        **_compute_ranks(hits, revisit, ranks),
         **config.model_dump(),
         n_queries=len(matches),
         n_revisits=int(revisit.sum()),
@@ -94,6 +118,20 @@ def evaluate_matches(
         correct=hits[:, 0].copy(),
         revisit=revisit,
     )
+
+
+def pose_differences(matches: Matches, poses: Floats) -> tuple[Floats, Floats]:
+    """Metres and degrees, float64 (N, k), by which poses of matches differ from the true ones.
+
+    NaN where a match has no pose. ``poses`` are float64 (N, 4, 4), true world_from_body.
+    """
+    assert matches.match_from_query is not None
+    true = np.linalg.inv(poses[matches.indices]) @ poses[:, None]
+    difference = matches.match_from_query - true
+    # Two rotations the angle a apart differ by sqrt(8) sin(a / 2) in the norm of Frobenius.
+    sines = np.linalg.norm(difference[..., :3, :3], axis=(-2, -1)) / np.sqrt(8)
+    degrees = np.degrees(2 * np.arcsin(np.minimum(sines, 1)))
+    return np.linalg.norm(difference[..., :3, 3], axis=-1), degrees
 
 
 def metres_between(a: Floats, b: Floats) -> Floats:
@@ -115,13 +153,21 @@ def _revisits(places: Floats, radius: float, window: int) -> Mask:
     return found
 
 
-def _sweep_thresholds(distances: Floats, correct: Mask, denominator: int) -> dict[str, Any]:
-    """Compute the curve over all distinct distances, and the figures read off it."""
+def _sweep_thresholds(distances: Floats, correct: Mask, relevant: Mask) -> dict[str, Any]:
+    """Compute the curve over all distinct distances, and the figures read off it.
+
+    A pose may be right where the places are farther apart than the radius: such a match is
+    correct, but the recall of revisits does not count it.
+    """
+    denominator = int(relevant.sum())
     present = np.isfinite(distances)
     thresholds, row = np.unique(distances[present], return_inverse=True)
     accepted = np.cumsum(np.bincount(row, minlength=len(thresholds)))
-    found = np.cumsum(np.bincount(row[correct[present]], minlength=len(thresholds)))
-    precision = found / accepted
+    right, found = (
+        np.cumsum(np.bincount(row[mask[present]], minlength=len(thresholds)))
+        for mask in (correct, correct & relevant)
+    )
+    precision = right / accepted
     recall = found / denominator if denominator else np.full(len(found), np.nan)
     curve = {"thresholds": thresholds, "precision": precision, "recall": recall}
     return curve | (_figures(thresholds, precision, recall) if denominator else _UNDEFINED)
@@ -159,12 +205,12 @@ def _f1(precision: Floats, recall: Floats) -> Floats:
     return 2 * precision * recall / np.where(total > 0, total, 1)
 
 
-def _compute_ranks(hits: Mask, revisit: Mask) -> dict[str, Any]:
+def _compute_ranks(hits: Mask, revisit: Mask, ranks: Sequence[int]) -> dict[str, Any]:
     """Compute the shares of revisits with a correct candidate among the k nearest."""
-    shares = {k: _share(np.any(hits[:, :k], axis=1), revisit) for k in RANKS}
+    shares = {k: _share(np.any(hits[:, :k], axis=1), revisit) for k in ranks}
     searched = hits.shape[1]
     known = {k: share if k <= searched else None for k, share in shares.items()}
-    return {"top1": shares[1], "recall_at_k": known}
+    return {"top1": _share(hits[:, 0], revisit), "recall_at_k": known}
 
 
 def _share(good: Mask, among: Mask) -> float | None:

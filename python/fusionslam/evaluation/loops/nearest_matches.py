@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.rigid import is_rigid
 from fusionslam.storage.arrays import read_numbers
 
 
@@ -18,15 +19,20 @@ class Matches:
 
     Attributes:
         indices: int64 (N, k), rows of the candidates; -1 where there is none.
-        distances: float32 (N, k), distances of the descriptors; inf where there is none.
+        distances: float32 (N, k), distances of the descriptors; inf where there is none. Of
+            verified loops 1 - probability.
+        match_from_query: float64 (N, k, 4, 4), the pose of the query's body in that of the
+            candidate; NaN where it is not known. None of matches by descriptors alone.
 
     Raises:
         ShapeError: arrays of wrong or unequal shapes.
-        DataError: a candidate without a finite distance, or a distance without a candidate.
+        DataError: a candidate without a finite distance, a distance without a candidate, or a pose
+            without a candidate or that is no rotation and translation.
     """
 
     indices: NDArray[np.int64]
     distances: NDArray[np.float32]
+    match_from_query: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.indices)
@@ -41,6 +47,22 @@ class Matches:
                 f"matches: row {unsound[0]} has indices {self.indices[unsound[0]].tolist()} but "
                 f"distances {self.distances[unsound[0]].tolist()}; expected -1 and inf together"
             )
+        if self.match_from_query is not None:
+            self._check_poses(self.match_from_query)
+
+    def _check_poses(self, poses: NDArray[np.float64]) -> None:
+        expected = (*np.shape(self.indices), 4, 4)
+        if np.shape(poses) != expected:
+            raise ShapeError(f"match_from_query: shape {np.shape(poses)}, expected {expected}")
+        for row, column in np.argwhere(~np.isnan(poses).all(axis=(2, 3))).tolist():
+            if self.indices[row, column] < 0 or not is_rigid(poses[row, column]):
+                lack = "rotation and translation" if self.indices[row, column] >= 0 else "candidate"
+                raise DataError(
+                    f"match_from_query: row {row}, column {column} has the pose "
+                    f"{poses[row, column].tolist()} but is no {lack}",
+                    code="wrong-pose",
+                    fields=("match_from_query", str(row), str(column)),
+                )
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -115,6 +137,26 @@ def validate_positions(positions: Any, count: int) -> NDArray[np.float64]:
         )
     _check_finite("positions", places)
     return places
+
+
+def validate_truth(
+    truth: Any, count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return true positions, float64 (count, 3), and the poses (count, 4, 4) if these were given.
+
+    Raises:
+        ShapeError: wrong shape or length.
+        DataError: a value that is not finite; the message names its row.
+    """
+    numbers = read_numbers("positions", truth, f"({count}, 3) or ({count}, 4, 4)")
+    if numbers.ndim != 3:
+        return validate_positions(numbers, count), None
+    if numbers.shape != (count, 4, 4):
+        raise ShapeError(
+            f"positions: shape {numbers.shape}, expected ({count}, 3) or poses ({count}, 4, 4)"
+        )
+    _check_finite("poses", numbers.reshape(count, 16))
+    return numbers[:, :3, 3], numbers
 
 
 def check_causal(matches: Matches, window: int) -> None:

@@ -38,25 +38,28 @@ class PrecisionRecall:
     thresholds whose condition no threshold meets.
 
     Attributes:
-        thresholds: float64 (T,), the distinct descriptor distances, ascending.
+        thresholds: float64 (T,), the distinct distances, ascending: of descriptors, or 1 -
+            probability of verified loops.
         precision: float64 (T,), correct accepted matches / accepted matches.
-        recall: float64 (T,), correct accepted matches / the protocol's denominator.
+        recall: float64 (T,), correct accepted matches / the protocol's denominator; a pose that is
+            right where nothing is revisited does not count.
         recall_at_full_precision: largest recall without a false match; 0 if the nearest is false.
         threshold_at_full_precision: its threshold; None if the nearest match of all is false.
         max_f1: largest 2 P R / (P + R).
         max_f1_threshold: the lowest threshold that reaches it; None if no match is correct.
         average_precision: sum over thresholds of (R_t - R_(t-1)) P_t with R_0 = 0, no
             interpolation: the definition of scikit-learn's average_precision_score.
-        top1: share of the revisits whose nearest candidate is correct, in every protocol.
+        top1: share of the revisits whose nearest candidate is correct.
         recall_at_k: k -> share of the revisits with a correct match among the k nearest
-            candidates; None if fewer than k candidates per query were searched.
+            candidates; None if fewer than k candidates per query were searched. Of verified loops
+            as ``evaluate_verified`` says.
         n_queries: N, all frames. n_revisits: those with any candidate within the radius.
         n_correct: those whose nearest candidate is correct.
         protocol, radius, window: name, metres, frames that the figures hold for.
         queries: int64 (N,), rows of the queries.
         matches: int64 (N,), row of the nearest candidate, -1 = no candidate.
-        distances: float64 (N,), its descriptor distance, inf = no candidate.
-        correct: bool (N,), whether the match lies within the radius.
+        distances: float64 (N,), its distance, inf = no candidate.
+        correct: bool (N,), whether the match is correct under the protocol.
         revisit: bool (N,), whether some candidate lies within the radius.
     """
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.evaluation import CITATION, Evaluation
-from fusionslam.evaluation.loops.judge import metres_between
+from fusionslam.evaluation import CITATION, Evaluation, VerifiedRun
+from fusionslam.evaluation.loops.judge import metres_between, pose_differences
 from fusionslam.report.loops.outcomes import judge_queries, nearest_of
+from fusionslam.storage.arrays import Floats
 
 MATCH_COLUMNS = (
     "source",
@@ -23,6 +24,10 @@ MATCH_COLUMNS = (
     "metres",
     "query_stamp_ns",
     "match_stamp_ns",
+    "probability",
+    "overlap",
+    "pose_error_m",
+    "pose_error_deg",
 )
 
 
@@ -34,9 +39,14 @@ def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
         "source": run.source,
         "descriptor": run.descriptor,
         "preset": run.preset,
+        "verified": isinstance(run, VerifiedRun),
         "frames": len(run),
         "protocols": {name: curve.metrics() for name, curve in evaluation.curves.items()},
-        "top1_by_direction": evaluation.top1_by_direction,
+        "by_direction": {
+            protocol: {kind: asdict(figures) for kind, figures in found.items()}
+            for protocol, found in evaluation.by_direction.items()
+        },
+        "accepted": {name: asdict(found) for name, found in evaluation.accepted.items()},
         "published": evaluation.published and {**evaluation.published, "citation": CITATION},
         "costs": asdict(evaluation.costs),
         "config": run.config,
@@ -46,27 +56,48 @@ def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
 def list_matches(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object, ...]]:
     """Yield one row per query that has a candidate, as MATCH_COLUMNS; frames by number.
 
-    "accepted" is at the threshold of maximal F1. Without ground truth the judgements (accepted,
-    correct, metres) are empty.
+    "accepted" is at the threshold of maximal F1; of verified loops it is what the detector
+    accepted, and they alone have a probability, an overlap and errors of their poses. Without
+    ground truth all judgements are empty but what a detector accepted.
     """
     run, nearest = evaluation.run, nearest_of(evaluation, protocol)
     if nearest is None:
         return
     curve = evaluation.curves.get(protocol)
-    accepted = judge_queries(curve).accepted if curve else None
-    for query in np.flatnonzero(nearest[0] >= 0):
-        match = nearest[0][query]
-        judged: tuple[object, ...] = ("", "", "")
-        if curve is not None and accepted is not None and run.positions is not None:
+    matches, distances = nearest
+    accepted, about_poses = None, None
+    if isinstance(run, VerifiedRun):
+        distances, accepted, about_poses = run.distance, run.accepted, _about_poses(run)
+    elif curve is not None:
+        accepted = judge_queries(run, curve).accepted
+    for query in np.flatnonzero(matches >= 0):
+        match = matches[query]
+        judged: tuple[object, ...] = ("", "")
+        if curve is not None and run.positions is not None:
             metres = float(metres_between(run.positions[query], run.positions[match]))
-            judged = (int(accepted[query]), int(curve.correct[query]), f"{metres:.3f}")
+            judged = (int(curve.correct[query]), f"{metres:.3f}")
         yield (
             run.source,
             run.name,
             run.numbers[query],
             run.numbers[match],
-            f"{nearest[1][query]:.9g}",
+            f"{distances[query]:.9g}",
+            "" if accepted is None else int(accepted[query]),
             *judged,
             run.stamps_ns[query],
             run.stamps_ns[match],
+            *(("",) * 4 if about_poses is None else about_poses[query]),
         )
+
+
+def _about_poses(run: VerifiedRun) -> list[tuple[str, ...]]:
+    """The last four columns of each query; a value that is not known is empty."""
+    matches = run.matches
+    errors: tuple[Floats, ...] = (np.full((len(run), 1), np.nan),) * 2
+    if run.poses is not None and matches.match_from_query is not None:
+        errors = pose_differences(matches, run.poses)
+    columns = (run.probability, run.overlap, *(each[:, 0] for each in errors))
+    return [
+        tuple("" if np.isnan(value) else f"{value:.4g}" for value in row)
+        for row in zip(*columns, strict=True)
+    ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import DescriptorRun
+from fusionslam.evaluation import LoopRun
 from fusionslam.report.loops.outcomes import Pair
 from fusionslam.report.page.figures import new_figure, widest_axes
 from fusionslam.sensors.frame import Cloud
@@ -30,7 +30,7 @@ _GAMMA = 0.65  # brightens colours, which look darker as dots on a dark backgrou
 
 
 def draw_pair(
-    run: DescriptorRun, pair: Pair, clouds: CloudReader, images: ImageReader
+    run: LoopRun, pair: Pair, clouds: CloudReader, images: ImageReader
 ) -> "Figure | None":
     """Draw query on the left, match on the right; None without images and clouds."""
     frames = [int(run.numbers[row]) for row in (pair.query, pair.match)]

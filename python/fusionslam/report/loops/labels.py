@@ -4,7 +4,7 @@
 
 from collections.abc import Collection, Sequence
 
-from fusionslam.evaluation import DescriptorRun, Evaluation
+from fusionslam.evaluation import Evaluation, LoopRun, VerifiedRun
 from fusionslam.report.page.html import group_by
 
 
@@ -16,14 +16,19 @@ def source_name(source: str, sources: Collection[str]) -> str:
     return names.get(source, source)
 
 
-def run_label(run: DescriptorRun) -> str:
-    """Return the descriptor with its preset, if it has one."""
-    return f"{run.descriptor} {run.preset}" if run.preset else run.descriptor
+def run_label(run: LoopRun, *, short: bool = False) -> str:
+    """Return the descriptor with its preset, if it has one; of verified loops their name.
+
+    ``short`` leaves out which descriptors proposed candidates of verified loops.
+    """
+    if short and isinstance(run, VerifiedRun):
+        return "verified"
+    return f"{run.descriptor} {run.preset}" if run.preset else run.name
 
 
-def run_file(run: DescriptorRun) -> str:
+def run_file(run: LoopRun) -> str:
     """Return the part of a file's name that stands for a run: lidar_cm2dp_author."""
-    return f"{run.source}_{run.name}".replace(":", "_")
+    return f"{run.source}_{run.name}".replace(":", "_").replace(" ", "_")
 
 
 def by_rank(evaluations: Sequence[Evaluation], protocol: str) -> dict[str, list[Evaluation]]:

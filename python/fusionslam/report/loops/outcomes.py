@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import DescriptorRun, Evaluation, PrecisionRecall
+from fusionslam.evaluation import DescriptorRun, Evaluation, LoopRun, PrecisionRecall, VerifiedRun
 from fusionslam.evaluation.loops.judge import metres_between
 from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from fusionslam.storage.arrays import Mask
@@ -20,7 +20,7 @@ class Pair:
     Attributes:
         kind: "best", "worst" or "missed".
         query, match: rows of the run.
-        distance: descriptor distance.
+        distance: descriptor distance; of verified loops 1 - probability, NaN of "missed".
         metres: distance of the true positions.
     """
 
@@ -41,9 +41,15 @@ class Outcome:
     missed: Mask
 
 
-def judge_queries(curve: PrecisionRecall) -> Outcome:
-    """Find what the threshold of maximal F1 accepts, and which revisits it misses."""
-    accepted = curve.accepted(curve.max_f1_threshold)
+def judge_queries(run: LoopRun, curve: PrecisionRecall) -> Outcome:
+    """Find which loops are accepted and right, and which revisits are missed.
+
+    Those of descriptors are accepted by the threshold of maximal F1, verified ones by the detector.
+    """
+    if isinstance(run, VerifiedRun):
+        accepted = run.accepted
+    else:
+        accepted = curve.accepted(curve.max_f1_threshold)
     return Outcome(
         accepted=accepted,
         true=accepted & curve.correct,
@@ -65,7 +71,7 @@ def nearest_of(
     return found.indices[:, 0], found.distances[:, 0].astype(np.float64)
 
 
-def telling_pairs(run: DescriptorRun, curve: PrecisionRecall) -> list[Pair]:
+def telling_pairs(run: LoopRun, curve: PrecisionRecall) -> list[Pair]:
     """Select the closest correct match, the closest false one, and the nearest miss.
 
     The miss is the rejected revisit whose nearest candidate came closest to the threshold; it is
@@ -75,7 +81,7 @@ def telling_pairs(run: DescriptorRun, curve: PrecisionRecall) -> list[Pair]:
     chosen = (
         ("best", matched & curve.correct),
         ("worst", matched & ~curve.correct),
-        ("missed", judge_queries(curve).missed & matched),
+        ("missed", judge_queries(run, curve).missed & matched),
     )
     return [
         _pair(run, curve, kind, int(np.argmin(np.where(mask, curve.distances, np.inf))))
@@ -84,16 +90,20 @@ def telling_pairs(run: DescriptorRun, curve: PrecisionRecall) -> list[Pair]:
     ]
 
 
-def _pair(run: DescriptorRun, curve: PrecisionRecall, kind: str, query: int) -> Pair:
+def _pair(run: LoopRun, curve: PrecisionRecall, kind: str, query: int) -> Pair:
     places = run.positions
     assert places is not None, "a curve exists only where positions do"
-    match = int(curve.matches[query])
+    match, distance = int(curve.matches[query]), float(curve.distances[query])
     if kind == "missed":
+        distance = float("nan")
         match = int(np.argmin(metres_between(places[: query - curve.window], places[query])))
+    if isinstance(run, DescriptorRun):
+        rows = run.descriptors[[query, match]]
+        distance = float(pairwise_distances(rows, run.metric)[0, 1])
     return Pair(
         kind=kind,
         query=query,
         match=match,
-        distance=float(pairwise_distances(run.descriptors[[query, match]], run.metric)[0, 1]),
+        distance=distance,
         metres=float(metres_between(places[query], places[match])),
     )

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from fusionslam.datasets.pose_files import write_poses_tum
-from fusionslam.errors import ConfigError
-from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation, find_protocol
+from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation
+from fusionslam.evaluation.loops.evaluation import check_judged
 from fusionslam.evaluation.loops.protocols import DEFAULTS
 from fusionslam.help_texts import counted
 from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics_of
@@ -46,7 +46,7 @@ def write_report(
     """Write report.html, which opens offline, and its pictures, metrics, loops and poses.
 
     Args:
-        evaluations: one per source and descriptor.
+        evaluations: one per source and descriptor, or of verified loops.
         folder: created if missing. Files of an earlier report there are replaced.
         dataset_name: for the title.
         command: the command line that produced the runs.
@@ -62,7 +62,7 @@ def write_report(
 
     Raises:
         DataError: no evaluations, or the folder cannot be written.
-        ConfigError: no evaluation was made under this protocol.
+        ConfigError: no evaluation was made under this protocol (``check_judged``).
         FusionSlamError: matplotlib or jinja2 is not installed.
     """
     check_extra()
@@ -105,12 +105,7 @@ def _check(evaluations: Sequence[Evaluation], protocol: str) -> None:
     runs = [evaluation.run for evaluation in evaluations]
     labels = [f"{run.source} / {run.name}" for run in runs]
     check_runs(runs, labels, labels)
-    find_protocol(protocol)
-    known = {name for evaluation in evaluations for name in evaluation.curves}
-    if known and protocol not in known:
-        names = ", ".join(sorted(known))
-        problem = f"report: nothing was judged under {protocol!r}, only under {names}"
-        raise ConfigError(problem, code="not-judged", fields=(protocol,))
+    check_judged(evaluations, protocol)
 
 
 def _remarks(evaluations: Sequence[Evaluation], missed: Sequence[str]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import DescriptorRun, PrecisionRecall
+from fusionslam.evaluation import DescriptorRun, LoopRun, PrecisionRecall
 from fusionslam.evaluation.loops.judge import metres_between
 from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from fusionslam.report.loops.outcomes import judge_queries
@@ -51,8 +51,8 @@ def _iso_f1(axis: "Axes") -> None:
         axis.text(1.0, f1 / (2 - f1) + 0.01, f"F1 {f1}", color="#aaaaaa", fontsize=7, ha="right")
 
 
-def draw_trajectory(run: DescriptorRun, curve: PrecisionRecall) -> "Figure":
-    """Draw the path from above with the loops at the threshold of maximal F1."""
+def draw_trajectory(run: LoopRun, curve: PrecisionRecall) -> "Figure":
+    """Draw the path from above with the accepted loops (``judge_queries``)."""
     places = run.positions
     assert places is not None, "a curve exists only where positions do"
     across, up = widest_axes(places)
@@ -64,7 +64,7 @@ def draw_trajectory(run: DescriptorRun, curve: PrecisionRecall) -> "Figure":
     figure = new_figure(8.2, 1.3 + 7.2 * float(np.clip(high / max(wide, 1e-9), 0.22, 0.8)))
     axis = figure.add_subplot()
     axis.plot(*plane.T, color=PATH, lw=1.2, zorder=1)
-    found = judge_queries(curve)
+    found = judge_queries(run, curve)
     draw_loops(axis, plane, curve.matches, missed=found.missed, right=found.true, wrong=found.false)
     axis.set(xlabel=f"{_LABELS[across]} (m)", ylabel=f"{_LABELS[up]} (m)")
     if tall:

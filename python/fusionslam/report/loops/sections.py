@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fusionslam.evaluation import Evaluation, PrecisionRecall
+import numpy as np
+
+from fusionslam.evaluation import DescriptorRun, Evaluation, LoopRun, PrecisionRecall, VerifiedRun
+from fusionslam.help_texts import counted
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, draw_pair
 from fusionslam.report.loops.labels import best_of, run_file, run_label
 from fusionslam.report.loops.outcomes import nearest_of, telling_pairs
@@ -72,13 +75,20 @@ def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) ->
         "best": best,
         "loops": _describe_loops(evaluation, curve, context.protocol),
         "trajectory": _draw_trajectory(context, evaluation, curve) if curve and not empty else None,
-        "distances": None if empty else _draw_distances(context, evaluation, curve),
+        "distances": None if empty else _draw_distances(context, run, evaluation.window, curve),
+        "empty": empty,
         "pairs": _draw_pairs(context, evaluation, curve) if curve else [],
     }
 
 
 def _describe_loops(evaluation: Evaluation, curve: PrecisionRecall | None, protocol: str) -> str:
     if curve is not None:
+        found = evaluation.accepted.get(protocol)
+        if found is not None:
+            return (
+                f"{counted(curve.n_queries, 'query')}, {curve.n_revisits} of them revisits: "
+                f"{counted(found.loops, 'loop')} accepted, {found.wrong} of them wrong."
+            )
         revisits = f"{curve.n_revisits} of them revisits" if curve.n_revisits else "no revisit"
         return f"{curve.explain(curve.max_f1_threshold)} ({revisits})."
     nearest = nearest_of(evaluation, protocol)
@@ -95,7 +105,9 @@ def _draw_trajectory(
 ) -> Picture | None:
     run, threshold = evaluation.run, curve.max_f1_threshold
     at = "No threshold accepts a correct match"
-    if threshold is not None:
+    if isinstance(run, VerifiedRun):
+        at = "Loops that the detector accepted"
+    elif threshold is not None:
         at = f"Loops at the threshold of maximal F1, {threshold:.4g}"
     caption = (
         f"{at}. Green: correct. Red: false; its line leads to the place it was taken for. "
@@ -106,10 +118,10 @@ def _draw_trajectory(
 
 
 def _draw_distances(
-    context: Context, evaluation: Evaluation, curve: PrecisionRecall | None
+    context: Context, run: LoopRun, window: int, curve: PrecisionRecall | None
 ) -> Picture | None:
-    run = evaluation.run
-    window = curve.window if curve else evaluation.window
+    if not isinstance(run, DescriptorRun):
+        return None
     figure = draw_distances(run, window, curve.radius if curve else None)
     caption = (
         "Each row is a query, each column an earlier frame. Dark: the descriptors are alike; "
@@ -124,9 +136,13 @@ def _draw_pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall
     run, pictures = evaluation.run, []
     for pair in telling_pairs(run, curve):
         figure = draw_pair(run, pair, context.clouds, context.images)
+        how_alike = f"descriptors {pair.distance:.4g} apart, "
+        if isinstance(run, VerifiedRun):
+            known = np.isfinite(pair.distance)
+            how_alike = f"probability {1 - pair.distance:.4g}, " if known else ""
         caption = (
-            f"{_PAIR_TEXTS[pair.kind]}: descriptors {pair.distance:.4g} apart, places "
-            f"{pair.metres:.1f} m apart. Clouds from above, both at one scale."
+            f"{_PAIR_TEXTS[pair.kind]}: {how_alike}places {pair.metres:.1f} m apart. Clouds from "
+            "above, both at one scale."
         )
         name = f"pairs_{run_file(run)}_{pair.kind}"
         if picture := keep(context.folder, name, figure, caption, photo=True):

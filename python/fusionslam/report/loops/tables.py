@@ -20,6 +20,8 @@ Columns = list[Column[Evaluation]]
 def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per source and descriptor: accuracy, time, memory."""
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
+    if any(e.accepted for e in evaluations):
+        accuracy += _accepted_columns(protocol)
     columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
     sources = {e.run.source for e in evaluations}
     labels = [f"{source_name(e.run.source, sources)}, {run_label(e.run)}" for e in evaluations]
@@ -60,7 +62,7 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
 
 
 def _table_of_runs(columns: Columns, evaluations: Sequence[Evaluation]) -> Table:
-    return build_table(columns, evaluations, [run_label(e.run) for e in evaluations])
+    return build_table(columns, evaluations, [run_label(e.run, short=True) for e in evaluations])
 
 
 def _accuracy_columns(protocol: str) -> Columns:
@@ -71,8 +73,8 @@ def _accuracy_columns(protocol: str) -> Columns:
         return e.curves[protocol].recall_at_k.get(5) if protocol in e.curves else None
 
     full = "largest recall at which every accepted match is correct"
-    limit = "descriptor distance up to which every match is correct"
-    same, opposite = "top1_by_direction.same", "top1_by_direction.opposite"
+    limit = "distance up to which every match is correct; of verified loops 1 - probability"
+    same, opposite = (f"by_direction.{protocol}.{kind}.top1" for kind in ("same", "opposite"))
     return [
         column("R@100P", full, "recall_at_full_precision"),
         column("threshold", limit, "threshold_at_full_precision", None),
@@ -82,6 +84,15 @@ def _accuracy_columns(protocol: str) -> Columns:
         Column("same way", "top-1 of revisits in the same direction", same, "{:.3f}", max),
         Column("opposite", "top-1 of revisits head-on", opposite, "{:.3f}", max),
         Column("recall@5", "revisits with a correct one among 5", ranked, "{:.3f}", max),
+    ]
+
+
+def _accepted_columns(protocol: str) -> Columns:
+    loops = "loops that the detector accepted once it had verified them"
+    return [
+        Column("loops", loops, f"accepted.{protocol}.loops", "{:d}"),
+        Column("wrong", "of these loops", f"accepted.{protocol}.wrong", "{:d}", min),
+        Column("recall", "of these loops", f"accepted.{protocol}.recall", "{:.3f}", max),
     ]
 
 

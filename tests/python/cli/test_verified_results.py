@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands on folders of results that hold verified loops beside descriptors."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cli import error_of, succeeds
+from fusionslam.evaluation import DescriptorRun
+from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.results import Work, forget_demo, verified_path
+from verified import verified_run
+
+BY_POSE = ("--set", "evaluation.protocol=pose-2m-5deg")
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    verified = verified_run()
+    verified_path(tmp_path, "lidar").parent.mkdir()
+    verified.save(verified_path(tmp_path, "lidar"))
+    (tmp_path / "descriptors").mkdir()
+    count = len(verified)
+    DescriptorRun(
+        source="lidar",
+        descriptor="m2dp",
+        dataset=verified.dataset,
+        descriptors=np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32),
+        frames=verified.frames,
+        numbers=verified.numbers,
+        stamps_ns=verified.stamps_ns,
+        poses=verified.poses,
+        seconds={"describe": np.full(count, 0.02)},
+        peak_memory_bytes=0,
+        points=verified.points,
+        config={"fusion": {}},
+    ).save(tmp_path / "descriptors" / "lidar-m2dp.npz")
+    configs = {"lidar": {"evaluation": {"window": 0}}}
+    Work(Recording(str(tmp_path / "gone")), verified.dataset, configs=configs).save(tmp_path)
+    return tmp_path
+
+
+def test_verified_loops_are_a_row_of_the_printed_table(results: Path) -> None:
+    printed = succeeds("eval", results, *BY_POSE).stdout
+    assert max(map(len, printed.split("protocol")[0].splitlines())) <= 80
+    assert "protocol pose-2m-5deg" in printed
+    row = next(line for line in printed.splitlines() if "verified" in line)
+    assert row.split()[1:4] == ["0.500", "0.200", "0.774"]  # R@100P, threshold, max F1
+    figures = json.loads((results / "metrics.json").read_text())
+    assert "3 loops accepted, 0 of them wrong; candidates of m2dp+scan_context" in printed
+    assert [run["verified"] for run in figures["runs"]] == [False, True]
+
+
+def test_verified_loops_are_judged_by_other_poses_of_the_same_body(results: Path) -> None:
+    poses = verified_run().poses
+    assert poses is not None
+    moved = poses.copy()
+    moved[4, 0, 3] += 5  # as if the fifth frame were not where it was
+    for name, right, rows in (("poses.txt", 4, poses), ("moved.txt", 3, moved)):
+        every = np.repeat(rows[:, :3], 10, axis=0)  # the frames' numbers are 0, 10, 20, ...
+        np.savetxt(results / name, every.reshape(-1, 12))
+        folder = results / name.replace(".txt", "")
+        for path in (results / "descriptors", results / "verified"):
+            (folder / path.name).mkdir(parents=True)
+            for file in path.iterdir():
+                (folder / path.name / file.name).write_bytes(file.read_bytes())
+        settings = ("--window", 0, "--gt", results / name, *BY_POSE)
+        succeeds("eval", folder, *settings)
+        runs = json.loads((folder / "metrics.json").read_text())["runs"]
+        assert runs[1]["protocols"]["pose-2m-5deg"]["n_correct"] == right
+
+
+def test_the_report_shows_verified_loops(results: Path) -> None:
+    succeeds("report", results, "-o", results / "page")
+    assert "verified m2dp+scan_context" in (results / "page" / "report.html").read_text()
+
+
+def test_a_protocol_by_pose_without_verified_loops_is_refused_before_the_work(
+    results: Path, kitti: Path
+) -> None:
+    verified_path(results, "lidar").unlink()
+    for words in (
+        ("eval", results, *BY_POSE),
+        ("bench", kitti, "-d", "m2dp", "-o", results / "bench", *BY_POSE),
+    ):
+        error = error_of(2, *words)
+        assert (error.code, error.fields[0]) == ("needs-poses", "evaluation.protocol")
+    assert not list((results / "bench").glob("descriptors/*"))
+
+
+def test_the_demo_replaces_its_verified_loops(tmp_path: Path) -> None:
+    for source, dataset in (("lidar", "simulated drive"), ("stereo", "another drive")):
+        path = verified_path(tmp_path, source)
+        path.parent.mkdir(exist_ok=True)
+        verified_run(dataset=dataset).save(path)
+    configs: dict[str, dict[str, Any]] = {"lidar": {}, "stereo": {}}
+    old = Work(Recording("/drives/one"), "simulated drive", configs=configs, demo=True)
+    old.save(tmp_path)
+    forget_demo(tmp_path, Recording("/drives/two"))
+    assert [path.name for path in (tmp_path / "verified").iterdir()] == ["stereo.npz"]
+
+
+def test_info_says_what_a_file_of_verified_loops_is(results: Path) -> None:
+    printed = succeeds("info", verified_path(results, "lidar")).stdout
+    assert "verified loops" in printed and "frames" in printed
