@@ -68,9 +68,11 @@ class Accepted:
     recall: float
 
 
-def judge_town(seed: int, folder: Path, wanted: Sequence[str]) -> Runs:
-    """Evaluate every source and wanted descriptor on a town's drive; ``folder`` keeps the runs."""
-    curves = {}
+def describe_town(
+    seed: int, folder: Path, wanted: Sequence[str]
+) -> dict[tuple[str, str], DescriptorRun]:
+    """Describe a town's drive by every source and wanted descriptor; ``folder`` keeps the runs."""
+    runs = {}
     for source, possible in SOURCES.items():
         names = [name for name in possible if name in wanted]
         missing = [name for name in names if not run_path(folder, source, name).exists()]
@@ -80,9 +82,16 @@ def judge_town(seed: int, folder: Path, wanted: Sequence[str]) -> Runs:
             (drive,) = record_towns([seed])
             describe_dataset(open_dataset(drive), missing, folder, config=config, jobs=jobs)
         for name in names:
-            run = DescriptorRun.load(run_path(folder, source, name))
-            curves[source, name] = evaluate(run, protocols=["revisit"]).curves["revisit"]
-    return curves
+            runs[source, name] = DescriptorRun.load(run_path(folder, source, name))
+    return runs
+
+
+def judge_town(seed: int, folder: Path, wanted: Sequence[str]) -> Runs:
+    """Evaluate every source and wanted descriptor on a town's drive; ``folder`` keeps the runs."""
+    return {
+        key: evaluate(run, protocols=["revisit"]).curves["revisit"]
+        for key, run in describe_town(seed, folder, wanted).items()
+    }
 
 
 def fit(curves: Sequence[PrecisionRecall]) -> float:

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measures how many loops of simulated towns are found, by direction of the revisit.
+
+python -m benchmarks.accuracy.verified_loops               # towns that nothing was fitted to
+python -m benchmarks.accuracy.verified_loops 1 2 -d shot # these towns, this descriptor alone
+
+Prints the mean and the range over the towns of each source and protocol. Towns are taken from the
+cache and recorded if missing, as by ``benchmarks.accuracy.loop_thresholds``, whose runs are used.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+
+from benchmarks.accuracy.loop_thresholds import NAMES, describe_town
+from benchmarks.accuracy.markdown import table
+from benchmarks.accuracy.presets import CLOUDS, mean_and_range
+from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate
+from fusionslam.storage.cache import cache_folder
+
+SEEDS = (1, 2, 3, 5, 7)
+DESCRIPTORS = ("m2dp:robust", "cm2dp:robust", "scan_context")
+PROTOCOLS = ("revisit", "pose-1m-5deg", "pose-2m-5deg")
+ALL = "all"
+HEADER = ("clouds", "found by", "protocol", "figure", ALL, *DIRECTIONS)
+
+Figures = dict[tuple[str, str], dict[str, float]]
+"""Values by (protocol, figure) and direction, or ``ALL``."""
+
+
+def evaluate_town(seed: int, folder: Path, names: Sequence[str]) -> list[Evaluation]:
+    """Evaluate the runs of a town's drive; ``folder`` keeps them."""
+    runs = describe_town(seed, folder, names).values()
+    return [evaluate(run, protocols=PROTOCOLS) for run in runs]
+
+
+def figures_of(evaluation: Evaluation) -> Figures:
+    """Collect top-1, recall at 100 % precision and what a detector accepted."""
+    found: Figures = {}
+    for name, curve in evaluation.curves.items():
+        shares = evaluation.by_direction[name]
+        full = curve.recall_at_full_precision
+        found[name, "top-1"] = _known({ALL: curve.top1} | {k: v.top1 for k, v in shares.items()})
+        found[name, "recall at 100 % precision"] = _known(
+            {ALL: full} | {kind: each.recall_at_full_precision for kind, each in shares.items()}
+        )
+        if name in evaluation.accepted:
+            accepted = evaluation.accepted[name]
+            found[name, "recall of the accepted"] = _known(
+                {ALL: accepted.recall} | {kind: each.accepted for kind, each in shares.items()}
+            )
+            found[name, "wrong ones accepted"] = {ALL: accepted.wrong}
+    return found
+
+
+def _known(values: dict[str, float | None]) -> dict[str, float]:
+    return {kind: value for kind, value in values.items() if value is not None}
+
+
+def rows(towns: Sequence[Sequence[Evaluation]]) -> Iterator[list[str]]:
+    """Yield a row for each source, run, protocol and figure: mean (lowest to highest) over towns.
+
+    A direction in which some towns have no revisits is that of the others.
+    """
+    runs: dict[tuple[str, str], list[Figures]] = {}
+    for evaluation in (evaluation for town in towns for evaluation in town):
+        key = evaluation.run.source, evaluation.run.name
+        runs.setdefault(key, []).append(figures_of(evaluation))
+    for (source, name), found in runs.items():
+        for protocol, figure in dict.fromkeys(key for town in found for key in town):
+            values = [town.get((protocol, figure), {}) for town in found]
+            cells = [[town[kind] for town in values if kind in town] for kind in (ALL, *DIRECTIONS)]
+            yield [
+                CLOUDS[source],
+                f"`{name}`",
+                protocol,
+                figure,
+                *(mean_and_range(np.array(cell, np.float64)) if cell else "" for cell in cells),
+            ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seeds", nargs="*", type=int, default=SEEDS)
+    parser.add_argument("-d", "--descriptors", nargs="+", choices=NAMES, default=DESCRIPTORS)
+    parser.add_argument("--runs", type=Path, default=cache_folder() / "loop-thresholds")
+    arguments = parser.parse_args()
+    seeds, names = arguments.seeds or SEEDS, arguments.descriptors
+    towns = [evaluate_town(seed, arguments.runs / str(seed), names) for seed in seeds]
+    about = (
+        f"Towns of seeds {', '.join(map(str, seeds))}; radius 10 m, window 50 frames. Mean (lowest "
+        "to highest) over the towns. Recall at 100 % precision of one direction: share of its "
+        "revisits found at the threshold at which all loops of the town are right."
+    )
+    print(f"{fill(about, 100)}\n\n{table(HEADER, list(rows(towns)))}")
+
+
+if __name__ == "__main__":
+    main()
