@@ -65,9 +65,9 @@ if TYPE_CHECKING:
     from fusionslam.errors import ShapeError as ShapeError
     from fusionslam.fusion import FusionConfig as FusionConfig
     from fusionslam.fusion import fuse as fuse
-    from fusionslam.loop_closure.detector import Loop as Loop
-    from fusionslam.loop_closure.detector import LoopConfig as LoopConfig
+    from fusionslam.loop_closure.config import LoopConfig as LoopConfig
     from fusionslam.loop_closure.detector import LoopDetector as LoopDetector
+    from fusionslam.loop_closure.loop import Loop as Loop
     from fusionslam.pipelines.describe import PipelineConfig as PipelineConfig
     from fusionslam.pipelines.describe import describe_dataset as describe_dataset
     from fusionslam.sensors.frame import Camera as Camera
@@ -93,7 +93,9 @@ _HOMES = {
     "descriptors": "DescriptorConfig describe",
     "errors": "ConfigError DataError FusionSlamError ShapeError",
     "fusion": "FusionConfig fuse",
-    "loop_closure.detector": "Loop LoopConfig LoopDetector",
+    "loop_closure.config": "LoopConfig",
+    "loop_closure.detector": "LoopDetector",
+    "loop_closure.loop": "Loop",
     "sensors.frame_builder": "FrameBuilder OnlineConfig",
     "pipelines.describe": "PipelineConfig describe_dataset",
     "sensors.frame": "Camera Cloud Frame",

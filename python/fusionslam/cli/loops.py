@@ -17,7 +17,7 @@ from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
-    from fusionslam.loop_closure.detector import LoopConfig
+    from fusionslam.loop_closure.config import LoopConfig
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 

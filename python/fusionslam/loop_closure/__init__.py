@@ -1,7 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Online loop detection: finds frames that show a place seen before."""
+"""Online loop detection: finds frames that show a place seen before, and proves it."""
 
-from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector, default_threshold
+from fusionslam.loop_closure.config import LoopConfig, default_threshold
+from fusionslam.loop_closure.detector import LoopDetector, Observation
+from fusionslam.loop_closure.loop import Loop, Rejected
 
-__all__ = ["Loop", "LoopConfig", "LoopDetector", "default_threshold"]
+__all__ = [
+    "Loop",
+    "LoopConfig",
+    "LoopDetector",
+    "Observation",
+    "Rejected",
+    "default_threshold",
+]

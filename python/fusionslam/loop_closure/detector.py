@@ -6,19 +6,21 @@ import logging
 import operator
 import os
 import threading
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam import help_texts
 from fusionslam._core import DescriptorIndex
-from fusionslam.config import Section, merged, option
+from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
+    Metric,
     describe,
     find_descriptor,
     for_clouds,
@@ -27,66 +29,50 @@ from fusionslam.descriptors import (
     length_of,
     with_preset,
 )
-from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.help_texts import counted
+from fusionslam.loop_closure.config import LoopConfig, default_threshold
+from fusionslam.loop_closure.loop import Loop, Rejected
+from fusionslam.loop_closure.memory import Evidence, FrameMemory, Vectors
+from fusionslam.loop_closure.sequence_gate import SequenceGate
+from fusionslam.loop_closure.verification import StoredCloud, verify_candidates
+from fusionslam.registration import PreparedCloud, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.archive import load_archive, load_json, save_archive
-from fusionslam.storage.growing_array import Rows
+from fusionslam.storage.archive import format_of, load_archive, load_json, save_archive
+from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
-FORMAT = "fusionslam.loop_detector.3"
+FORMAT = "fusionslam.loop_detector.4"
+_UNVERIFIED_FORMAT = "fusionslam.loop_detector.3"
 FILE = "detector.npz"
-_THRESHOLDS = Path(__file__).with_name("thresholds.yaml")
-_COLUMNS = ("numbers", "stamps_ns", "novelty")
 _FORMER_FORMAT, _FORMER_FILE = "fusionslam.loop_detector.2", "detector.json"
 
 
-class LoopConfig(Section):
-    """Conditions under which a nearest neighbour is a loop."""
-
-    threshold: float | None = option(None, help_texts.THRESHOLD, ge=0, allow_inf_nan=False)
-    window: int = option(50, help_texts.LOOP_WINDOW, unit="frames", ge=0)
-    window_seconds: float = option(
-        0.0, "candidates are older than this; 0 is off", unit="s", ge=0, allow_inf_nan=False
-    )
-    max_frames: int = option(
-        100_000,
-        "most frames kept for comparison; at this number a quarter is forgotten, of the frames "
-        "outside the window those most like an older one; 0 is no limit",
-        ge=0,
-    )
-
-
-def default_threshold(
-    descriptor: str, describe: DescriptorConfig | None = None, source: str = "lidar"
-) -> float:
-    """Return the threshold that was fitted to a descriptor, its preset and a source of clouds.
-
-    docs/stages/loop_closure.md says how, and how right the loops are that it accepts.
-
-    Raises:
-        ConfigError: unknown descriptor.
-    """
-    import yaml
-
-    name = with_preset(descriptor, describe or DescriptorConfig())
-    fitted = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))
-    return float(fitted[source][name])
-
-
 @dataclass(frozen=True)
-class Loop:
-    """A loop: both frame numbers, in the order of adding, and their descriptor distance."""
+class Observation:
+    """What a detector needs of a frame, computed before it is added.
 
-    query: int
-    match: int
-    distance: float
+    Attributes:
+        vectors: descriptors by name, the detector's own first.
+        stamp_ns: of the frame; None if unknown.
+        evidence: its cloud; None if loops are not verified.
+        radius: for normals, if this first frame fixed it.
+    """
+
+    vectors: Vectors
+    stamp_ns: int | None
+    evidence: Evidence | None = None
+    radius: float | None = None
 
 
 class LoopDetector:
     """Describes each frame, compares it with all older ones outside the window, and stores it.
+
+    A loop is **verified** where the extra ``map`` is installed: clouds of the nearest frames, of
+    several descriptors, are registered with the frame's, and the pose that fits makes the loop.
+    Otherwise the nearest frame is a loop if its descriptor is nearer than ``threshold``.
 
     At ``max_frames`` stored frames it forgets a quarter: of those older than the window the ones
     whose nearest candidate, when they were added, was nearest. These show places that older frames
@@ -97,19 +83,24 @@ class LoopDetector:
     Args:
         descriptor: "m2dp", "cm2dp", "shot", "cshot" or "scan_context", or with a preset:
             "cm2dp:author".
-        threshold, window, window_seconds, max_frames: override the values of ``LoopConfig``.
-        config: when a neighbour is a loop.
+        threshold, window, window_seconds, max_frames, verify, candidates: override the values of
+            ``LoopConfig``.
+        config: which frames are compared, and what makes a loop.
         describe: how clouds are described.
         fusion: how frames are fused into clouds.
+        registration: how clouds are registered; method "planar" for a robot on a floor.
         length: length of descriptors computed elsewhere; None for that of ``descriptor``.
 
     Attributes:
-        threshold: the configured threshold, else ``default_threshold``.
-        nearest: the nearest candidate of the last frame, accepted or not; None without candidates.
+        verifies: whether loops are verified.
+        threshold: the configured threshold, else ``default_threshold``; of loops not verified.
+        nearest: the best candidate of the last frame, accepted or not; None without candidates.
+        rejected: the other candidates of the last frame that were verified, and why not.
 
     Raises:
         ConfigError: unknown descriptor, a value out of range, or clouds in a frame that the
             descriptor is not for.
+        FusionSlamError: ``verify`` is true and the extra ``map`` is not installed.
     """
 
     def __init__(
@@ -120,9 +111,12 @@ class LoopDetector:
         window: int | None = None,
         window_seconds: float | None = None,
         max_frames: int | None = None,
+        verify: bool | None = None,
+        candidates: int | None = None,
         config: LoopConfig | None = None,
         describe: DescriptorConfig | None = None,
         fusion: FusionConfig | None = None,
+        registration: RegistrationConfig | None = None,
         length: int | None = None,
     ) -> None:
         given = {
@@ -130,12 +124,15 @@ class LoopDetector:
             "window": window,
             "window_seconds": window_seconds,
             "max_frames": max_frames,
+            "verify": verify,
+            "candidates": candidates,
         }
         changes = {key: value for key, value in given.items() if value is not None}
         self.descriptor = find_descriptor(descriptor).name
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
         self.describe_config = for_preset(describe or DescriptorConfig(), descriptor)
         self.fusion_config = fusion or FusionConfig()
+        self.registration_config = registration or RegistrationConfig()
         for_clouds(self.describe_config, self.descriptor, self.fusion_config)  # else it fails later
         fixed, source = self.config.threshold, self.fusion_config.source
         self.threshold = (
@@ -143,20 +140,24 @@ class LoopDetector:
             if fixed is None
             else fixed
         )
+        self.verifies = _can_verify(self.config, self.registration_config)
         self.nearest: Loop | None = None
-        self._index: DescriptorIndex | None = None
+        self.rejected: list[Rejected] = []
         self._length = length
         self._added = 0
-        self._numbers, self._stamps_ns = Rows(np.int64), Rows(np.int64)
-        self._novelty = Rows(np.float32)
+        self._voters = self._choose_voters() if self.verifies else ()
+        self._memory = self._new_memory()
+        self._gate = SequenceGate(self.config)
         self._lock = threading.RLock()
+        self._pool: ThreadPoolExecutor | None = None
 
     def __repr__(self) -> str:
         name = with_preset(self.descriptor, self.describe_config)
+        how = "verified" if self.verifies else f"threshold {self.threshold:.4g}"
         return (
-            f"LoopDetector({name} of {self.fusion_config.source} clouds, "
-            f"threshold {self.threshold:.4g}, window {self.config.window}, "
-            f"{counted(len(self), 'frame')} added, {len(self._numbers)} stored)"
+            f"LoopDetector({name} of {self.fusion_config.source} clouds, {how}, "
+            f"window {self.config.window}, "
+            f"{counted(len(self), 'frame')} added, {len(self._memory)} stored)"
         )
 
     def __len__(self) -> int:
@@ -167,77 +168,218 @@ class LoopDetector:
     def frames(self) -> NDArray[np.int64]:
         """int64 (M,), ascending: the numbers of the frames that are stored."""
         with self._lock:
-            return self._numbers.all.copy()
+            return self._memory.numbers.copy()
 
-    def add(self, frame_or_cloud: Frame | Cloud, *, stamp_ns: int | None = None) -> Loop | None:
+    def add(
+        self,
+        frame_or_cloud: Frame | Cloud,
+        *,
+        stamp_ns: int | None = None,
+        odometry: Matrix | None = None,
+    ) -> Loop | None:
         """Find the loop that this frame closes, if any, and store the frame.
+
+        Args:
+            frame_or_cloud: a frame, or a cloud, metres, z up with the sensor at the origin if
+                loops are verified (``RegistrationConfig.gravity``).
+            stamp_ns: of the frame if None.
+            odometry: float64 (4, 4), odom_from_cloud; None for that of the frame, if it has any.
 
         Raises:
             DataError: a cloud that cannot be described; nothing is stored.
             ShapeError: neither a frame nor a cloud.
         """
-        if isinstance(frame_or_cloud, Frame):
-            stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
-            cloud = fuse(frame_or_cloud, self.fusion_config)
+        return self._verify(self._store_seen(frame_or_cloud, stamp_ns, odometry))
+
+    def submit(
+        self,
+        frame_or_cloud: Frame | Cloud,
+        *,
+        stamp_ns: int | None = None,
+        odometry: Matrix | None = None,
+    ) -> "Future[Loop | None]":
+        """``add`` that does not wait for the proof: it describes and stores the frame.
+
+        Frames are verified in the background, in the order of submission. Arguments and errors as
+        of ``add``.
+
+        Returns:
+            The loop as soon as it is known.
+        """
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(1, thread_name_prefix="fusionslam-loops")
+        return self._pool.submit(self._verify, self._store_seen(frame_or_cloud, stamp_ns, odometry))
+
+    def observe(
+        self,
+        frame_or_cloud: Frame | Cloud,
+        *,
+        stamp_ns: int | None = None,
+        odometry: Matrix | None = None,
+    ) -> Observation:
+        """Describe a frame for ``add_observation``; other threads and processes may do so.
+
+        Arguments and errors as of ``add``.
+        """
+        frame = frame_or_cloud if isinstance(frame_or_cloud, Frame) else None
+        if frame is not None:
+            stamp_ns = frame.stamp_ns if stamp_ns is None else stamp_ns
+            cloud = fuse(frame, self.fusion_config)
         elif isinstance(frame_or_cloud, Cloud):
             cloud = frame_or_cloud
         else:
             raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
+        config = for_clouds(self.describe_config, self.descriptor, self.fusion_config, frame)
+        radius = None
+        if find_descriptor(self.descriptor).needs_normals and not len(self):
+            config = for_sequence(config, cloud)
+            radius = config.normal_radius
+        vectors = {self.descriptor: describe(cloud, self.descriptor, config)}
+        if not self.verifies:
+            return Observation(vectors, stamp_ns, None, radius)
+        whole = cloud
+        if frame is not None and self._has_whole_scans:
+            whole = fuse(frame, merged(self.fusion_config, _WHOLE))
+        for name in self._voters:
+            vectors[_voter(name)] = self._vote(whole, name, frame)
+        prepared = PreparedCloud(whole, self.registration_config, colored=cloud)
+        if odometry is None and frame is not None and frame.odometry is not None:
+            odometry = frame.odometry @ _robot_from_cloud(frame, self.fusion_config)
+        return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius)
+
+    @property
+    def _has_whole_scans(self) -> bool:
+        """Whether frames have a scan of which the camera sees a part."""
+        planar = self.registration_config.method == "planar"
+        return self.fusion_config.source == "lidar" and not planar
+
+    def _vote(self, cloud: Cloud, name: str, frame: Frame | None) -> NDArray[np.float32]:
+        """Describe a cloud for a further descriptor; zeros if it cannot be."""
+        try:
+            config = for_clouds(self.describe_config, name, self.fusion_config, frame)
+            return describe(cloud, name, config)
+        except DataError as error:
+            logger.debug("no candidates by %s: %s", name, error)
+            return np.zeros(length_of(name, self.describe_config), np.float32)
+
+    def _choose_voters(self) -> tuple[str, ...]:
+        chosen = []
+        for name in self.config.voters:
+            kind = find_descriptor(name)
+            if kind.needs_normals or (kind.needs_colors and self._has_whole_scans):
+                raise ConfigError(
+                    f"loop_closure.voters has {name!r}, which needs normals or colours",
+                    code="choice",
+                    fields=("loop_closure.voters", name),
+                )
+            if name == self.descriptor and not self._has_whole_scans:
+                continue
+            try:
+                for_clouds(self.describe_config, name, self.fusion_config)
+            except ConfigError as error:
+                logger.info("no candidates by %s: %s", name, error)
+                continue
+            chosen.append(name)
+        return tuple(chosen)
+
+    def _store_seen(
+        self, frame_or_cloud: Frame | Cloud, stamp_ns: int | None, odometry: Matrix | None
+    ) -> "_Pending":
         if find_descriptor(self.descriptor).needs_normals:
             with self._lock:
-                if not len(self):
-                    return self._add_first(cloud, stamp_ns)
-        frame = frame_or_cloud if isinstance(frame_or_cloud, Frame) else None
-        config = for_clouds(self.describe_config, self.descriptor, self.fusion_config, frame)
-        vector = describe(cloud, self.descriptor, config)
-        return self.add_descriptor(vector, stamp_ns=stamp_ns)
+                if not len(self):  # the first frame fixes the radius of all
+                    seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
+                    return self._store(seen)
+        return self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
 
-    def _add_first(self, cloud: Cloud, stamp_ns: int | None) -> Loop | None:
-        """Add the cloud that fixes the radius for normals."""
-        config = for_sequence(self.describe_config, cloud)
-        vector = describe(cloud, self.descriptor, config)
-        loop = self.add_descriptor(vector, stamp_ns=stamp_ns)
-        self.describe_config = config  # only now: a failed cloud must not fix the radius
-        return loop
+    def add_observation(self, observation: Observation) -> Loop | None:
+        """``add`` for what ``observe`` returned, in the order of the frames."""
+        return self._verify(self._store(observation))
 
     def add_descriptor(
         self, descriptor: NDArray[np.float32], *, stamp_ns: int | None = None
     ) -> Loop | None:
-        """``add`` for a descriptor, float32 (D,), computed elsewhere.
+        """``add`` for a descriptor, float32 (D,), computed elsewhere: its loop is not verified.
 
         A descriptor of zeros, which describes nothing, takes a number, but it is not stored and
         matches nothing.
 
         Raises:
             ShapeError: another length than the descriptor's.
+            ConfigError: the detector has verified loops, for which it needs clouds.
         """
         with self._lock:
-            index = self._index
-            if index is None:
-                self._check_length(descriptor)
-                index = self._new_index(len(descriptor))
-            rows, distances = index.query(descriptor, stamp_ns=stamp_ns)
-            self._index = index  # only now: a failed first descriptor must not fix the length
-            if not np.any(descriptor):
-                self._added, self.nearest = self._added + 1, None
-                return None
-            index.add(descriptor, stamp_ns=stamp_ns)
-            found = None
-            if len(rows):
-                match = int(self._numbers.all[rows[0]])
-                found = Loop(self._added, match, float(distances[0]))
-            self._note(self._added, stamp_ns, np.inf if found is None else found.distance)
-            self.nearest = found
-            if 0 < self._limit <= len(index):
-                self._forget()
-        return found if found and found.distance <= self.threshold else None
+            if self.verifies and len(self._memory):
+                raise ConfigError(
+                    "this detector verifies loops: it needs frames or clouds, or verify=False",
+                    code="choice",
+                    fields=("verify",),
+                )
+            if self.verifies:
+                self.verifies, self._voters = False, ()
+                self._memory = self._new_memory()
+        return self._verify(self._store(Observation({self.descriptor: descriptor}, stamp_ns)))
+
+    def _store(self, seen: Observation) -> "_Pending":
+        """Store a frame; return what is left to be proven of it."""
+        own = seen.vectors[self.descriptor]
+        with self._lock:
+            if not len(self._memory):
+                self._check_length(own)
+            k = self.config.candidates if self.verifies else 1
+            found = self._memory.query(seen.vectors, k, seen.stamp_ns)
+            if not np.any(own):
+                self._added += 1
+                return _Pending(self._added - 1)
+            number, nearest = self._added, found[self.descriptor]
+            candidates = {match: np.inf for pairs in found.values() for match, _ in pairs}
+            candidates |= dict(nearest)
+            clouds = {}
+            if seen.evidence is not None:  # before any of them is forgotten
+                clouds = {match: self._memory.cloud(match) for match in candidates}
+            novelty = nearest[0][1] if nearest else np.inf
+            self._memory.add(number, seen.vectors, seen.stamp_ns, novelty, seen.evidence)
+            self._added = number + 1
+            if seen.radius is not None:  # only now: a failed cloud must not fix the radius
+                changed = {"normal_radius": seen.radius}
+                self.describe_config = self.describe_config.model_copy(update=changed)
+            return _Pending(number, candidates, seen.evidence, clouds)
+
+    def _verify(self, pending: "_Pending") -> Loop | None:
+        """Prove the loop of a stored frame, or take the nearest one."""
+        if pending.evidence is None:
+            return self._take_nearest(pending)
+        best, rejected = verify_candidates(
+            pending.number,
+            pending.evidence.cloud,
+            pending.candidates,
+            pending.clouds.__getitem__,
+            self.config,
+        )
+        with self._lock:
+            match = None if best is None else self._memory.odometry(best.match)
+            best = self._gate.judge(best, pending.evidence.odometry, match)
+            if best is not None and best.reason is not None:
+                reason = best.reason
+                first = Rejected(best.match, reason.code, reason.number, reason.text)
+                rejected = [first, *rejected]
+            self.nearest, self.rejected = best, rejected
+        return best if best is not None and best.reason is None else None
+
+    def _take_nearest(self, pending: "_Pending") -> Loop | None:
+        found = None
+        if pending.candidates:
+            match, distance = next(iter(pending.candidates.items()))
+            found = Loop(pending.number, match, distance)
+        self.nearest, self.rejected = found, []
+        return found if found is not None and found.distance <= self.threshold else None
 
     def candidates(self, k: int = 10) -> list[tuple[int, float]]:
         """Return the k nearest candidates of the last frame among those stored, nearest first.
 
         Returns:
-            (number of the frame, descriptor distance) of each, whatever the threshold; none if the
-            last descriptor was one of zeros.
+            (number of the frame, distance of the detector's descriptor) of each, whatever the
+            threshold; none if the last descriptor was one of zeros.
 
         Raises:
             ConfigError: k < 1.
@@ -245,87 +387,24 @@ class LoopDetector:
         if operator.index(k) < 1:
             raise ConfigError(f"k is {k}, expected at least 1", code="choice", fields=("k", str(k)))
         with self._lock:
-            last = len(self._numbers) - 1
-            if self._index is None or last < 0 or self._numbers.all[last] != self._added - 1:
+            numbers = self._memory.numbers
+            if not len(numbers) or numbers[-1] != self._added - 1:
                 return []
-            # The index takes a query for the next frame, which has one candidate more.
-            rows, distances = self._index.query(
-                self._index.descriptor(last),
-                k=min(k, last) + 1,
-                stamp_ns=int(self._stamps_ns.all[last]),
-            )
-            own = rows < last - self.config.window
-            numbers = self._numbers.all[rows[own]]
-        return [*zip(numbers.tolist(), distances[own].tolist(), strict=True)][:k]
+            return self._memory.candidates(k)
 
-    @property
-    def _limit(self) -> int:
-        """The number of stored frames at which a quarter is forgotten; 0 is no limit."""
-        config = self.config
-        return max(config.max_frames, 2 * config.window, 4) if config.max_frames else 0
+    def stamp_ns(self, number: int) -> int:
+        """Time stamp of a stored frame, nanoseconds; 0 if it had none.
 
-    def _new_index(self, length: int) -> DescriptorIndex:
-        config = self.config
-        return DescriptorIndex(
-            length,
-            window=config.window,
-            window_seconds=config.window_seconds,
-            metric=find_descriptor(self.descriptor).metric,
-        )
-
-    def _note(self, number: int, stamp_ns: int | None, novelty: float) -> None:
-        self._numbers.append(number)
-        self._stamps_ns.append(stamp_ns or 0)
-        self._novelty.append(novelty)
-        self._added = number + 1
-
-    def _forget(self) -> None:
-        """Forget a quarter of the frames: those outside the window that are most like older ones.
-
-        The rebuilt index takes time in proportion to its size, but only once in as many frames as
-        are forgotten.
+        Raises:
+            DataError: the frame is not stored.
         """
-        count = len(self._numbers)
-        # The index counts its window in rows, so none of the newest may be forgotten; nor the last
-        # frame, whose candidates may be asked for.
-        old = count - max(self.config.window, 1)
-        # Of equally novel frames the newest goes first.
-        order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
-        rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))
-        self._restore(self._descriptors(rows), *(each[rows] for each in self._columns()))
-        logger.info("%d of %d stored frames are forgotten", count // 4, count)
+        with self._lock:
+            return self._memory.stamp_ns(number)
 
-    def _columns(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        return self._numbers.all, self._stamps_ns.all, self._novelty.all
-
-    def _descriptors(self, rows: Iterable[int]) -> Iterator[NDArray[np.float32]]:
-        for row in rows:
-            assert self._index is not None  # else there are no rows
-            yield self._index.descriptor(int(row))
-
-    def _restore(
-        self,
-        descriptors: Iterable[NDArray[np.float32]],
-        numbers: NDArray[np.int64],
-        stamps_ns: NDArray[np.int64],
-        novelty: NDArray[np.float32],
-    ) -> None:
-        """Replace what is stored."""
-        index = None
-        for descriptor, stamp in zip(descriptors, stamps_ns.tolist(), strict=True):
-            index = self._new_index(len(descriptor)) if index is None else index
-            index.add(descriptor, stamp_ns=stamp)
-        self._index = index
-        self._restore_columns(numbers, stamps_ns, novelty)
-
-    def _restore_columns(
-        self,
-        numbers: NDArray[np.int64],
-        stamps_ns: NDArray[np.int64],
-        novelty: NDArray[np.float32],
-    ) -> None:
-        self._numbers, self._stamps_ns = Rows.of(numbers), Rows.of(stamps_ns)
-        self._novelty = Rows.of(novelty)
+    def _new_memory(self) -> FrameMemory:
+        metrics: dict[str, Metric] = {self.descriptor: find_descriptor(self.descriptor).metric}
+        metrics |= {_voter(name): find_descriptor(name).metric for name in self._voters}
+        return FrameMemory(metrics, self.config, self.registration_config)
 
     def _check_length(self, descriptor: Any) -> None:
         """Raise ShapeError for a wrong length; the index would accept any length first."""
@@ -338,19 +417,15 @@ class LoopDetector:
             )
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Save the configuration and all descriptors to a folder, as one file.
+        """Save the configuration and all that is stored to a folder, as one file.
 
         Raises:
             DataError: nothing was added yet, or the folder cannot be written.
         """
-        self.save_with(folder, {})
-
-    def save_with(self, folder: str | os.PathLike[str], more: Mapping[str, NDArray[Any]]) -> None:
-        """``save``, with more arrays in the same file; their names must differ from its own."""
         about, arrays = self._state()
         if not len(self):
             raise DataError("the loop detector is empty: there is nothing to save", code="empty")
-        save_archive(Path(folder) / FILE, FORMAT, about, {**arrays, **more})
+        save_archive(Path(folder) / FILE, FORMAT, about, arrays)
         for pattern in (_FORMER_FILE, "descriptors-*.index*", ".descriptors-*.index*"):
             for old in Path(folder).glob(pattern):  # of former versions
                 old.unlink(missing_ok=True)
@@ -361,49 +436,37 @@ class LoopDetector:
 
         Raises:
             DataError: the file is missing or damaged; the message names it.
+            FusionSlamError: its loops are verified and the extra ``map`` is not installed.
         """
-        return cls.load_with(folder)[0]
-
-    @classmethod
-    def load_with(
-        cls, folder: str | os.PathLike[str]
-    ) -> "tuple[LoopDetector, dict[str, NDArray[Any]]]":
-        """``load``, and all arrays in the same file. Raises as ``load``."""
         source = Path(folder)
         if source.name == FILE and source.is_file():
             source = source.parent
         if (source / _FORMER_FILE).exists() and not (source / FILE).exists():
-            return cls._load_former(source), {}
-        with load_archive(source / FILE, FORMAT, "a stored loop detector") as (about, arrays):
-            return cls._restored(about, arrays), arrays
+            return cls._load_former(source)
+        path = source / FILE
+        known = _UNVERIFIED_FORMAT if format_of(path) == _UNVERIFIED_FORMAT else FORMAT
+        with load_archive(path, known, "a stored loop detector") as (about, arrays):
+            return cls._restored(about, arrays)
 
     @classmethod
     def _load_former(cls, source: Path) -> "LoopDetector":
         """Read the two files of earlier versions: JSON, and an index whose name it holds."""
         with load_json(source / _FORMER_FILE, _FORMER_FORMAT, "a stored loop detector") as about:
-            detector = cls._configured(about)
-        path = source / Path(str(about.get("index"))).name
-        index = DescriptorIndex.load(path)
-        count = len(index)
-        if count != about.get("frames"):
-            raise DataError(
-                f"{source}: {count} descriptors, {_FORMER_FILE} says {about.get('frames')}"
-            )
-        stamps_ns = np.fromfile(path, np.int64, count, offset=48)  # which an index does not return
-        novelty = np.full(count, np.inf, np.float32)  # was not stored
-        detector._index, detector._added = index, count
-        detector._restore_columns(np.arange(count), stamps_ns, novelty)
-        return detector
-
-    @classmethod
-    def _configured(cls, about: Mapping[str, Any]) -> "LoopDetector":
-        return cls(
-            about["descriptor"],
-            config=merged(LoopConfig(), about["loop_closure"]),
-            describe=merged(DescriptorConfig(), about["descriptors"]),
-            fusion=merged(FusionConfig(), about["fusion"]),
-            length=about.get("length"),
-        )
+            path = source / Path(str(about.get("index"))).name
+            index = DescriptorIndex.load(path)
+            count = len(index)
+            if count != about.get("frames"):
+                raise DataError(
+                    f"{source}: {count} descriptors, {_FORMER_FILE} says {about.get('frames')}"
+                )
+            arrays = {
+                "descriptors": np.array([index.descriptor(row) for row in range(count)]),
+                "numbers": np.arange(count),
+                # An index does not return its stamps.
+                "stamps_ns": np.fromfile(path, np.int64, count, offset=48),
+                "novelty": np.full(count, np.inf, np.float32),  # was not stored
+            }
+            return cls._restored(about, arrays)
 
     def _state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return the configuration and counts, ready for JSON, and the arrays by name."""
@@ -414,13 +477,12 @@ class LoopDetector:
                 "frames": self._added,
                 # A later version may fit another threshold.
                 "loop_closure": self.config.model_dump() | {"threshold": self.threshold},
+                "verifies": self.verifies,
                 "descriptors": self.describe_config.model_dump(),
                 "fusion": self.fusion_config.model_dump(),
+                "registration": self.registration_config.model_dump(),
             }
-            vectors = [*self._descriptors(range(len(self._numbers)))]
-            columns = (each.copy() for each in self._columns())
-            arrays = dict(zip(_COLUMNS, columns, strict=True))
-        return about, {"descriptors": np.array(vectors, np.float32), **arrays}
+            return about, self._memory.to_arrays()
 
     @classmethod
     def _restored(
@@ -431,21 +493,68 @@ class LoopDetector:
         Raises:
             ConfigError, DataError, ShapeError: values or arrays that contradict each other.
         """
-        detector = cls._configured(about)
-        columns = [arrays[name] for name in _COLUMNS]
-        vectors, numbers, count = arrays["descriptors"], columns[0], about["frames"]
-        counts = [len(vectors), *(len(column) for column in columns)]
-        if len(set(counts)) > 1:
-            raise DataError(f"descriptors, {', '.join(_COLUMNS)} of {counts} frames")
-        if (np.diff(numbers, prepend=-1, append=count) <= 0).any():
-            raise DataError(f"the numbers of the frames do not ascend from 0 to {count - 1}")
-        detector._added = count
-        detector._restore(vectors, *columns)
+        config = merged(LoopConfig(), about["loop_closure"])
+        detector = cls(
+            about["descriptor"],
+            verify=about.get("verifies", False),  # earlier versions did not
+            config=config,
+            describe=merged(DescriptorConfig(), about["descriptors"]),
+            fusion=merged(FusionConfig(), about["fusion"]),
+            registration=merged(RegistrationConfig(), about.get("registration", {})),
+            length=about.get("length"),
+        )
+        detector.config = config
+        detector._added = about["frames"]
+        detector._memory.restore(arrays, detector._added)
         return detector
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the state: locks and indexes cannot be pickled."""
-        return _unpickle, (type(self), *self._state(), self.nearest)
+        return _unpickle, (type(self), *self._state(), self.nearest, self.rejected)
+
+
+@dataclass(frozen=True)
+class _Pending:
+    """A stored frame whose loop is not yet known."""
+
+    number: int
+    candidates: Mapping[int, float] = field(default_factory=dict)
+    evidence: Evidence | None = None
+    clouds: Mapping[int, StoredCloud] = field(default_factory=dict)
+
+
+_WHOLE = {"source": "cloud", "ground": "none"}
+"""Fuses the whole scan, of which the camera sees a part."""
+
+
+def _voter(name: str) -> str:
+    """Name of a further descriptor's vectors, which may be those of another cloud."""
+    return f"{name}, voting"
+
+
+def _robot_from_cloud(frame: Frame, config: FusionConfig) -> Matrix:
+    robot_from_points = np.eye(4) if frame.robot_from_points is None else frame.robot_from_points
+    return robot_from_points @ np.linalg.inv(frame_from_points(frame, config.frame))
+
+
+def _can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
+    """Whether loops are verified. Raises FusionSlamError if they must be and cannot."""
+    if config.verify is False or (config.verify is None and config.threshold is not None):
+        return False
+    if registration.method == "planar" or find_spec("small_gicp") is not None:
+        return True
+    if config.verify is None:
+        logger.warning(
+            "loops are not verified: registration needs the extra map (pip install "
+            "'fusionslam[map]'); verify=False says so"
+        )
+        return False
+    raise FusionSlamError(
+        "loops cannot be verified: registration needs small_gicp, which is not installed: pip "
+        "install 'fusionslam[map]'",
+        code="missing-extra",
+        fields=("map",),
+    )
 
 
 def _unpickle(
@@ -453,7 +562,8 @@ def _unpickle(
     about: Mapping[str, Any],
     arrays: Mapping[str, NDArray[Any]],
     nearest: Loop | None,
+    rejected: list[Rejected],
 ) -> LoopDetector:
     detector = kind._restored(about, arrays)
-    detector.nearest = nearest
+    detector.nearest, detector.rejected = nearest, rejected
     return detector

@@ -33,7 +33,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse, require_up
-from fusionslam.loop_closure.detector import LoopConfig
+from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.sensors.frame import Frame

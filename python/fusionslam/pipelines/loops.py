@@ -18,7 +18,7 @@ from fusionslam.descriptors import PRESETS, DescriptorConfig, in_file_names
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted, listed
-from fusionslam.loop_closure.detector import Loop, LoopConfig, LoopDetector, default_threshold
+from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector, default_threshold
 from fusionslam.storage.files import atomic_path
 
 _FEWEST = 20

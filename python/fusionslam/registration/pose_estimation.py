@@ -29,6 +29,7 @@ from fusionslam.registration.map_extra import (
     search_pose,
 )
 from fusionslam.registration.planar import register_planar
+from fusionslam.registration.probability import pose_probability
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.uncertainty import pose_uncertainty
 from fusionslam.sensors.frame import Cloud
@@ -85,13 +86,17 @@ def register(
     one, other = _prepared(source, config), _prepared(target, config)
     if one.scene is None or other.scene is None:
         result = _register_globally(one, other, start, search, config)
+        colors = _color_difference(one, other, result.estimate, config.overlap_distance)
+        known = None if result.estimate is None else pose_probability(result.overlap, colors)
+        result = replace(result, color_difference=colors, probability=known)
     else:
         result = register_planar(one.scene, other.scene, start, config)
-    colors = _color_difference(one, other, result.estimate, config.overlap_distance)
-    return replace(result, color_difference=colors, seconds=time.perf_counter() - started)
+    return replace(result, seconds=time.perf_counter() - started)
 
 
-def search_poses(source: PreparedCloud, target: PreparedCloud, most: int = 1) -> list[Hypothesis]:
+def search_poses(
+    source: PreparedCloud, target: PreparedCloud | SearchImage, most: int = 1
+) -> list[Hypothesis]:
     """Correlate two clouds' images from above: poses to be refined, the best first.
 
     The turned images of the source are kept, so that one source with many targets is cheap: some

@@ -48,7 +48,7 @@ class Registration:
             slide on each other at the estimate, as along a corridor.
         seconds: time it took.
         reason: why the pose was refused; None if it was not.
-        probability: that the pose is right, of method planar; None of others.
+        probability: that the estimate is right; None without one.
         estimate: float64 (4, 4), the pose that was judged, refused or not; None if there was none.
             For pictures and diagnosis.
         color_difference: of the points above the ground that the estimate puts on each other;

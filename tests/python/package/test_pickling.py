@@ -29,7 +29,7 @@ from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamErro
 from fusionslam.evaluation import judge_map
 from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.odometry_noise import OdometryConfig
-from fusionslam.loop_closure.detector import Loop
+from fusionslam.loop_closure.loop import Loop
 from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.maps import run_ratslam
 from fusionslam.pipelines.recording import FrameError

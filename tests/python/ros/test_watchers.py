@@ -14,6 +14,8 @@ from cli import succeeds
 from fusionslam import LoopDetector
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.evaluation.views.judge import judge_views
+from fusionslam.fusion import ROBOT_FUSION
+from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Scan
 from fusionslam.views.scene_set import SceneSet
@@ -22,7 +24,7 @@ from ros_master import PlayedBag, RosWorld, needs_ros
 pytestmark = needs_ros
 
 TRUTH = "ground_truth:=/odom"
-LOOPS = ("_loop_closure/window:=2", "_loop_closure/threshold:=0.6")
+LOOPS = ("_loop_closure/window:=2",)
 # So low a threshold takes other places for known ones, which the analyser has to notice.
 OBJECTS = ("_source:=objects", "_views/threshold:=0.3")
 
@@ -61,7 +63,8 @@ def driven(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> D
 
 
 def test_loops_are_those_of_the_detector(driven: Driven) -> None:
-    detector = LoopDetector("cm2dp", window=2, threshold=0.6)
+    planar = RegistrationConfig(method="planar")
+    detector = LoopDetector("cm2dp", window=2, fusion=ROBOT_FUSION, registration=planar)
     scans = [
         value_of(message, "sensor_msgs/PointCloud2", "")
         for message in driven.messages["/rgb_cloud"]

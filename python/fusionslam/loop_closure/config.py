@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration of loop detection, and the thresholds that were fitted."""
+
+from pathlib import Path
+
+from fusionslam import help_texts
+from fusionslam.config import Section, option
+from fusionslam.descriptors import DescriptorConfig, with_preset
+
+_THRESHOLDS = Path(__file__).with_name("thresholds.yaml")
+
+
+class LoopConfig(Section):
+    """Which frames are compared, and what makes a loop of two."""
+
+    threshold: float | None = option(None, help_texts.THRESHOLD, ge=0, allow_inf_nan=False)
+    window: int = option(50, help_texts.LOOP_WINDOW, unit="frames", ge=0)
+    window_seconds: float = option(
+        0.0, "candidates are older than this; 0 is off", unit="s", ge=0, allow_inf_nan=False
+    )
+    max_frames: int = option(
+        100_000,
+        "most frames kept for comparison; at this number a quarter is forgotten, of the frames "
+        "outside the window those most like an older one; 0 is no limit",
+        ge=0,
+    )
+    verify: bool | None = option(
+        None,
+        "whether loops are proven by registration; none is yes where the extra map is installed "
+        "and no threshold is given",
+    )
+    candidates: int = option(10, "nearest frames of each descriptor that are verified", ge=1)
+    voters: tuple[str, ...] = option(
+        ("m2dp", "scan_context"),
+        "verified: descriptors whose nearest frames are candidates beside those of the detector's "
+        "own; of the whole scan where there is one",
+    )
+    refined: int = option(
+        3, "verified: candidates that are registered, of those whose images correlate most", ge=1
+    )
+    max_distance: float = option(
+        10.0, "verified: poses of one place are at most this far apart", unit="m", gt=0
+    )
+    min_probability: float = option(
+        0.95, "verified: a loop at least this probable counts at once", ge=0, le=1
+    )
+    min_supported: float = option(
+        0.5,
+        "verified: a loop at least this probable counts if one of the last three frames' loops "
+        "agrees with it, by odometry",
+        ge=0,
+        le=1,
+    )
+    drift: float = option(
+        0.05, "verified: error of odometry, as a share of the way", ge=0, allow_inf_nan=False
+    )
+    drift_angle: float = option(
+        1.0, "verified: error of odometry's heading", unit="deg/m", ge=0, allow_inf_nan=False
+    )
+
+
+def default_threshold(
+    descriptor: str, describe: DescriptorConfig | None = None, source: str = "lidar"
+) -> float:
+    """Return the threshold that was fitted to a descriptor, its preset and a source of clouds.
+
+    docs/stages/loop_closure.md says how, and how right the loops are that it accepts.
+
+    Raises:
+        ConfigError: unknown descriptor.
+    """
+    import yaml
+
+    name = with_preset(descriptor, describe or DescriptorConfig())
+    fitted = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))
+    return float(fitted[source][name])

@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Values that loop detection returns."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from fusionslam.registration.result import Refusal
+from fusionslam.storage.arrays import Matrix
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Two frames that may show one place.
+
+    Attributes:
+        query, match: numbers of both frames, in the order of adding.
+        distance: of their descriptors; of the detector's own, or, of a match that only another
+            descriptor found, infinity.
+        match_from_query: float64 (4, 4): maps points of the query's cloud to the match's; None if
+            the loop was not verified, or no pose was found.
+        covariance: float64 (6, 6) of the pose's error, as ``Registration.covariance``; None
+            without a pose that was accepted.
+        overlap: share of what both clouds show that agrees; None if not verified.
+        probability: that the pose is right; None if not verified.
+        reason: why the loop does not count; None if it does, or was not verified.
+    """
+
+    query: int
+    match: int
+    distance: float
+    match_from_query: Matrix | None = field(default=None, compare=False)
+    covariance: Matrix | None = field(default=None, compare=False)
+    overlap: float | None = None
+    probability: float | None = None
+    reason: Refusal | None = None
+
+
+class Rejected(NamedTuple):
+    """A candidate that was not accepted: its number, and why.
+
+    Attributes:
+        match: number of the frame.
+        code: of ``Refusal``, or "less-alike" (number: correlation of images from above; others of
+            the candidates correlate more), "far" (metres between the poses), "alone" (probability:
+            no recent loop agrees).
+        number: the value that was not good enough.
+        text: the same in words.
+    """
+
+    match: int
+    code: str
+    number: float
+    text: str

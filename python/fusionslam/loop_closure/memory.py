@@ -1,0 +1,275 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a loop detector keeps of frames: descriptors, and the clouds that prove loops."""
+
+import logging
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import DescriptorIndex
+from fusionslam.descriptors import Metric
+from fusionslam.errors import DataError
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.verification import StoredCloud
+from fusionslam.registration import PreparedCloud, RegistrationConfig, SearchImage
+from fusionslam.storage.arrays import Matrix
+from fusionslam.storage.growing_array import Rows
+from fusionslam.views.scene_set import pack_bytes, unpack_bytes
+
+logger = logging.getLogger(__name__)
+
+_UNPACKED = 64
+"""Clouds that are kept ready; each takes some 2 MB."""
+_COLUMNS = ("numbers", "stamps_ns", "novelty")
+_UNKNOWN = np.full((4, 4), np.nan)
+
+Vectors = Mapping[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What proves loops of a frame: its cloud, and odom_from_cloud, float64 (4, 4), if known."""
+
+    cloud: PreparedCloud
+    odometry: Matrix | None = None
+
+
+@dataclass(frozen=True)
+class _Kept:
+    cloud: bytes
+    image: SearchImage | None
+    odometry: Matrix | None
+
+
+class FrameMemory:
+    """Descriptors of frames, searched exactly, and their packed clouds.
+
+    Args:
+        metrics: by descriptor; the first is the detector's own.
+        config: which frames are candidates, and how many are kept.
+        registration: how clouds were prepared.
+    """
+
+    def __init__(
+        self, metrics: Mapping[str, Metric], config: LoopConfig, registration: RegistrationConfig
+    ) -> None:
+        self._metrics, self._config, self._registration = metrics, config, registration
+        self._indexes: dict[str, DescriptorIndex] = {}
+        self._numbers, self._stamps_ns = Rows(np.int64), Rows(np.int64)
+        self._novelty = Rows(np.float32)
+        self._kept: dict[int, _Kept] = {}
+        self._unpacked: OrderedDict[int, PreparedCloud] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """int64 (M,), ascending: numbers of the frames that are kept."""
+        return self._numbers.all
+
+    def query(
+        self, vectors: Vectors, k: int, stamp_ns: int | None
+    ) -> dict[str, list[tuple[int, float]]]:
+        """Return the k nearest candidates of a new frame by descriptor: (number, distance)."""
+        found = {}
+        for name, vector in vectors.items():
+            index = self._indexes.get(name) or self._new_index(name, len(vector))
+            rows, distances = index.query(vector, k=k, stamp_ns=stamp_ns)
+            numbers = self._numbers.all[rows].tolist()
+            found[name] = [*zip(numbers, distances.tolist(), strict=True)]
+        return found
+
+    def candidates(self, k: int) -> list[tuple[int, float]]:
+        """Return the k nearest candidates of the newest frame by the detector's own descriptor."""
+        last = len(self) - 1
+        index = self._indexes[next(iter(self._metrics))]
+        # The index takes a query for the next frame, which has one candidate more.
+        rows, distances = index.query(
+            index.descriptor(last), k=min(k, last) + 1, stamp_ns=int(self._stamps_ns.all[last])
+        )
+        own = rows < last - self._config.window
+        numbers = self._numbers.all[rows[own]].tolist()
+        return [*zip(numbers, distances[own].tolist(), strict=True)][:k]
+
+    def add(
+        self,
+        number: int,
+        vectors: Vectors,
+        stamp_ns: int | None,
+        novelty: float,
+        evidence: Evidence | None,
+    ) -> None:
+        """Keep a frame; at the limit, forget a quarter."""
+        for name, vector in vectors.items():
+            if name not in self._indexes:
+                self._indexes[name] = self._new_index(name, len(vector))
+            self._indexes[name].add(vector, stamp_ns=stamp_ns)
+        self._numbers.append(number)
+        self._stamps_ns.append(stamp_ns or 0)
+        self._novelty.append(novelty)
+        if evidence is not None:
+            cloud = evidence.cloud
+            image = cloud.search_image if cloud.has_search_image else None
+            self._kept[number] = _Kept(cloud.to_bytes(), image, evidence.odometry)
+            self._keep_ready(number, cloud)
+        if 0 < self._limit <= len(self):
+            self._forget()
+
+    def stamp_ns(self, number: int) -> int:
+        """Time stamp of a frame; 0 if it had none. Raises DataError if it is not kept."""
+        rows = np.flatnonzero(self._numbers.all == number)
+        if not len(rows):
+            raise DataError(f"frame {number} is not stored", code="missing", fields=(str(number),))
+        return int(self._stamps_ns.all[rows[0]])
+
+    def cloud(self, number: int) -> StoredCloud:
+        """Return the cloud of a frame, which is to be had even after it is forgotten here."""
+        kept = self._kept[number]
+        return StoredCloud(kept.image, lambda: self._unpack(number, kept))
+
+    def odometry(self, number: int) -> Matrix | None:
+        """odom_from_cloud of a frame, float64 (4, 4); None if unknown."""
+        return self._kept[number].odometry if number in self._kept else None
+
+    def _unpack(self, number: int, kept: _Kept) -> PreparedCloud:
+        cloud = self._unpacked.get(number)
+        if cloud is None:
+            cloud = PreparedCloud.from_bytes(kept.cloud, self._registration)
+        self._keep_ready(number, cloud)
+        return cloud
+
+    def _keep_ready(self, number: int, cloud: PreparedCloud) -> None:
+        self._unpacked[number] = cloud
+        self._unpacked.move_to_end(number)
+        while len(self._unpacked) > _UNPACKED:
+            self._unpacked.popitem(last=False)
+
+    @property
+    def _limit(self) -> int:
+        """The number of frames at which a quarter is forgotten; 0 is no limit."""
+        config = self._config
+        return max(config.max_frames, 2 * config.window, 4) if config.max_frames else 0
+
+    def _new_index(self, name: str, length: int) -> DescriptorIndex:
+        config = self._config
+        return DescriptorIndex(
+            length,
+            window=config.window,
+            window_seconds=config.window_seconds,
+            metric=self._metrics[name],
+        )
+
+    def _forget(self) -> None:
+        """Forget a quarter of the frames: those outside the window that are most like older ones.
+
+        The rebuilt index takes time in proportion to its size, but only once in as many frames as
+        are forgotten.
+        """
+        count = len(self)
+        # The index counts its window in rows, so none of the newest may be forgotten; nor the last
+        # frame, whose candidates may be asked for.
+        old = count - max(self._config.window, 1)
+        # Of equally novel frames the newest goes first.
+        order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
+        rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))
+        columns = [column[rows] for column in self._columns()]
+        self._restore({name: self._vectors(name, rows) for name in self._indexes}, *columns)
+        for number in self._kept.keys() - set(self.numbers.tolist()):
+            del self._kept[number]
+            self._unpacked.pop(number, None)
+        logger.info("%d of %d stored frames are forgotten", count // 4, count)
+
+    def _columns(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        return self._numbers.all, self._stamps_ns.all, self._novelty.all
+
+    def _vectors(self, name: str, rows: Iterable[int]) -> NDArray[np.float32]:
+        index = self._indexes[name]
+        return np.array([index.descriptor(int(row)) for row in rows], np.float32)
+
+    def _restore(
+        self,
+        vectors: Vectors,
+        numbers: NDArray[np.int64],
+        stamps_ns: NDArray[np.int64],
+        novelty: NDArray[np.float32],
+    ) -> None:
+        """Replace what is kept, but for the clouds."""
+        self._indexes = {}
+        for name, rows in vectors.items():
+            if not len(rows):
+                continue
+            index = self._indexes[name] = self._new_index(name, rows.shape[1])
+            for vector, stamp in zip(rows, stamps_ns.tolist(), strict=True):
+                index.add(vector, stamp_ns=stamp)
+        self._numbers, self._stamps_ns = Rows.of(numbers), Rows.of(stamps_ns)
+        self._novelty = Rows.of(novelty)
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything as arrays by name, for ``restore``."""
+        arrays: dict[str, NDArray[Any]] = {
+            name: column.copy() for name, column in zip(_COLUMNS, self._columns(), strict=True)
+        }
+        for name in self._indexes:
+            arrays[_array_of(name, self._metrics)] = self._vectors(name, range(len(self)))
+        if self._kept:
+            kept = [self._kept[number] for number in self.numbers.tolist()]
+            arrays["clouds"], arrays["offsets"] = pack_bytes([each.cloud for each in kept])
+            arrays["odometry"] = np.array(
+                [_UNKNOWN if each.odometry is None else each.odometry for each in kept]
+            )
+            images = [each.image for each in kept if each.image is not None]
+            if images:
+                arrays["images"] = np.array([[*each.bits] for each in images], np.uint8)
+                arrays["levels"] = np.array([each.ground_level for each in images])
+        return arrays
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], count: int) -> None:
+        """Replace what is kept by what ``to_arrays`` returned, of ``count`` added frames.
+
+        Raises:
+            DataError, ShapeError: arrays that contradict each other.
+            KeyError: one is missing.
+        """
+        vectors = {
+            name: arrays[_array_of(name, self._metrics)]
+            for name in self._metrics
+            if _array_of(name, self._metrics) in arrays
+        }
+        columns = [arrays[name] for name in _COLUMNS]
+        numbers = columns[0]
+        counts = [len(rows) for rows in (*vectors.values(), *columns)]
+        if len(set(counts)) > 1:
+            raise DataError(f"{', '.join([*vectors, *_COLUMNS])} of {counts} frames")
+        if (np.diff(numbers, prepend=-1, append=count) <= 0).any():
+            raise DataError(f"the numbers of the frames do not ascend from 0 to {count - 1}")
+        self._restore(vectors, *columns)
+        self._kept = _kept_of(arrays, numbers) if "clouds" in arrays else {}
+        self._unpacked.clear()
+
+
+def _array_of(name: str, metrics: Mapping[str, Metric]) -> str:
+    """Name of the array of a descriptor's vectors; the detector's own has none of its own."""
+    return "descriptors" if name == next(iter(metrics)) else f"descriptors.{name}"
+
+
+def _kept_of(arrays: Mapping[str, NDArray[Any]], numbers: NDArray[np.int64]) -> dict[int, _Kept]:
+    clouds = unpack_bytes(arrays["clouds"], arrays["offsets"])
+    images: Sequence[SearchImage | None] = [None] * len(clouds)
+    if "images" in arrays:
+        levels = arrays["levels"].tolist()
+        rows = zip(arrays["images"], levels, strict=True)
+        images = [SearchImage(bits.tobytes(), level) for bits, level in rows]
+    poses = [None if np.isnan(pose).any() else pose for pose in arrays["odometry"]]
+    if not len(clouds) == len(images) == len(poses) == len(numbers):
+        raise DataError(
+            f"clouds, images and odometry of {len(clouds)}, {len(images)} and {len(poses)} frames "
+            f"of {len(numbers)}"
+        )
+    every = zip(numbers.tolist(), clouds, images, poses, strict=True)
+    return {number: _Kept(cloud, image, pose) for number, cloud, image, pose in every}

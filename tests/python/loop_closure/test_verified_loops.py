@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loops proven by registration: true poses of made places, reasons, files, bad input."""
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from clouds import scan_blocks
+from fusionslam import (
+    Cloud,
+    ConfigError,
+    DataError,
+    FusionSlamError,
+    Loop,
+    LoopConfig,
+    LoopDetector,
+)
+from fusionslam.loop_closure.sequence_gate import SequenceGate
+from fusionslam.registration import Refusal, RegistrationConfig
+from fusionslam.storage.arrays import Matrix
+from worlds import AHEAD, room, scan, seen_from
+
+pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+
+PLANAR = RegistrationConfig(method="planar")
+
+
+def at(x: float, y: float, yaw_deg: float, z: float = 1.7) -> Matrix:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+# Out, and back in the opposite direction, 1 m to the side.
+WAY = [at(6 * step, 0, 0) for step in range(-4, 5)]
+WAY += [at(6 * step, 1, 180) for step in range(4, -5, -1)]
+DRIVE = [Cloud(scan_blocks(pose, seed)) for seed, pose in enumerate(WAY)]
+
+
+def drive(detector: LoopDetector, first: int = 0, last: int = len(WAY)) -> list[Loop | None]:
+    return [detector.add(DRIVE[k], stamp_ns=10 * k, odometry=WAY[k]) for k in range(first, last)]
+
+
+def new_detector(**options: object) -> LoopDetector:
+    return LoopDetector("m2dp", window=3, **options)
+
+
+@pytest.fixture(scope="module")
+def driven() -> tuple[LoopDetector, list[Loop | None]]:
+    detector = new_detector()
+    return detector, drive(detector)
+
+
+def test_places_are_found_in_the_opposite_direction_with_their_poses(
+    driven: tuple[LoopDetector, list[Loop | None]],
+) -> None:
+    detector, loops = driven
+    assert detector.verifies
+    assert loops[:9] == [None] * 9  # a street that is driven for the first time
+    found = [loop for loop in loops[11:] if loop is not None]
+    assert len(found) == 7
+    for loop in found:
+        assert loop.match_from_query is not None and loop.covariance is not None
+        truth = np.linalg.inv(WAY[loop.match]) @ WAY[loop.query]
+        off = np.linalg.inv(truth) @ loop.match_from_query
+        assert np.linalg.norm(off[:3, 3]) < 0.1
+        assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 0.5
+        assert np.linalg.norm(loop.match_from_query[:3, 3]) <= detector.config.max_distance
+        assert loop.covariance.shape == (6, 6)
+        assert loop.overlap is not None and loop.overlap > 0.6
+        assert loop.probability is not None and loop.probability >= 0.95
+
+
+def test_the_nearest_and_the_rejected_are_known_of_the_last_frame() -> None:
+    detector = new_detector()
+    drive(detector, 0, 8)
+    assert detector.nearest is not None and detector.nearest.reason is not None
+    assert detector.nearest.match_from_query is not None
+    assert detector.nearest.covariance is None
+    matches = [match for match, _, _, _ in detector.rejected]
+    assert matches[0] == detector.nearest.match
+    assert sorted(matches) == [0, 1, 2, 3]
+    for _, code, number, text in detector.rejected:
+        assert code and text and np.isfinite(number)
+
+
+def test_what_is_farther_than_a_place_is_wide_is_no_loop() -> None:
+    detector = new_detector(config=LoopConfig(max_distance=0.5))
+    assert not any(drive(detector))
+    codes = {code for _, code, _, _ in detector.rejected}
+    assert "far" in codes
+    far = next(each for each in detector.rejected if each.code == "far")
+    truth = np.linalg.inv(WAY[far.match]) @ WAY[-1]
+    assert far.number == pytest.approx(np.linalg.norm(truth[:3, 3]), abs=0.1)
+
+
+def test_loops_of_robots_on_a_floor_are_aligned() -> None:
+    there, back = (0.2, -0.3, 0.5), (0.4, -0.2, 0.6)
+    clouds = [
+        scan(room(0), there, AHEAD, seed=0),
+        scan(room(1), (0.0, 0.0, 3.0), AHEAD, seed=1),
+        scan(room(2), (0.5, 0.5, 1.0), AHEAD, seed=2),
+        scan(room(0), back, AHEAD, seed=0),
+    ]
+    detector = LoopDetector("cm2dp", window=1, registration=PLANAR)
+    *first, loop = [detector.add(cloud) for cloud in clouds]
+    assert first == [None] * 3
+    assert loop is not None and (loop.query, loop.match) == (3, 0)
+    assert loop.match_from_query is not None
+    x, y, yaw = seen_from(there, back)
+    np.testing.assert_allclose(loop.match_from_query[:2, 3], [x, y], atol=0.03)
+    assert np.arctan2(*loop.match_from_query[[1, 0], 0]) == pytest.approx(yaw, abs=0.03)
+    with pytest.raises(DataError, match="colours"):
+        detector.add(replace(clouds[0], colors=None))
+    assert len(detector) == 4
+
+
+@pytest.mark.parametrize("pause", [1, 12])
+def test_a_stored_detector_goes_on_as_if_it_had_never_stopped(
+    pause: int, tmp_path: Path, driven: tuple[LoopDetector, list[Loop | None]]
+) -> None:
+    first = new_detector()
+    drive(first, 0, pause)
+    first.save(tmp_path)
+    for again in (LoopDetector.load(tmp_path), pickle.loads(pickle.dumps(first))):
+        rest = drive(again, pause)
+        assert rest == driven[1][pause:]
+        for one, other in zip(rest, driven[1][pause:], strict=True):
+            if one is not None and other is not None:
+                np.testing.assert_array_equal(one.match_from_query, other.match_from_query)
+        assert again.rejected == driven[0].rejected
+
+
+def test_submitted_and_observed_frames_give_the_same_loops(
+    driven: tuple[LoopDetector, list[Loop | None]],
+) -> None:
+    behind, apart = new_detector(), new_detector()
+    waiting = [behind.submit(cloud, stamp_ns=10 * k) for k, cloud in enumerate(DRIVE)]
+    assert len(behind) == len(DRIVE)
+    assert [each.result() for each in waiting] == driven[1]
+    seen = [pickle.loads(pickle.dumps(apart.observe(cloud))) for cloud in DRIVE]
+    assert [apart.add_observation(each) for each in seen] == driven[1]
+
+
+def test_clouds_are_forgotten_with_their_frames() -> None:
+    detector = new_detector(max_frames=8)
+    drive(detector)
+    assert len(detector) == len(WAY) and len(detector.frames) < 8
+    assert detector.stamp_ns(int(detector.frames[-1])) == 10 * (len(WAY) - 1)
+    with pytest.raises(DataError, match="frame 99 is not stored"):
+        detector.stamp_ns(99)
+
+
+def test_descriptors_alone_are_not_verified(
+    driven: tuple[LoopDetector, list[Loop | None]],
+) -> None:
+    with pytest.raises(ConfigError, match="verify=False"):
+        driven[0].add_descriptor(np.ones(192, np.float32))
+    plain = new_detector()
+    plain.add_descriptor(np.ones(192, np.float32))
+    assert not plain.verifies
+
+
+def test_a_threshold_or_a_missing_extra_means_loops_are_not_verified(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert not new_detector(threshold=0.1).verifies
+    assert new_detector(threshold=0.1, verify=True).verifies
+    monkeypatch.setattr("fusionslam.loop_closure.detector.find_spec", lambda _: None)
+    assert not new_detector().verifies
+    assert "fusionslam[map]" in caplog.text
+    with pytest.raises(FusionSlamError, match=r"fusionslam\[map\]"):
+        new_detector(verify=True)
+    assert new_detector(registration=PLANAR).verifies
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_clouds_that_cannot_be_registered_leave_no_trace_or_a_reason(count: int) -> None:
+    detector = new_detector()
+    drive(detector, 0, 5)
+    few = Cloud(DRIVE[0].points[:count])
+    if count == 0:
+        with pytest.raises(DataError):
+            detector.add(few)
+        assert len(detector) == 5
+        return
+    few = Cloud(DRIVE[0].points[:: len(DRIVE[0].points) // 30])
+    assert detector.add(few) is None
+    assert detector.rejected
+
+
+def loop_of(query: int, match: int, pose: Matrix, probability: float) -> Loop:
+    reason = Refusal("improbable", probability, "") if probability < 0.95 else None
+    return Loop(query, match, 0.1, pose, np.eye(6), 0.6, probability, reason)
+
+
+def test_two_loops_of_four_frames_that_agree_count() -> None:
+    gate = SequenceGate(LoopConfig())
+    matches = [at(2 * k, 0, 0) for k in range(6)]
+    queries = [at(2 * k, 1, 0) for k in range(6)]  # as odometry has them, which drifted
+    shift = np.linalg.inv(matches[0]) @ at(0, 0.4, 0)
+
+    def judge(k: int, probability: float, off: float = 0.0) -> Loop | None:
+        pose = shift.copy()
+        pose[0, 3] += off
+        return gate.judge(loop_of(100 + k, k, pose, probability), queries[k], matches[k])
+
+    first = judge(0, 0.7)
+    assert first is not None and first.reason is not None and first.reason.code == "alone"
+    wrong = judge(1, 0.7, off=5)
+    assert wrong is not None and wrong.reason is not None
+    agrees = judge(2, 0.7)
+    assert agrees is not None and agrees.reason is None
+    improbable = judge(3, 0.4)
+    assert improbable is not None and improbable.reason is not None
+    assert improbable.reason.code == "improbable"
+
+
+def test_a_loop_without_odometry_stands_alone() -> None:
+    gate = SequenceGate(LoopConfig())
+    for _ in range(3):
+        judged = gate.judge(loop_of(9, 1, np.eye(4), 0.7), None, None)
+        assert judged is not None and judged.reason is not None
+        assert judged.reason.code == "improbable"
+    certain = gate.judge(loop_of(9, 1, np.eye(4), 0.99), None, None)
+    assert certain is not None and certain.reason is None
