@@ -9,6 +9,7 @@ from fusionslam.registration.colors import ColorDifference
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.pose_estimation import register, search_poses
 from fusionslam.registration.result import Refusal, Registration
+from fusionslam.registration.scale import fit_lengths, measure_reach
 
 __all__ = [
     "ColorDifference",
@@ -19,6 +20,8 @@ __all__ = [
     "RegistrationConfig",
     "SearchImage",
     "count_overlap",
+    "fit_lengths",
+    "measure_reach",
     "nearest_ranges",
     "register",
     "search_poses",

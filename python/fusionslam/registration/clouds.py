@@ -66,7 +66,7 @@ class PreparedCloud:
         colored: Cloud | None = None,
     ) -> None:
         self.config = config or RegistrationConfig()
-        points = _check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
+        points = check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
         self.scene = build_planar(cloud) if self.config.method == "planar" else None
         if self.scene is not None:
             points = points[:0]
@@ -79,7 +79,7 @@ class PreparedCloud:
         if colored is None and isinstance(cloud, Cloud):
             colored = cloud
         if colored is not None and colored.colors is not None:
-            self._take_colors(_check_points(colored.points), colored.colors)
+            self._take_colors(check_points(colored.points), colored.colors)
         ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
         self.ranges: Floats32 = ranges.astype(np.float16).astype(np.float32)  # as it is stored
 
@@ -208,7 +208,7 @@ class PreparedCloud:
         return prepare_refinement(self.points)
 
 
-def _check_points(points: Any) -> Points:
+def check_points(points: Any) -> Points:
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind != "f":
         raise ShapeError(
