@@ -52,7 +52,8 @@ class Registration:
         estimate: float64 (4, 4), the pose that was judged, refused or not; None if there was none.
             For pictures and diagnosis.
         color_difference: of the points above the ground that the estimate puts on each other;
-            None without an estimate, without colours in both clouds, or with fewer than 20 points.
+            None without an estimate, without colours in both clouds, with fewer than 20 points,
+            and of method planar, whose probability takes the colours into account.
     """
 
     target_from_source: Matrix | None
