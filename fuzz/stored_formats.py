@@ -31,6 +31,7 @@ from fusionslam.evaluation import (
     ViewCurve,
     ViewJudge,
     ViewRun,
+    evaluate_verified,
     judge_map,
     precision_recall,
     sweep_pairs,
@@ -174,7 +175,9 @@ FORMATS: dict[str, Format] = {
     ),
     "descriptor_run": Format(_descriptor_run, DescriptorRun.load),
     "verified_run": Format(
-        lambda path: verified_run().save(path), VerifiedRun.load, lambda run: str(run.matches)
+        lambda path: verified_run().save(path),
+        VerifiedRun.load,
+        lambda run: str(evaluate_verified(run, window=0)),
     ),
     "view_run": Format(_view_run, ViewRun.load, lambda run: str(run.judge())),
     "rat_slam_run": Format(lambda path: maps.square_run().save(path), RatSlamRun.load, judge_map),

@@ -167,6 +167,12 @@ def changed(name: str, row: Any, value: Any) -> dict[str, Any]:
         ({"seconds": {"register": np.zeros(2)}}, ShapeError, "", ()),
         ({"poses": np.zeros((9, 3))}, ShapeError, "", ()),
         ({"candidates": np.zeros(9, np.int64)}, ShapeError, "", ()),
+        (
+            changed("body_from_cloud", 3, np.zeros((4, 4))),
+            DataError,
+            "not-a-rotation",
+            ("body_from_cloud", "3"),
+        ),
         (changed("match", 4, 4), DataError, "wrong-row", ("match", "4")),
         (changed("match", 4, -2), DataError, "wrong-row", ("match", "4")),
         (changed("candidates", (5, 2), 7), DataError, "wrong-row", ("candidates", "5")),
@@ -174,7 +180,8 @@ def changed(name: str, row: Any, value: Any) -> dict[str, Any]:
         (changed("probability", 4, 1.5), DataError, "wrong-match", ("probability", "4")),
         (changed("probability", 4, np.nan), DataError, "wrong-match", ("probability", "4")),
         (changed("probability", 0, 0.5), DataError, "wrong-match", ("probability", "0")),
-        (changed("distance", 4, np.inf), DataError, "wrong-match", ("distance", "4")),
+        (changed("distance", 4, np.nan), DataError, "wrong-match", ("distance", "4")),
+        (changed("distance", 0, 0.5), DataError, "wrong-match", ("distance", "0")),
         (changed("accepted", 0, True), DataError, "wrong-match", ("accepted", "0")),
         (
             changed("match_from_query", 4, 2 * np.eye(4)),
@@ -195,6 +202,12 @@ def test_values_that_do_not_fit_each_other_are_refused(
 ) -> None:
     with pytest.raises(error, check=has_code(code, *fields) if code else None):
         verified_run(**change)
+
+
+def test_true_poses_that_are_none_are_refused() -> None:
+    run = verified_run(**changed("poses", 2, np.diag([0.0, 0, 0, 1])))
+    with pytest.raises(DataError, check=has_code("not-a-rotation", "poses", 2)):
+        evaluate_verified(run, window=0)
 
 
 def test_matches_that_the_window_excludes_are_refused() -> None:

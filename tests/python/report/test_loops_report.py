@@ -308,6 +308,7 @@ def test_verified_loops_are_rows_of_matches_with_the_errors_of_their_poses(tmp_p
         "0.75",
         "0.1",
     )
+    assert own[50]["distance"] == ""  # only the other descriptor found it
     other = next(row for row in rows if row["descriptor"] == "m2dp")
     assert {other[name] for name in ("probability", "overlap", "pose_error_m")} == {""}
     report([evaluate_verified(verified_run(poses=None), window=0)], tmp_path)

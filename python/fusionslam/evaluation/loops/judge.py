@@ -88,7 +88,8 @@ def evaluate_matches(
 
     Raises:
         ShapeError: positions whose shape or length does not fit the matches.
-        DataError: a position that is not finite, or a match that the window excludes.
+        DataError: a position that is not finite, a pose that is no rotation and translation, or a
+            match that the window excludes.
         ConfigError: unknown protocol, one by pose without poses of the matches or true ones (code
             "needs-poses"), radius <= 0 or window < 0.
     """

@@ -146,7 +146,8 @@ def validate_truth(
 
     Raises:
         ShapeError: wrong shape or length.
-        DataError: a value that is not finite; the message names its row.
+        DataError: a value that is not finite, or a pose that is no rotation and translation; the
+            message names its row.
     """
     numbers = read_numbers("positions", truth, f"({count}, 3) or ({count}, 4, 4)")
     if numbers.ndim != 3:
@@ -156,7 +157,19 @@ def validate_truth(
             f"positions: shape {numbers.shape}, expected ({count}, 3) or poses ({count}, 4, 4)"
         )
     _check_finite("poses", numbers.reshape(count, 16))
+    check_rigid("poses", numbers)
     return numbers[:, :3, 3], numbers
+
+
+def check_rigid(name: str, poses: NDArray[np.float64]) -> None:
+    """Raise DataError (code "not-a-rotation") unless poses (N, 4, 4) are rigid motions."""
+    for row, pose in enumerate(poses):
+        if not is_rigid(pose):
+            raise DataError(
+                f"{name}: row {row} is no rotation and translation: {pose.tolist()}",
+                code="not-a-rotation",
+                fields=(name, str(row)),
+            )
 
 
 def check_causal(matches: Matches, window: int) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
-from fusionslam.evaluation.loops.nearest_matches import Matches
+from fusionslam.evaluation.loops.nearest_matches import Matches, check_rigid
 from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.arrays import Floats, Integers, Mask
@@ -65,7 +65,8 @@ class VerifiedRun:
             is not known.
         overlap: float64 (N,), of both clouds at that pose; NaN without a match.
         probability: float64 (N,), that the pose is right; NaN without a match.
-        distance: float64 (N,), descriptor distance of the match; inf without one.
+        distance: float64 (N,), descriptor distance of the match, as of ``Loop``; inf without a
+            match, or of one that only another descriptor found.
         accepted: bool (N,), whether the detector took the match for a loop.
         candidates: int64 (N, k), all candidates that were registered, the most promising first;
             -1 where there are fewer than k.
@@ -123,6 +124,8 @@ class VerifiedRun:
             raise ShapeError(
                 f"rejected: {self.rejected.dtype} {self.rejected.shape}, expected {REJECTED} (M,)"
             )
+        if self.body_from_cloud is not None:
+            check_rigid("body_from_cloud", self.body_from_cloud)
         self._check_rows()
         self._check_matches()
 
@@ -155,7 +158,11 @@ class VerifiedRun:
                 matched != ((self.probability >= 0) & (self.probability <= 1)),
                 "0 to 1 where there is a match, else NaN",
             ),
-            ("distance", matched != np.isfinite(self.distance), "finite where there is a match"),
+            (
+                "distance",
+                np.isnan(self.distance) | (~matched & (self.distance < np.inf)),
+                "a distance, inf where there is no match",
+            ),
             ("accepted", self.accepted & ~posed, "False where there is no pose"),
         ):
             for row in np.flatnonzero(wrong).tolist():
@@ -264,7 +271,11 @@ class VerifiedRun:
             }
             values["candidates"] = stored["candidates"].astype(np.int64, copy=False)
             values["rejected"] = stored["rejected"].astype(REJECTED, copy=False)
-            values |= {name: stored[name] for name in _OPTIONAL if name in stored}
+            values |= {
+                name: stored[name].astype(np.float64, copy=False)
+                for name in _OPTIONAL
+                if name in stored
+            }
             stages = [name for name in stored if name.startswith(_STAGE)]
             seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
             return check_types(cls(**about, **values, seconds=seconds))

@@ -57,8 +57,9 @@ def list_matches(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object
     """Yield one row per query that has a candidate, as MATCH_COLUMNS; frames by number.
 
     "accepted" is at the threshold of maximal F1; of verified loops it is what the detector
-    accepted, and they alone have a probability, an overlap and errors of their poses. Without
-    ground truth all judgements are empty but what a detector accepted.
+    accepted, and they alone have a probability, an overlap and errors of their poses; one that only
+    another descriptor found has no distance. Without ground truth all judgements are empty but what
+    a detector accepted.
     """
     run, nearest = evaluation.run, nearest_of(evaluation, protocol)
     if nearest is None:
@@ -81,7 +82,7 @@ def list_matches(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object
             run.name,
             run.numbers[query],
             run.numbers[match],
-            f"{distances[query]:.9g}",
+            f"{distances[query]:.9g}" if np.isfinite(distances[query]) else "",
             "" if accepted is None else int(accepted[query]),
             *judged,
             run.stamps_ns[query],
