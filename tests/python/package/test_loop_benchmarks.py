@@ -2,8 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of the benchmarks of loops, against figures counted by hand."""
 
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy import loop_peers
 from benchmarks.accuracy.verified_loops import ALL, HEADER, figures_of, rows
-from fusionslam.evaluation import evaluate_verified
+from fusionslam.evaluation import Evaluation, evaluate_verified
 from verified import verified_run
 
 
@@ -30,3 +38,37 @@ def test_figures_are_the_mean_and_range_over_towns_by_direction() -> None:
         "opposite": 0.5,
         "crossing": 0,
     }
+
+
+def test_times_of_peers_are_medians_over_the_frames_and_ratios_to_the_first() -> None:
+    def town(*milliseconds: float) -> list[Evaluation]:
+        run = verified_run()
+        timed = [
+            replace(
+                run, descriptors=(str(column),), seconds={"match": np.full(len(run), each / 1e3)}
+            )
+            for column, each in enumerate(milliseconds)
+        ]
+        return [evaluate_verified(each, window=0) for each in timed]
+
+    lines = loop_peers.time_table([town(2, 10), town(4, 8)]).splitlines()[2:]
+    assert lines == [
+        "| 0 | 3.000 (2.000 to 4.000) | 1.000 (1.000 to 1.000) |",
+        "| 1 | 9.000 (8.000 to 10.000) | 3.500 (2.000 to 5.000) |",
+    ]
+
+
+def test_peers_that_cannot_be_installed_are_left_out_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(command: list[str], **options: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess(command, 1, "", "ERROR: no network\n")
+
+    monkeypatch.setattr(loop_peers, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(loop_peers.venv, "create", lambda folder, **options: folder.mkdir())
+    monkeypatch.setattr(loop_peers.subprocess, "run", fail)
+    for _ in range(2):  # it is tried again
+        assert loop_peers.peers_python() is None
+        assert "no network" in capsys.readouterr().err
+        (folder,) = tmp_path.iterdir()
+        folder.rmdir()

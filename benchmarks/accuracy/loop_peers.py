@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compares loops with those of MapClosures and of KISS-SLAM's loop closer, on simulated towns.
+
+python -m benchmarks.accuracy.loop_peers              # the first town
+python -m benchmarks.accuracy.loop_peers 1 2 3        # towns of these seeds
+python -m benchmarks.accuracy.loop_peers --peers MapClosures
+
+All get the full circle of the LiDAR, are judged by the same protocols and are timed in the same
+run. The peers run in an environment of their own, which is installed into the user's cache (1.6 GB,
+from the network); where that fails, the program says so and goes on without them. MapClosures is
+made for local maps: there it gets the last ten scans, joined by the true poses, as does KISS-SLAM,
+whose odometry cannot follow scans 2 m apart. A town takes about 15 minutes.
+"""
+
+import argparse
+import hashlib
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+
+from benchmarks.accuracy.markdown import table
+from benchmarks.accuracy.presets import ROOT, mean_and_range, record_towns
+from benchmarks.accuracy.verified_loops import HEADER, PROTOCOLS, rows
+from fusionslam import Cloud, FusionConfig, LoopDetector, fuse
+from fusionslam.datasets import open_dataset
+from fusionslam.evaluation import (
+    DescriptorRun,
+    Evaluation,
+    VerifiedRun,
+    evaluate,
+    evaluate_verified,
+)
+from fusionslam.pipelines.cloud_frames import body_from_clouds
+from fusionslam.storage.arrays import Floats, Integers, Mask
+from fusionslam.storage.cache import cache_folder
+
+FOLDER = ROOT / "benchmarks" / "peers" / "loop_closers"
+PLAIN = "scan_context"
+CLOUDS = FusionConfig(source="cloud")
+WINDOW = 50
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A library and its input: scans joined to a local map; whether KISS-SLAM judges the loop."""
+
+    scans: int
+    closer: bool = False
+
+
+PEERS: Mapping[str, Peer] = {
+    "MapClosures": Peer(scans=1),
+    "MapClosures, local maps": Peer(scans=10),
+    "KISS-SLAM's closer, local maps": Peer(scans=10, closer=True),
+}
+
+
+def peers_python() -> Path | None:
+    """The interpreter of the peers' environment, which is made where it is missing.
+
+    None, with the reason on stderr, where the packages cannot be installed.
+    """
+    requirements = FOLDER / "requirements.txt"
+    digest = hashlib.sha256(requirements.read_bytes()).hexdigest()[:12]
+    folder = cache_folder() / f"loop-closers-{digest}"
+    python, complete = folder / "bin" / "python", folder / "complete"
+    if not complete.exists():
+        venv.create(folder, with_pip=True, clear=True)
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--requirement"]
+        done = subprocess.run([*pip, str(requirements)], capture_output=True, text=True)
+        if done.returncode:
+            reason = done.stderr.strip().splitlines()[-1:] or ["pip failed"]
+            print(f"without the peers, which cannot be installed: {reason[0]}", file=sys.stderr)
+            return None
+        complete.touch()
+    return python
+
+
+def run_peer(python: Path, name: str, clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
+    """Find the loops of clouds; ``poses`` are float64 (N, 4, 4), world_from_cloud."""
+    peer = PEERS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        given, found = Path(folder) / "given.npz", Path(folder) / "found.npz"
+        np.savez(
+            given,
+            points=np.concatenate([cloud.points for cloud in clouds]),
+            ends=np.cumsum([len(cloud) for cloud in clouds]),
+            poses=poses,
+            window=WINDOW,
+            scans=peer.scans,
+            closer=peer.closer,
+        )
+        command = [str(python), str(FOLDER / "worker.py"), str(given), str(found)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        with np.load(found) as stored:
+            result = dict(stored)
+    inliers = result.pop("inliers")
+    probability = inliers / (1 + inliers)  # only their order counts
+    return as_run(name, clouds, poses, probability=probability, **result)
+
+
+def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
+    """Find the loops of clouds by Scan Context and what votes beside it, verified."""
+    detector = LoopDetector(PLAIN, window=WINDOW, fusion=CLOUDS, verify=True)
+    count = len(clouds)
+    match, probability = np.full(count, -1), np.zeros(count)
+    estimates, accepted = np.full((count, 4, 4), np.nan), np.zeros(count, np.bool_)
+    seconds = np.zeros(count)
+    for row, cloud in enumerate(clouds):
+        start = time.perf_counter()
+        accepted[row] = detector.add(cloud) is not None
+        seconds[row] = time.perf_counter() - start
+        best = detector.nearest
+        if best is not None:
+            match[row], probability[row] = best.match, best.probability or 0
+            if best.match_from_query is not None:
+                estimates[row] = best.match_from_query
+    return as_run(
+        "fusionslam",
+        clouds,
+        poses,
+        match=match,
+        match_from_query=estimates,
+        probability=probability,
+        accepted=accepted,
+        seconds=seconds,
+    )
+
+
+def run_plain(clouds: Sequence[Cloud], poses: Floats) -> DescriptorRun:
+    """Describe the clouds by Scan Context alone; describing and comparing them is timed."""
+    detector = LoopDetector(PLAIN, window=WINDOW, fusion=CLOUDS, verify=False)
+    vectors, seconds = [], []
+    for cloud in clouds:
+        start = time.perf_counter()
+        seen = detector.observe(cloud)
+        detector.add_observation(seen)
+        seconds.append(time.perf_counter() - start)
+        vectors.append(seen.vectors[PLAIN])
+    rows = np.arange(len(clouds))
+    return DescriptorRun(
+        source="cloud",
+        descriptor=PLAIN,
+        dataset="town",
+        descriptors=np.stack(vectors),
+        frames=rows,
+        stamps_ns=rows,
+        poses=poses,
+        seconds={"match": np.array(seconds)},
+        peak_memory_bytes=0,
+        points=np.array([len(cloud) for cloud in clouds]),
+    )
+
+
+def as_run(
+    name: str,
+    clouds: Sequence[Cloud],
+    poses: Floats,
+    *,
+    match: Integers,
+    match_from_query: Floats,
+    probability: Floats,
+    accepted: Mask,
+    seconds: Floats,
+) -> VerifiedRun:
+    """Make a run of the matches of each cloud, with the clouds' frames as body of the poses."""
+    count = len(clouds)
+    return VerifiedRun(
+        source="cloud",
+        descriptors=(name,),
+        dataset="town",
+        frames=np.arange(count),
+        numbers=np.arange(count),
+        stamps_ns=np.arange(count),
+        poses=poses,
+        body_from_cloud=np.tile(np.eye(4), (count, 1, 1)),
+        points=np.array([len(cloud) for cloud in clouds]),
+        match=match,
+        match_from_query=match_from_query,
+        covariance=np.full((count, 6, 6), np.nan),
+        overlap=np.full(count, np.nan),
+        probability=np.where(match >= 0, probability, np.nan),
+        distance=np.full(count, np.inf),
+        accepted=accepted,
+        candidates=match[:, None],
+        seconds={"match": seconds},
+    )
+
+
+def compare(seed: int, python: Path | None, names: Sequence[str]) -> list[Evaluation]:
+    """Evaluate ours and the peers on the town of a seed, the peers only with their ``python``."""
+    (drive,) = record_towns([seed])
+    dataset = open_dataset(drive)
+    places = body_from_clouds(dataset, CLOUDS)
+    assert dataset.poses is not None and places is not None  # the simulator writes both
+    clouds, poses = [fuse(frame, CLOUDS) for frame in dataset], dataset.poses @ places
+    runs = [run_ours(clouds, poses)]
+    if python is not None:
+        runs += [run_peer(python, name, clouds, poses) for name in names]
+    plain = evaluate(run_plain(clouds, poses), protocols=PROTOCOLS, window=WINDOW)
+    return [*(evaluate_verified(run, protocols=PROTOCOLS, window=WINDOW) for run in runs), plain]
+
+
+def time_table(towns: Sequence[Sequence[Evaluation]]) -> str:
+    """One row for ours and each peer: median milliseconds a frame, and the ratio to ours."""
+    medians = np.array([[_median_ms(evaluation) for evaluation in town] for town in towns])
+    lines = [
+        [
+            evaluation.run.descriptor,
+            mean_and_range(medians[:, column]),
+            mean_and_range(medians[:, column] / medians[:, 0]),
+        ]
+        for column, evaluation in enumerate(towns[0])
+    ]
+    return table(["found by", "ms a frame (median)", "times ours"], lines)
+
+
+def _median_ms(evaluation: Evaluation) -> float:
+    assert evaluation.costs.frame is not None
+    return evaluation.costs.frame.median_ms
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seeds", nargs="*", type=int)
+    parser.add_argument("--peers", nargs="+", choices=PEERS, default=list(PEERS))
+    arguments = parser.parse_args()
+    seeds = arguments.seeds or [1]
+    python = peers_python()
+    towns = [compare(seed, python, arguments.peers) for seed in seeds]
+    about = (
+        f"Full circle, towns of seeds {', '.join(map(str, seeds))}, radius 10 m, window {WINDOW} "
+        "frames. A right pose of places farther apart than the radius counts for precision alone. "
+        "Local maps: the last ten scans, joined by the true poses; joining them is not timed."
+    )
+    shown = list(rows(towns))
+    print(f"{fill(about, 100)}\n\n{table(HEADER, shown)}\n\n{time_table(towns)}")
+
+
+if __name__ == "__main__":
+    main()

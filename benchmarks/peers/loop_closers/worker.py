@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Finds loops by MapClosures and by the loop closer of KISS-SLAM; runs in their environment.
+
+worker.py INPUT.npz OUTPUT.npz
+
+INPUT: points float32 (P, 3) of all clouds and where each ends, ends int64 (N,); poses float64
+(N, 4, 4), world_from_cloud, by which ``scans`` clouds are joined to the local map of the last one;
+window, frames before the query that are no candidates; closer, whether KISS-SLAM judges the loop.
+OUTPUT: of each cloud the candidate with the most inliers, its pose and whether it was accepted.
+"""
+
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from kiss_slam.config import LoopCloserConfig
+from kiss_slam.loop_closer import LoopCloser
+from kiss_slam.voxel_map import VoxelMap
+from map_closures.config import MapClosuresConfig
+from map_closures.map_closures import MapClosures
+
+CANDIDATES = 100
+"""Asked of MapClosures, whose own candidates include frames within the window."""
+
+
+def local_map(clouds: list[Any], poses: Any, row: int, scans: int, size: float) -> VoxelMap:
+    """Join the last clouds in the frame of that in a row, one point a voxel."""
+    joined = VoxelMap(size)
+    for other in range(max(row - scans + 1, 0), row + 1):
+        joined.integrate_frame(clouds[other], np.linalg.inv(poses[row]) @ poses[other])
+    return joined
+
+
+def find_loops(given: Any) -> dict[str, Any]:
+    """Return match, match_from_query, inliers, accepted and seconds of each cloud."""
+    clouds = np.split(given["points"], given["ends"][:-1])
+    count, window, scans = len(clouds), int(given["window"]), int(given["scans"])
+    config, closer = MapClosuresConfig(), LoopCloser(LoopCloserConfig())
+    detector, maps = MapClosures(config), []
+    match, inliers, accepted = np.full(count, -1), np.zeros(count), np.zeros(count, np.bool_)
+    poses, seconds = np.full((count, 4, 4), np.nan), np.zeros(count)
+    for row, cloud in enumerate(clouds):
+        points = cloud.astype(np.float64)
+        if scans > 1:
+            joined = local_map(clouds, given["poses"], row, scans, config.density_map_resolution)
+            points = joined.point_cloud()
+            maps.append(joined.open3d_pcd_with_normals() if given["closer"] else None)
+        start = time.perf_counter()
+        found = detector.get_top_k_closures(row, points, CANDIDATES)
+        older = [each for each in found if each.source_id < row - window]
+        if older:
+            best = max(older, key=lambda each: each.number_of_inliers)
+            match[row], inliers[row] = best.source_id, best.number_of_inliers
+            accepted[row] = best.number_of_inliers >= config.inliers_threshold
+            query_from_match = best.pose
+            if given["closer"] and accepted[row]:
+                accepted[row], query_from_match = closer.validate_closure(
+                    maps[best.source_id], maps[row], best.pose
+                )
+            poses[row] = np.linalg.inv(query_from_match)
+        seconds[row] = time.perf_counter() - start
+    return {
+        "match": match,
+        "match_from_query": poses,
+        "inliers": inliers,
+        "accepted": accepted,
+        "seconds": seconds,
+    }
+
+
+if __name__ == "__main__":
+    with np.load(sys.argv[1]) as stored:
+        result = find_loops(dict(stored))
+    np.savez(sys.argv[2], **result)
