@@ -34,7 +34,8 @@ void bind_m2dp(py::module_& module) {
 
 Args:
     points: float32 (N, 3), metres, any frame; N >= 4.
-    preset: "robust" (default), "paper" (He's MATLAB) or "author" (Perdomo's C++).
+    preset: "robust" (default), "upright" (robust about the vertical: z has to point up), "paper"
+        (He's MATLAB) or "author" (Perdomo's C++).
     config: an M2dpConfig, used instead of the preset.
     threads: threads of this call; 0 is one a core. The result does not depend on it.
 
@@ -100,13 +101,17 @@ Raises:
 8 rings x 16 bins for each colour channel. Arguments and errors as cm2dp.)");
 }
 
+ScanContextConfig with_height(ScanContextConfig config, std::optional<double> height) {
+  config.height = height.value_or(config.height);
+  return config;
+}
+
 void bind_scan_context(py::module_& module) {
   using namespace py::literals;
   module.def(
       "scan_context",
       [](const PointsArg& points, std::optional<double> height, const ScanContextConfig& config) {
-        ScanContextConfig settings = config;
-        settings.height = height.value_or(settings.height);
+        const ScanContextConfig settings = with_height(config, height);
         return to_numpy(without_gil([&] { return scan_context(points.view(), settings); }));
       },
       "points"_a, py::kw_only(), "height"_a = py::none(), "config"_a = ScanContextConfig(),
@@ -126,6 +131,32 @@ Returns:
 Raises:
     DataError: NaN or infinity, or no point above the ground within range.
     ShapeError, ConfigError: wrong array, value out of range.)");
+  module.def(
+      "cscan_context",
+      [](const PointsArg& points, const ColorsArg& colors, std::optional<double> height,
+         const ScanContextConfig& config) {
+        const ScanContextConfig settings = with_height(config, height);
+        return to_numpy(
+            without_gil([&] { return cscan_context(points.view(), colors.view(), settings); }));
+      },
+      "points"_a, "colors"_a, py::kw_only(), "height"_a = py::none(),
+      "config"_a = ScanContextConfig(),
+      R"(Scan Context of a coloured cloud: heights, and beside them the hue of each bin.
+
+Of each sector, first the heights of its rings, divided by the root mean square of all filled bins;
+then the mean CIELab a of the points above the ground in each ring; then b. Colours are scaled to a
+grey world, against exposure and tint; a and b are multiplied by 2 / (chroma + 5), so that hue
+counts more than saturation, and colours about as much as heights.
+
+Args:
+    points, height, config: as scan_context.
+    colors: uint8 (N, 3), RGB.
+
+Returns:
+    float32 (3600,): sector after sector; compare_scan_contexts compares two.
+
+Raises:
+    DataError, ShapeError, ConfigError: as scan_context, and if there is not one colour a point.)");
 }
 
 void bind_shot(py::module_& module) {

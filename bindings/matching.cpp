@@ -229,7 +229,7 @@ are filled in both, which is the same for scans of the full circle; of narrow on
 slivers for one place.
 
 Args:
-    query, match: float32 (60 R,), of scan_context.
+    query, match: float32 (60 R,), of scan_context or cscan_context.
 
 Returns:
     (distance, 0 to 1; yaw of the query's frame in the match's, radians).

@@ -126,4 +126,16 @@ _NUMBERS: tuple[Any, ...] = (
     0, 1, -1, 2**31 - 1, 2**31, 2**32 + 8, 2**63 - 1, 2**63, -(2**63), 10**400, np.nan, np.inf,
     -np.inf, 1e300, -1e300, 1e-300, 0.5, np.float32(3), np.int8(3), np.uint64(2**63), True,
 )  # fmt: skip
-_TEXTS = ("", "z", "robust", "paper", "author", "rgb", "lab", "\x00", "../../etc/passwd", "é" * 9)
+_TEXTS = (
+    "",
+    "z",
+    "robust",
+    "upright",
+    "paper",
+    "author",
+    "rgb",
+    "lab",
+    "\x00",
+    "../../etc/passwd",
+    "é" * 9,
+)

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
     from fusionslam._core import compare_scan_contexts as compare_scan_contexts
+    from fusionslam._core import cscan_context as cscan_context
     from fusionslam._core import cshot as cshot
     from fusionslam._core import demosaic as demosaic
     from fusionslam._core import depth_image as depth_image
@@ -84,7 +85,8 @@ _HOMES = {
     "_core": (
         "DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig ScanContextConfig "
         "StereoConfig __version__ above_height cloud_from_disparity cloud_resolution cm2dp "
-        "cm2dp_signature colorize compare_scan_contexts cshot demosaic depth_image drop_invalid "
+        "cm2dp_signature colorize compare_scan_contexts cscan_context cshot demosaic depth_image "
+        "drop_invalid "
         "estimate_normals first_singular_vectors m2dp m2dp_signature nearest nearest_causal "
         "rectify_image remove_ground_plane remove_ground_segments scan_context shot "
         "shot_at_centroid simd_level stereo_disparity voxel_downsample"

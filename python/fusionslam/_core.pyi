@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -225,6 +225,11 @@ class M2dpConfig:
     def author_lab(self) -> bool:
         """
         convert sRGB to Lab as the c-M2DP author's program, fault included
+        """
+    @property
+    def axes(self) -> str:
+        """
+        principal axes, or z as it is and x towards the densest azimuth, whose signs are not open: pairs of mirrored bins are then not sorted
         """
     @property
     def axis_signs(self) -> str:
@@ -1187,7 +1192,7 @@ def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: num
     slivers for one place.
     
     Args:
-        query, match: float32 (60 R,), of scan_context.
+        query, match: float32 (60 R,), of scan_context or cscan_context.
     
     Returns:
         (distance, 0 to 1; yaw of the query's frame in the match's, radians).
@@ -1216,6 +1221,25 @@ def count_overlap(points: numpy.typing.NDArray[numpy.float32], other: numpy.typi
         ConfigError: distance is not in (0, 100]. ShapeError: arrays of other shapes.
         DataError: NaN or infinity in a point; a range that is negative or not finite; a transform that
             is not rigid.
+    """
+def cscan_context(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, height: typing.SupportsFloat | typing.SupportsIndex | None = None, config: ScanContextConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Scan Context of a coloured cloud: heights, and beside them the hue of each bin.
+    
+    Of each sector, first the heights of its rings, divided by the root mean square of all filled bins;
+    then the mean CIELab a of the points above the ground in each ring; then b. Colours are scaled to a
+    grey world, against exposure and tint; a and b are multiplied by 2 / (chroma + 5), so that hue
+    counts more than saturation, and colours about as much as heights.
+    
+    Args:
+        points, height, config: as scan_context.
+        colors: uint8 (N, 3), RGB.
+    
+    Returns:
+        float32 (3600,): sector after sector; compare_scan_contexts compares two.
+    
+    Raises:
+        DataError, ShapeError, ConfigError: as scan_context, and if there is not one colour a point.
     """
 def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, normal_radius: typing.SupportsFloat | typing.SupportsIndex | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
@@ -1304,7 +1328,8 @@ def m2dp(points: numpy.typing.NDArray[numpy.float32], *, preset: str = 'robust',
     
     Args:
         points: float32 (N, 3), metres, any frame; N >= 4.
-        preset: "robust" (default), "paper" (He's MATLAB) or "author" (Perdomo's C++).
+        preset: "robust" (default), "upright" (robust about the vertical: z has to point up), "paper"
+            (He's MATLAB) or "author" (Perdomo's C++).
         config: an M2dpConfig, used instead of the preset.
         threads: threads of this call; 0 is one a core. The result does not depend on it.
     

@@ -18,6 +18,7 @@ from fusionslam._core import (
     ScanContextConfig,
     cloud_resolution,
     cm2dp,
+    cscan_context,
     cshot,
     m2dp,
     scan_context,
@@ -46,7 +47,7 @@ Metric = Literal["l2", "scan_context"]
 
 _ROBOT_SCAN_CONTEXT = {"height": 0.0}
 """The robot's frame is taken to lie on the ground."""
-Preset = Literal["robust", "paper", "author"]
+Preset = Literal["robust", "upright", "paper", "author"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 
 
@@ -54,7 +55,9 @@ class DescriptorConfig(Section):
     """Configuration of descriptors."""
 
     preset: Preset = option(
-        "robust", "M2DP and c-M2DP: robust (ours), paper (He 2016) or author (Perdomo 2019)"
+        "robust",
+        "M2DP and c-M2DP: robust (ours), upright (ours, for clouds whose z points up), paper (He "
+        "2016) or author (Perdomo 2019)",
     )
     color_space: Literal["rgb", "hsv", "lab"] = option("rgb", "c-M2DP: which colours are counted")
     m2dp: M2dpSection = option(M2dpSection(), "single values instead of the preset's")
@@ -82,7 +85,8 @@ class Descriptor:
         options: keys of ``DescriptorConfig`` that change it.
         needs_colors: of the points.
         needs_normals: whose radius the first cloud of a sequence may fix.
-        needs_up: clouds whose z axis points up and whose origin is the scanner or the robot.
+        needs_up: clouds whose z axis points up and whose origin is the scanner or the robot; of
+            those with presets see ``needs_up``.
         metric: how two are compared, as ``DescriptorIndex`` takes it.
         presets: those it has, the default first.
     """
@@ -112,9 +116,10 @@ def describe(
     require_cloud(cloud)
     if kind.needs_colors and cloud.colors is None:
         raise no_colors(name)
-    if kind.needs_up:
+    settings = for_preset(config or DescriptorConfig(), name)
+    if needs_up(name, settings):
         _warn_unless_upright(cloud, name)
-    return kind.compute(cloud, for_preset(config or DescriptorConfig(), name))
+    return kind.compute(cloud, settings)
 
 
 def _warn_unless_upright(cloud: Cloud, name: str) -> None:
@@ -168,6 +173,20 @@ def find_descriptor(name: str) -> Descriptor:
     return kind
 
 
+def needs_up(name: str, config: DescriptorConfig) -> bool:
+    """Return whether a descriptor needs clouds whose z axis points up.
+
+    Those of its kind do, or its preset, which the name may end with, does.
+
+    Raises:
+        ConfigError: an unknown name or preset.
+    """
+    kind = find_descriptor(name)
+    if not kind.presets:
+        return kind.needs_up
+    return _m2dp_settings(for_preset(config, name)).axes == "upright"
+
+
 def for_preset(config: DescriptorConfig, name: str) -> DescriptorConfig:
     """Return the configuration with the preset that a descriptor's name ends with, if it does."""
     _, preset = split_preset(name)
@@ -216,10 +235,10 @@ def for_clouds(
     Raises:
         ConfigError, DataError: as ``require_up``, for a descriptor that needs z to point up.
     """
-    if not find_descriptor(name).needs_up:
+    if not needs_up(name, config):
         return config
     require_up(fusion, frame)
-    if fusion.frame == "scan":
+    if fusion.frame == "scan" or "scan_context" not in find_descriptor(name).options:
         return config
     given = config.scan_context.model_dump(exclude_none=True)
     return merged(config, {"scan_context": _ROBOT_SCAN_CONTEXT | given})
@@ -236,9 +255,12 @@ def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
     return config.model_copy(update={"normal_radius": radius})
 
 
+def _m2dp_settings(config: DescriptorConfig) -> M2dpConfig:
+    return M2dpConfig(preset=config.preset, **config.m2dp.model_dump(exclude_none=True))
+
+
 def _m2dp_options(config: DescriptorConfig) -> dict[str, Any]:
-    settings = M2dpConfig(preset=config.preset, **config.m2dp.model_dump(exclude_none=True))
-    return {"config": settings, "threads": config.threads}
+    return {"config": _m2dp_settings(config), "threads": config.threads}
 
 
 def _normal_options(config: DescriptorConfig) -> dict[str, Any]:
@@ -249,9 +271,17 @@ def _m2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
     return m2dp(cloud.points, **_m2dp_options(config))
 
 
+def _scan_context_options(config: DescriptorConfig) -> dict[str, Any]:
+    return {"config": ScanContextConfig(**config.scan_context.model_dump(exclude_none=True))}
+
+
 def _scan_context(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
-    settings = ScanContextConfig(**config.scan_context.model_dump(exclude_none=True))
-    return scan_context(cloud.points, config=settings)
+    return scan_context(cloud.points, **_scan_context_options(config))
+
+
+def _cscan_context(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    assert cloud.colors is not None  # checked by describe()
+    return cscan_context(cloud.points, cloud.colors, **_scan_context_options(config))
 
 
 def _cm2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
@@ -289,7 +319,15 @@ DESCRIPTORS = {
             needs_up=True,
             metric="scan_context",
         ),
+        Descriptor(
+            "cscan_context",
+            _cscan_context,
+            ("scan_context",),
+            needs_colors=True,
+            needs_up=True,
+            metric="scan_context",
+        ),
     )
 }
-_EXTENDED = {"cm2dp": "m2dp", "cshot": "shot"}
+_EXTENDED = {"cm2dp": "m2dp", "cshot": "shot", "cscan_context": "scan_context"}
 # The descriptor without colours that one with colours extends.

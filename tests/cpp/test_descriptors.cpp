@@ -39,6 +39,7 @@ const std::vector<Described>& all_descriptors() {
   };
   static const std::vector<Described> all{
       {"m2dp robust", 192, plain("robust")},
+      {"m2dp upright", 192, plain("upright")},
       {"m2dp author", 192, plain("author")},
       {"m2dp paper", 192, plain("paper")},
       {"cm2dp rgb robust", 576, coloured(ColorSpace::rgb, "robust")},
@@ -46,9 +47,12 @@ const std::vector<Described>& all_descriptors() {
       {"cm2dp lab author", 576, coloured(ColorSpace::lab, "author")},
       {"shot", 352,
        [](const Cloud& c, int threads) { return shot(c.points_view(), std::nullopt, threads); }},
-      {"cshot", 1344, [](const Cloud& c, int threads) {
+      {"cshot", 1344,
+       [](const Cloud& c, int threads) {
          return cshot(c.points_view(), c.colors_view(), std::nullopt, threads);
-       }}};
+       }},
+      {"cscan_context", 3600,
+       [](const Cloud& c, int) { return cscan_context(c.points_view(), c.colors_view()); }}};
   return all;
 }
 
@@ -92,7 +96,7 @@ TEST_CASE("two calls at once give what one gives") {
 
 TEST_CASE("the signature of every preset sums to its number of rows") {
   const Cloud cloud = testing::random_cloud(1000);
-  for (const char* preset : {"robust", "paper", "author"}) {
+  for (const char* preset : {"robust", "upright", "paper", "author"}) {
     INFO(std::string(preset));
     const auto signature = m2dp_signature(cloud.points_view(), m2dp_preset(preset));
     REQUIRE(signature.rows == 64);
@@ -126,6 +130,17 @@ TEST_CASE("turning a cloud leaves the robust descriptor unchanged") {
   const Cloud cloud = testing::random_cloud(20000);
   for (const double angle : {0.3, 1.7, 3.1})
     check_unchanged(cloud, testing::transform(cloud, testing::rotation(angle), {0, 0, 0}));
+}
+
+TEST_CASE("turning a cloud about z and shifting it leaves the upright descriptor unchanged") {
+  const Cloud cloud = testing::random_cloud(20000);
+  const M2dpConfig upright = m2dp_preset("upright");
+  const auto known = m2dp(cloud.points_view(), upright);
+  for (const double yaw : {0.3, 1.7, 3.1}) {
+    const double c = std::cos(yaw), s = std::sin(yaw);
+    const Cloud turned = testing::transform(cloud, {c, -s, 0, s, c, 0, 0, 0, 1}, {12, -30, 4});
+    CHECK(testing::distance(m2dp(turned.points_view(), upright), known) <= 1e-4);
+  }
 }
 
 TEST_CASE("shifting a cloud leaves the robust descriptor unchanged") {

@@ -20,6 +20,17 @@ struct ChoiceNames<ColorSpace> {
   static constexpr std::array<std::string_view, 3> value{"rgb", "hsv", "lab"};
 };
 
+/// Axes of a cloud's own frame.
+enum class CloudAxes {
+  principal,  ///< those of PCA, longest first
+  upright,    ///< z as it is, x towards the densest azimuth: for clouds whose z points up
+};
+
+template <>
+struct ChoiceNames<CloudAxes> {
+  static constexpr std::array<std::string_view, 2> value{"principal", "upright"};
+};
+
 /// Rules for the signs of the principal axes, which PCA itself leaves open.
 enum class AxisSigns {
   largest_entry,  ///< the entry of largest magnitude is positive (MATLAB's pca)
@@ -64,6 +75,7 @@ struct M2dpConfig {
   int rings = 8;
   int sectors = 16;
   int color_bins = 16;
+  CloudAxes axes = CloudAxes::principal;
   AxisSigns axis_signs = AxisSigns::mirror_pairs;
   OuterRadius outer_radius = OuterRadius::three_rms;
   Weighting weighting = Weighting::square_root;
@@ -81,6 +93,9 @@ struct M2dpConfig {
     visitor("sectors", config.sectors, OptionInfo{"sectors of a circle (t)", "", 1, 64});
     visitor("color_bins", config.color_bins,
             OptionInfo{"histogram bins of a colour channel (g)", "", 1, 64});
+    visitor("axes", config.axes,
+            OptionInfo{"principal axes, or z as it is and x towards the densest azimuth, whose "
+                       "signs are not open: pairs of mirrored bins are then not sorted"});
     visitor("axis_signs", config.axis_signs,
             OptionInfo{"rule for the signs of the PCA axes; mirror_pairs needs azimuths in fours "
                        "and an even number of sectors"});
@@ -101,7 +116,10 @@ struct M2dpConfig {
 
 /// "paper": He's MATLAB program. "author": Perdomo's C++ program, quirks included.
 /// "robust", the default: turned, shifted and mirrored clouds get the same descriptor, small
-/// changes of a cloud or of the exposure change it little. Throws ConfigError for any other name.
+/// changes of a cloud or of the exposure change it little. "upright": the same about axes of which
+/// z is that of the cloud, which has to point up, and x points towards the densest azimuth, so that
+/// clouds turned about z get the same descriptor and mirrored ones another. Throws ConfigError for
+/// any other name.
 M2dpConfig m2dp_preset(std::string_view name);
 
 /// A signature matrix, row-major: one row a projection plane, values are counts / n.
@@ -157,6 +175,15 @@ struct ScanContextConfig {
 /// with Metric::scan_context. Throws DataError for NaN or infinity and for a cloud without a point
 /// above the ground within `max_range`.
 std::vector<float> scan_context(PointsView points, const ScanContextConfig& config = {});
+
+/// Scan Context of a coloured cloud: of each sector the heights of its rings, divided by the root
+/// mean square of all filled bins, then the mean CIELab a of the points above the ground in each
+/// ring, then b (60 x 3 x 20 floats with the default rings). Colours are scaled to a grey world; a
+/// and b are multiplied by 2 / (chroma + 5), so that hue counts more than saturation and colours
+/// about as much as heights. Compared as scan_context; throws as it does, and ShapeError if there
+/// is not one colour a point.
+std::vector<float> cscan_context(PointsView points, ColorsView colors,
+                                 const ScanContextConfig& config = {});
 
 /// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
 /// both of length 1 and >= 0, as m2dp and cm2dp compute them of a signature. Iterates until

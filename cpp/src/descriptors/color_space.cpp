@@ -55,8 +55,6 @@ std::uint8_t bin_of(double value, double range, int bins) {
       std::clamp(static_cast<int>(std::floor(value / width)), 0, bins - 1));
 }
 
-/// Gains that bring the mean of each channel to the same value (the grey-world assumption of
-/// Buchsbaum 1980), which cancels exposure and tint.
 std::array<double, 3> grey_world_gains(ColorsView colors) {
   constexpr double common_mean = 110;
   std::array<std::uint64_t, 3> sums{};
@@ -71,6 +69,15 @@ std::array<double, 3> grey_world_gains(ColorsView colors) {
   return gains;
 }
 
+ByteTable scale(const std::array<double, 3>& gains) {
+  ByteTable table;
+  for (std::size_t channel = 0; channel < 3; ++channel)
+    for (std::size_t value = 0; value < 256; ++value)
+      table[channel][value] =
+          static_cast<std::uint8_t>(std::min(static_cast<double>(value) * gains[channel], 255.0));
+  return table;
+}
+
 std::array<double, 3> channels(std::array<std::uint8_t, 3> c, ColorSpace space, bool author_lab) {
   if (space == ColorSpace::hsv) return hsv_from_rgb(c[0], c[1], c[2]);
   if (space == ColorSpace::lab) return lab_from_rgb(c[0], c[1], c[2], author_lab);
@@ -78,6 +85,8 @@ std::array<double, 3> channels(std::array<std::uint8_t, 3> c, ColorSpace space, 
 }
 
 }  // namespace
+
+ByteTable grey_world(ColorsView colors) { return scale(grey_world_gains(colors)); }
 
 std::array<double, 3> hsv_from_rgb(std::uint8_t r, std::uint8_t g, std::uint8_t b) {
   const double largest = std::max({r, g, b});
@@ -101,15 +110,13 @@ std::array<double, 3> lab_from_rgb(const std::array<double, 3>& rgb) {
 }
 
 ColorBinner::ColorBinner(ColorsView colors, ColorSpace space, const M2dpConfig& config)
-    : colors_(colors), space_(space), config_(config) {
-  const auto gains = config.grey_world ? grey_world_gains(colors) : std::array<double, 3>{1, 1, 1};
+    : colors_(colors),
+      space_(space),
+      config_(config),
+      scaled_(config.grey_world ? grey_world(colors) : scale({1, 1, 1})) {
   for (std::size_t channel = 0; channel < 3; ++channel)
-    for (std::size_t value = 0; value < 256; ++value) {
-      const auto scaled =
-          static_cast<std::uint8_t>(std::min(static_cast<double>(value) * gains[channel], 255.0));
-      scaled_[channel][value] = scaled;
-      rgb_bins_[channel][value] = bin_of(scaled, 255, config.color_bins);
-    }
+    for (std::size_t value = 0; value < 256; ++value)
+      rgb_bins_[channel][value] = bin_of(scaled_[channel][value], 255, config.color_bins);
 }
 
 void ColorBinner::bins(std::size_t begin, std::size_t count, std::uint8_t* result) const {

@@ -11,6 +11,13 @@
 
 namespace fusionslam::detail {
 
+/// For each channel what replaces each of its values.
+using ByteTable = std::array<std::array<std::uint8_t, 256>, 3>;
+
+/// Brings the mean of each channel to the same value (the grey-world assumption of Buchsbaum
+/// 1980), which cancels exposure and tint.
+ByteTable grey_world(ColorsView colors);
+
 /// Histogram bins of the colours of a cloud (c-M2DP author's binning: floor(value / width) with a
 /// width just above range / bins), after scaling to a grey world if that is configured.
 class ColorBinner {
@@ -24,7 +31,7 @@ class ColorBinner {
   ColorsView colors_;
   ColorSpace space_;
   M2dpConfig config_;
-  std::array<std::array<std::uint8_t, 256>, 3> scaled_;    ///< channel values times their gains
+  ByteTable scaled_;                                       ///< channel values times their gains
   std::array<std::array<std::uint8_t, 256>, 3> rgb_bins_;  ///< and the bins of these
 };
 

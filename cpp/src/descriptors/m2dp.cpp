@@ -4,12 +4,12 @@
 #include <cmath>
 
 #include "../detail/checks.hpp"
+#include "cloud_axes.hpp"
 #include "color_space.hpp"
 #include "fusionslam/descriptors.hpp"
 #include "matrix_kernel.hpp"
 #include "mirror_pairs.hpp"
 #include "moments_kernel.hpp"
-#include "principal_axes.hpp"
 #include "projection_planes.hpp"
 #include "singular_vectors.hpp"
 #include "votes.hpp"
@@ -26,7 +26,9 @@ double farthest_distance(PointsView points, const detail::KernelFrame& frame) {
 
 /// The cloud's own frame with its outer radius as unit.
 detail::KernelFrame unit_frame(PointsView points, const M2dpConfig& config) {
-  const auto own = detail::principal_axes(points, config.axis_signs);
+  const auto own = config.axes == CloudAxes::upright
+                       ? detail::upright_axes(points)
+                       : detail::principal_axes(points, config.axis_signs);
   detail::KernelFrame frame{};
   for (int row = 0; row < 3; ++row) {
     frame.origin[row] = own.mean[row];
@@ -59,7 +61,8 @@ Signature votes(PointsView points, const detail::ColorBinner* colors, const M2dp
   detail::VoteTask task{raw(points), unit_frame(points, config), colors};
   task.points.size -= config.drop_last_point ? 1 : 0;
   Signature signature = detail::count_votes(task, planes, config, simd_level(), threads);
-  if (mirrored) detail::sort_mirror_pairs(config, planes, signature);
+  if (mirrored && config.axes == CloudAxes::principal)
+    detail::sort_mirror_pairs(config, planes, signature);
   return signature;
 }
 
@@ -95,11 +98,12 @@ std::vector<float> describe(const Signature& votes, const M2dpConfig& config) {
 }  // namespace
 
 M2dpConfig m2dp_preset(std::string_view name) {
-  if (name == "robust") return {};
+  M2dpConfig config;
+  if (name == "upright") config.axes = CloudAxes::upright;
+  if (name == "robust" || name == "upright") return config;
   if (name != "paper" && name != "author")
     throw ConfigError("preset is '" + std::string(name) +
-                      "', expected one of paper, author, robust");
-  M2dpConfig config;
+                      "', expected one of paper, author, robust, upright");
   config.azimuths = 4;
   config.elevations = 16;
   config.outer_radius = OuterRadius::farthest_point;

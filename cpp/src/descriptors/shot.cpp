@@ -7,10 +7,10 @@
 
 #include "../detail/checks.hpp"
 #include "../detail/parallel.hpp"
+#include "cloud_axes.hpp"
 #include "fusionslam/descriptors.hpp"
 #include "fusionslam/errors.hpp"
 #include "lab_distance.hpp"
-#include "principal_axes.hpp"
 #include "shot_reference_frame.hpp"
 #include "surface_normals.hpp"
 

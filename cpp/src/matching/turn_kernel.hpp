@@ -22,8 +22,10 @@ constexpr std::size_t ring_spectrum = 64;
 
 /// Bound of the error of TurnKernels::correlate, in sums of cosines. The products of two spectra
 /// sum up to at most 60 x 60 in magnitude (Cauchy, Parseval), which the last step divides by 60;
-/// fewer than 400 roundings of 2^-24 follow one another.
-constexpr double correlation_error = 60 * 400 * 0x1p-24;
+/// fewer than 200 roundings of 2^-24 and one a ring follow one another.
+constexpr double correlation_error(std::size_t bins) {
+  return 60 * (200 + static_cast<double>(bins)) * 0x1p-24;
+}
 
 struct TurnKernels {
   /// Writes each of the 60 sectors of `values`, `bins` floats long, divided by its length, or

@@ -59,7 +59,7 @@ double TurnSearch::least_distance(const float* spectrum) const {
   if (filled == 0) return 1;
   const float most =
       kernels_.correlate(spectrum_.data() + turn_lanes, spectrum + turn_lanes, bins_);
-  return 1 - (static_cast<double>(most) + correlation_error) / filled;
+  return 1 - (static_cast<double>(most) + correlation_error(bins_)) / filled;
 }
 
 MatchTable search_turns(std::span<const float> queries, std::span<const float> rows,

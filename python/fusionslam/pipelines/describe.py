@@ -28,6 +28,7 @@ from fusionslam.descriptors import (
     for_preset,
     for_sequence,
     in_file_names,
+    needs_up,
     without_colors,
 )
 from fusionslam.errors import DataError, FusionSlamError
@@ -168,7 +169,7 @@ def _those_for_frame(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str
 ) -> list[str]:
     """Leave out the descriptors that need z to point up where it does not, unless none is left."""
-    upright = [name for name in names if find_descriptor(name).needs_up]
+    upright = [name for name in names if needs_up(name, config.descriptors)]
     if not upright or len(upright) == len(names):
         return list(names)
     try:

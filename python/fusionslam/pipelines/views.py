@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig
+from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, needs_up
 from fusionslam.errors import DataError
 from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
@@ -166,7 +166,9 @@ def _build_views(
 def _items(scenes: SceneSet, matcher: ViewMatcher) -> Callable[[int], Any]:
     """Return a function from scan to matcher input: the stored view if it fits, else the cloud."""
     kind = matcher.comparison.kind
-    by_turn = kind.endswith("alignment") or (kind in DESCRIPTORS and DESCRIPTORS[kind].needs_up)
+    by_turn = kind.endswith("alignment") or (
+        kind in DESCRIPTORS and needs_up(kind, matcher.descriptor_config)
+    )
     if by_turn and scenes.frame == "odometry":
         raise DataError(
             f"{scenes.name}: {kind} needs clouds in the robot's frame, these are in that of "

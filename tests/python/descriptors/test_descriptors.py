@@ -56,6 +56,7 @@ CALLS: dict[str, Callable[..., NDArray[np.floating]]] = {
     "m2dp robust": lambda p, c, n: fusionslam.m2dp(p, threads=n),
     "m2dp paper": lambda p, c, n: fusionslam.m2dp(p, preset="paper", threads=n),
     "m2dp author": lambda p, c, n: fusionslam.m2dp(p, preset="author", threads=n),
+    "m2dp upright": lambda p, c, n: fusionslam.m2dp(p, preset="upright", threads=n),
     "m2dp_signature": lambda p, c, n: fusionslam.m2dp_signature(p, threads=n),
     "cm2dp rgb": lambda p, c, n: fusionslam.cm2dp(p, c, threads=n),
     "cm2dp hsv": lambda p, c, n: fusionslam.cm2dp(p, c, color_space="hsv", threads=n),
@@ -77,7 +78,15 @@ def test_two_runs_and_one_or_two_threads_give_the_same_bytes(call: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "length"), [("m2dp", 192), ("cm2dp", 576), ("shot", 352), ("cshot", 1344)]
+    ("name", "length"),
+    [
+        ("m2dp", 192),
+        ("cm2dp", 576),
+        ("shot", 352),
+        ("cshot", 1344),
+        ("scan_context", 1200),
+        ("cscan_context", 3600),
+    ],
 )
 def test_describe_by_name_is_the_function_of_that_name(name: str, length: int) -> None:
     points, colors = street(61, 1000)

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scan Context against numpy, written from the paper (Kim, Kim, IROS 2018, section III)."""
+"""Scan Context against numpy, written from the paper (Kim, Kim, IROS 2018, section III).
+
+The coloured one against numpy, with CIELab written from CIE 15 and IEC 61966-2-1.
+"""
 
 import math
 import pickle
@@ -143,11 +146,122 @@ def test_narrow_views_are_measured_by_the_fuller_one() -> None:
             assert distance == pytest.approx(our_distance(query, match), abs=2e-6)
 
 
-@pytest.mark.parametrize("rings", [1, 7, 20])
+def grey_world(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    means = colors.mean(axis=0, dtype=np.float64)
+    return np.minimum(colors * (110 / means), 255).astype(np.uint8)
+
+
+def cie_lab(rgb: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """float64 (N, 3): L, a, b under D65 of sRGB."""
+    values = rgb / 255
+    linear = np.where(values > 0.04045, ((values + 0.055) / 1.055) ** 2.4, values / 12.92)
+    xyz_from_rgb = [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+    ratio = linear @ np.transpose(xyz_from_rgb) / [0.95047, 1, 1.08883]
+    x, y, z = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio * (29 / 6) ** 2 / 3 + 4 / 29).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
+
+
+def reference_colored_context(
+    points: Floats, colors: NDArray[np.uint8], height: float
+) -> NDArray[np.float64]:
+    """Sectors x (height, a, b) x rings, bin by bin."""
+    heights = reference_context(points, height).reshape(SECTORS, RINGS).astype(np.float64)
+    lab = cie_lab(grey_world(colors))
+    x, y, z = points.T.astype(np.float64)
+    sector = np.floor(np.arctan2(y, x) % (2 * np.pi) / (2 * np.pi) * SECTORS)
+    ring = np.floor(np.hypot(x, y) / 4)
+    context = np.zeros((SECTORS, 3, RINGS))
+    context[:, 0] = heights / np.sqrt(np.mean(heights[heights > 0] ** 2))
+    for s in range(SECTORS):
+        for r in range(RINGS):
+            inside = (sector == s) & (ring == r) & (z + height > 0)
+            if inside.any():
+                _, a, b = lab[inside].mean(axis=0)
+                context[s, 1:, r] = 2 * np.array([a, b]) / (math.hypot(a, b) + 5)
+    return context
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_colors_are_mean_hues_beside_the_heights(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = random_cloud(rng)
+    colors = rng.integers(0, 256, (len(points), 3), dtype=np.uint8)
+    found = fusionslam.cscan_context(points, colors, height=1.7).reshape(SECTORS, 3, RINGS)
+    expected = reference_colored_context(points, colors, 1.7)
+    np.testing.assert_allclose(found[:, 0], expected[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(found, expected, atol=4e-3)
+
+
+def test_a_colored_context_by_hand() -> None:
+    """One red and one blue wall, 3 and 4 m high: grey world makes the channels 0 and 220."""
+    points = np.array([[10, 1, 1], [10, 1, 0.5], [-1, 30, 2], [-1, 30, -3]], np.float32)
+    colors = np.array([[255, 0, 0], [255, 0, 0], [0, 0, 255], [0, 0, 255]], np.uint8)
+    found = fusionslam.cscan_context(points, colors).reshape(SECTORS, 3, RINGS)
+    assert set(zip(*(each.tolist() for each in found[:, 0].nonzero()), strict=True)) == {
+        (0, 2),
+        (15, 7),
+    }
+    unit = math.sqrt((3**2 + 4**2) / 2)
+    assert found[0, 0, 2] == pytest.approx(3 / unit)
+    assert found[15, 0, 7] == pytest.approx(4 / unit)
+    # Linear 220 is 0.7157. X, Y, Z over white of red: 0.3105, 0.1522, 0.0127; their cube roots:
+    # 0.6772, 0.5339, 0.2332. Of blue: 0.1359, 0.0517, 0.6247; 0.5141, 0.3725, 0.8548.
+    red, blue = np.array([71.6, 60.1]), np.array([70.8, -96.5])
+    for (a, b), bin_found in ((red, found[0, 1:, 2]), (blue, found[15, 1:, 7])):
+        np.testing.assert_allclose(
+            bin_found, 2 * np.array([a, b]) / (math.hypot(a, b) + 5), atol=2e-3
+        )
+
+
+@pytest.mark.parametrize("turn", [1, 30, 59])
+def test_a_turn_by_whole_sectors_turns_the_colored_context(turn: int) -> None:
+    rng = np.random.default_rng(turn)
+    points = random_cloud(rng)
+    colors = rng.integers(0, 256, (len(points), 3), dtype=np.uint8)
+    yaw = 2 * np.pi * turn / SECTORS
+    rotation = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    turned = (points.astype(np.float64) @ rotation.T).astype(np.float32)
+    older, newer = (fusionslam.cscan_context(each, colors) for each in (points, turned))
+    np.testing.assert_allclose(newer, np.roll(columns(older), -turn, axis=0).ravel(), rtol=1e-5)
+    distance, found = fusionslam.compare_scan_contexts(newer, older)
+    assert distance == pytest.approx(0, abs=1e-6)
+    assert np.angle(np.exp(1j * (found - yaw))) == pytest.approx(0, abs=1e-9)
+
+
+def test_exposure_and_tint_change_a_colored_context_little_and_other_paint_much() -> None:
+    rng = np.random.default_rng(11)
+    points = random_cloud(rng)
+    paint = rng.uniform(20, 200, (SECTORS, 3))
+    sector = np.floor(np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi) / (2 * np.pi) * SECTORS)
+
+    def context(colors: NDArray[np.float64]) -> Floats:
+        return fusionslam.cscan_context(points, colors[sector.astype(int)].astype(np.uint8))
+
+    known = context(paint)
+    darker, _ = fusionslam.compare_scan_contexts(context(paint * [0.7, 0.6, 0.8]), known)
+    other, _ = fusionslam.compare_scan_contexts(context(paint[::-1]), known)
+    assert darker < 0.02 < 0.2 < other
+
+
+def test_a_grey_cloud_is_compared_by_its_heights() -> None:
+    rng = np.random.default_rng(12)
+    clouds = [random_cloud(rng) for _ in range(2)]
+    greys = [rng.integers(0, 256, (len(each), 1)).repeat(3, 1).astype(np.uint8) for each in clouds]
+    plain = fusionslam.compare_scan_contexts(*map(fusionslam.scan_context, clouds))
+    colored = fusionslam.compare_scan_contexts(*map(fusionslam.cscan_context, clouds, greys))
+    assert colored == pytest.approx(plain, abs=1e-4)
+
+
+@pytest.mark.parametrize("rings", [1, 7, 20, 60])
 @pytest.mark.parametrize("window", [0, 5])
 def test_index_and_tables_agree_with_pair_by_pair(rings: int, window: int) -> None:
     rng = np.random.default_rng(4)
     rows = rng.uniform(0, 5, (25, SECTORS * rings)).astype(np.float32)
+    rows[20:] -= 2  # hues have both signs
     rows[9] = rows[3]
     index = fusionslam.DescriptorIndex(rows.shape[1], window=window, metric="scan_context")
     tabled, tabled_distances = fusionslam.nearest_causal(
@@ -235,3 +349,7 @@ def test_bad_input_is_refused() -> None:
             fusionslam.scan_context(cloud)
     with pytest.raises(fusionslam.ConfigError):
         fusionslam.scan_context(np.ones((4, 3), np.float32), height=math.nan)
+    with pytest.raises(ShapeError):
+        fusionslam.cscan_context(np.ones((4, 3), np.float32), np.ones((3, 3), np.uint8))
+    with pytest.raises(DataError):
+        fusionslam.cscan_context(np.full((4, 3), -9, np.float32), np.ones((4, 3), np.uint8))

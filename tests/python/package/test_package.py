@@ -34,6 +34,7 @@ RESULTS: list[tuple[Callable[[], Any], type, tuple[int, ...]]] = [
     (lambda: fusionslam.cm2dp_signature(POINTS, COLORS), np.float64, (64, 512)),
     (lambda: fusionslam.shot(POINTS, normal_radius=None), np.float32, (352,)),
     (lambda: fusionslam.cshot(POINTS, COLORS, normal_radius=None), np.float32, (1344,)),
+    (lambda: fusionslam.cscan_context(POINTS, COLORS, height=None), np.float32, (3600,)),
 ]
 
 
@@ -46,7 +47,7 @@ def test_descriptors_have_the_promised_shape_and_kind(
     assert np.isfinite(result).all()
 
 
-@pytest.mark.parametrize("preset", ["robust", "paper", "author"])
+@pytest.mark.parametrize("preset", ["robust", "upright", "paper", "author"])
 @pytest.mark.parametrize("color_space", ["rgb", "hsv", "lab"])
 def test_every_preset_and_colour_space_has_the_same_length(preset: str, color_space: str) -> None:
     assert fusionslam.m2dp(POINTS, preset=preset).shape == (192,)

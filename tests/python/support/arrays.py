@@ -26,6 +26,7 @@ POINT_CALLS: dict[str, Call] = {
     "cm2dp": lambda points: fusionslam.cm2dp(points, COLORS),
     "cm2dp_signature": lambda points: fusionslam.cm2dp_signature(points, COLORS),
     "scan_context": fusionslam.scan_context,
+    "cscan_context": lambda points: fusionslam.cscan_context(points, COLORS),
     "shot": fusionslam.shot,
     "cshot": lambda points: fusionslam.cshot(points, COLORS),
     "cloud_resolution": fusionslam.cloud_resolution,
@@ -45,6 +46,7 @@ COLOR_CALLS: dict[str, Call] = {
     "cm2dp": lambda colors: fusionslam.cm2dp(POINTS, colors),
     "cm2dp_signature": lambda colors: fusionslam.cm2dp_signature(POINTS, colors),
     "cshot": lambda colors: fusionslam.cshot(POINTS, colors),
+    "cscan_context": lambda colors: fusionslam.cscan_context(POINTS, colors),
     "voxel_downsample": lambda colors: fusionslam.voxel_downsample(POINTS, colors, size=2.0),
 }
 IMAGE_CALLS: dict[str, Call] = {

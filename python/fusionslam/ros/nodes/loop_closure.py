@@ -27,7 +27,7 @@ LOOPS = "loop_closures"
 class LoopClosureConfig(CommonConfig):
     """Configuration of the node loop_closure."""
 
-    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot", "scan_context"] = option(
+    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context"] = option(
         "cm2dp", "descriptor that is compared"
     )
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
