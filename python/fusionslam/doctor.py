@@ -36,7 +36,8 @@ def _same(*names: str) -> dict[str, str]:
 
 
 _KISS_MATCHER = {"kiss-matcher": "kiss_matcher"} if sys.version_info < (3, 13) else {}
-"""It has no package for later ones."""
+_KISS_ICP = {"kiss-icp": "kiss_icp"} if sys.version_info < (3, 14) else {}
+"""These have no packages for later ones."""
 
 EXTRAS = {
     "sim": Extra(
@@ -59,6 +60,7 @@ EXTRAS = {
         _KISS_MATCHER | _same("small_gicp"),
         ("fusionslam.registration",),
     ),
+    "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
 }
 
 

@@ -18,6 +18,7 @@ from fusionslam.cli import (
     fuse,
     info,
     loops,
+    odometry,
     ratslam,
     report,
     ros,
@@ -78,6 +79,7 @@ app.command()(info.info)
 app.command()(fuse.fuse)
 app.command()(describe.describe)
 app.command()(loops.loops)
+app.command()(odometry.odometry)
 app.command()(calib_check.calib_check)
 app.command("eval")(evaluate.evaluate)
 app.command()(bench.bench)

@@ -90,7 +90,8 @@ KINDS = (
     *("kitti-object", "kitti-odometry", "kitti-raw", "folder", "ranges"),
     *("rosbag1", "rosbag2", "mcap", "scenes"),
 )
-ODOMETRY = ("topic", "visual", "truth", "truth+noise")
+ODOMETRY = ("topic", "lidar", "visual", "truth", "truth+noise")
+POSE_FORMATS = ("tum", "kitti")
 PRESETS_OF_RATSLAM = ("robust", "openratslam")
 PROTOCOLS = ("revisit", "perdomo2019", "pose-1m-5deg", "pose-2m-5deg")
 RECOGNISERS = (

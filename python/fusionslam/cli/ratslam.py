@@ -141,6 +141,7 @@ def ratslam(
                 odometry,
                 whole.odometry,
                 seen=whole.visual_odometry,
+                scanned=whole.lidar_odometry,
                 resumed=resume is not None,
                 continued=save is not None,
                 jobs=opt.cores(jobs),

@@ -6,6 +6,7 @@ from fusionslam.calibration.search import CalibrationCheckConfig
 from fusionslam.config import option
 from fusionslam.datasets.range_recording import RecordingConfig
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
+from fusionslam.odometry import LidarOdometryConfig
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.tuning import TuningConfig
 from fusionslam.ratslam.slam import RatSlamConfig
@@ -31,6 +32,9 @@ class SystemConfig(PipelineConfig):
     )
     visual_odometry: VisualOdometryConfig = option(
         VisualOdometryConfig(), "ratslam: speed out of images, --odometry visual"
+    )
+    lidar_odometry: LidarOdometryConfig = option(
+        LidarOdometryConfig(), "odometry, and ratslam --odometry lidar: scans to a path"
     )
     odometry: OdometryConfig = option(
         DRIFT, "ratslam: how far odometry is off, --odometry truth+noise"

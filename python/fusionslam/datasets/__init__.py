@@ -37,6 +37,7 @@ from fusionslam.datasets.pose_files import (
     read_poses_tum,
     read_times,
     read_timestamps,
+    write_poses_kitti,
     write_poses_tum,
 )
 from fusionslam.datasets.range_recording import is_recording
@@ -74,6 +75,7 @@ __all__ = [
     "read_times",
     "read_timestamps",
     "write_cloud",
+    "write_poses_kitti",
     "write_poses_tum",
 ]
 

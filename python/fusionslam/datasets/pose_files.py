@@ -107,6 +107,19 @@ def write_poses_tum(
         temporary.write_text("".join(lines), encoding="ascii")
 
 
+def write_poses_kitti(path: PathLike, poses: NDArray[np.float64]) -> None:
+    """Write float64 (N, 4, 4) as KITTI lines, all 17 digits, so that they are read back exactly.
+
+    Raises:
+        ShapeError: the poses are not (N, 4, 4). DataError: the file cannot be written.
+    """
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise ShapeError(f"poses have shape {poses.shape}, expected (N, 4, 4)")
+    lines = [" ".join(f"{value:.17g}" for value in pose[:3].ravel()) + "\n" for pose in poses]
+    with atomic_path(path) as temporary:
+        temporary.write_text("".join(lines), encoding="ascii")
+
+
 def read_times(path: PathLike) -> NDArray[np.int64]:
     """Read int64 (N) nanoseconds from KITTI's times.txt: seconds, one per line.
 

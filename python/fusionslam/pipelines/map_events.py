@@ -13,7 +13,9 @@ from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.odometry import LidarOdometryConfig
 from fusionslam.pipelines.drives import Drive
+from fusionslam.pipelines.lidar_odometry import lidar_motions, track_lidar
 from fusionslam.pipelines.template_views import template_views
 from fusionslam.pipelines.visual_odometry import estimate_motions, image_stamps_ns
 from fusionslam.ratslam.events import Event, Look, Motion
@@ -22,7 +24,7 @@ from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.progress import Step, label_progress
 
-OdometryName = Literal["topic", "visual", "truth", "truth+noise"]
+OdometryName = Literal["topic", "lidar", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)
 """The kinds of odometry."""
 
@@ -128,6 +130,7 @@ def events_of(
     errors: OdometryConfig = DRIFT,
     *,
     seen: VisualOdometryConfig | None = None,
+    scanned: LidarOdometryConfig | None = None,
     resumed: bool = False,
     continued: bool = False,
     jobs: int = 1,
@@ -141,6 +144,7 @@ def events_of(
         odometry: one of ``ODOMETRY``; None for the topic if there is one, else the ground truth.
         errors: odometry errors of "truth+noise".
         seen: configuration of visual odometry; None for the defaults.
+        scanned: configuration of odometry by LiDAR; None for the defaults.
         resumed: whether the map began with an earlier recording: the motion before the first view
             counts, too.
         continued: whether a later recording may follow: the motion after the last view counts, too.
@@ -153,6 +157,10 @@ def events_of(
     stamps_ns, item = _looks(drive, source, jobs, progress)
     if odometry == "visual":
         title, motions = estimate_motions(drive, seen, jobs=jobs, progress=progress)
+    elif odometry == "lidar":
+        show = label_progress(progress, f"{drive.name}: registering scans")
+        track = track_lidar(drive.dataset, scanned, jobs=jobs, progress=show)
+        title, motions = "odometry by LiDAR", [*lidar_motions(drive.dataset, track)]
     else:
         title, motions = motions_of(drive, odometry, errors)
     used = during(motions, stamps_ns, resumed=resumed, continued=continued)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
 from fusionslam.sensors.messages import as_stamp
-from fusionslam.storage.arrays import Points, read_numbers
+from fusionslam.storage.arrays import Floats, Points, read_numbers
 
 Bytes = NDArray[np.uint8]
 
@@ -95,6 +95,7 @@ class Frame:
         stamp_ns: time in nanoseconds.
         points: float32 (N, 3), metres, in the scan's frame; or a function that loads them.
         colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
+        point_seconds: float64 (N,), when each point was measured, after the stamp; or a loader.
         images: by camera name ("left", "right"): uint8 (H, W, 3) RGB or (H, W); or loaders.
         cameras: calibration by camera name.
         pose: float64 (4, 4), world_from_body; the dataset says which body (``pose_frame``).
@@ -115,6 +116,7 @@ class Frame:
         stamp_ns: int = 0,
         points: Points | Callable[[], Points] | None = None,
         colors: Bytes | Callable[[], Bytes | None] | None = None,
+        point_seconds: Floats | Callable[[], Floats | None] | None = None,
         images: Mapping[str, Bytes | Callable[[], Bytes]] | None = None,
         cameras: Mapping[str, Camera] | None = None,
         pose: NDArray[np.float64] | None = None,
@@ -134,10 +136,16 @@ class Frame:
         self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
         self._points = points
         self._colors = colors
+        self._point_seconds = point_seconds
 
     def __getstate__(self) -> dict[str, object]:
         # Another process may not be able to read the recording: it gets the data themselves.
-        loaded = {"_points": self.points, "_colors": self.colors, "images": dict(self.images)}
+        loaded = {
+            "_points": self.points,
+            "_colors": self.colors,
+            "_point_seconds": self.point_seconds,
+            "images": dict(self.images),
+        }
         return {**vars(self), **loaded}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -167,6 +175,13 @@ class Frame:
         if callable(self._colors):
             self._colors = self._colors()
         return self._colors
+
+    @property
+    def point_seconds(self) -> Floats | None:
+        """float64 (N,), seconds from the stamp to when each point was measured; None if unknown."""
+        if callable(self._point_seconds):
+            self._point_seconds = self._point_seconds()
+        return self._point_seconds
 
     @property
     def has_points(self) -> bool:

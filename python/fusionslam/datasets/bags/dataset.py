@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import Matched, match, open_indexed_bag, with_poses
+from fusionslam.datasets.bags.point_times import point_seconds
 from fusionslam.datasets.bags.topics import INFO_ROLES
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
@@ -148,6 +149,7 @@ class BagDataset(Dataset):
             stamp_ns=stamp_ns,
             points=(lambda: scan().points) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
+            point_seconds=(lambda: point_seconds(scan())) if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index),
             pose=None if self.poses is None else self.poses[index],

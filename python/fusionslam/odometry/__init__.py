@@ -1,0 +1,7 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The motion of a LiDAR from its scans alone."""
+
+from fusionslam.odometry.lidar_odometry import Deviation, LidarOdometry, LidarOdometryConfig
+
+__all__ = ["Deviation", "LidarOdometry", "LidarOdometryConfig"]

@@ -1,0 +1,330 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry of a LiDAR: scans registered by KISS-ICP, each pose checked before it is returned.
+
+>>> odometry = LidarOdometry()
+>>> for frame in dataset:
+...     first_from_scan = odometry.process(frame.points, frame.stamp_ns, frame.point_seconds)
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fusionslam._core import (
+    GroundSegmentsConfig,
+    count_overlap,
+    drop_invalid,
+    nearest_ranges,
+    remove_ground_segments,
+    voxel_downsample,
+)
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ClockError, DataError, ShapeError
+from fusionslam.help_texts import counted
+from fusionslam.odometry.kiss_icp_extra import KissIcp, take_part
+from fusionslam.sensors.messages import NANOSECONDS, as_stamp
+from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix, Points, read_numbers
+
+FEWEST_POINTS = 100
+"""Scans with fewer points are refused."""
+
+_FAST_NS = 200_000_000
+# Within this time velocity hardly changes, however fast a car drives.
+_LONGEST_RATIO = 3.0
+# After a gap this many times as long as the one before, the robot may have stopped.
+_HIDDEN_WEIGHT = 0.25
+# Of points that the other scan could not see, as in registration.
+_LEAST_WAY_M = 1.0
+_GROUND_STRIDE = 50
+_STEPS = 1000
+# Parts of the motion between two scans that are told apart.
+
+
+class LidarOdometryConfig(Section):
+    """How scans are registered, and when their poses are refused."""
+
+    voxel: float | None = option(
+        None,
+        "voxels of the local map; null: a 20th of the range of nine in ten points, 0.1 to 1",
+        unit="m",
+        gt=0,
+    )
+    max_range: float = option(100.0, "farther points are not used", unit="m", gt=0)
+    max_step: float = option(
+        1.5,
+        "farthest motion between two scans more than 0.2 s apart; between others, largest change "
+        "of it",
+        unit="m",
+        gt=0,
+    )
+    max_turn: float = option(15.0, "as max_step, of turns", unit="deg", gt=0, le=180)
+    min_overlap: float = option(
+        0.6, "least overlap of two scans whose poses are believed", ge=0, le=1
+    )
+    lost_scans: int = option(3, "scans with less overlap until odometry counts as lost", ge=1)
+
+
+class Deviation(NamedTuple):
+    """Standard deviations of odometry that grow with the root of the way.
+
+    Attributes:
+        position: metres after one metre.
+        angle: radians after one metre.
+    """
+
+    position: float
+    angle: float
+
+
+class _RegisteredScan(NamedTuple):
+    """What the next scan is compared with: points above the ground, and ranges seen."""
+
+    stamp_ns: int
+    pose: Matrix
+    above: Points
+    ranges: Floats32
+
+
+class LidarOdometry:
+    """Estimates the poses of a LiDAR from its scans, and refuses poses that cannot be right.
+
+    The map is that of the last scans within range; there is no loop closure, so poses drift.
+
+    Attributes:
+        overlap: share of what the last scan and the one before both saw that agrees, 0 to 1.
+        motion: float64 (4, 4), the pose of the last scan in the frame of the one before.
+
+    Args:
+        config: None for the defaults.
+        changes: configuration values to override.
+
+    Raises:
+        ConfigError: an unknown key, or a value out of range.
+        FusionSlamError: KISS-ICP is not installed (code "missing-extra"), or has no package for
+            this Python ("no-package").
+    """
+
+    def __init__(self, config: LidarOdometryConfig | None = None, **changes: Any) -> None:
+        self.config = merged(config or LidarOdometryConfig(), changes)
+        self.overlap = 1.0
+        self.motion: Matrix = np.eye(4)
+        self._voxel = self.config.voxel or 0.0
+        # Made here so that a missing package is found before the first scan is read.
+        self._icp = KissIcp(self._voxel or 1.0, self.config.max_range)
+        self._last: _RegisteredScan | None = None
+        # In which the motion was made; None before the velocity is known.
+        self._gap_ns: int | None = None
+        self._failure: DataError | None = None
+        self._lost = 0
+        self._way = 0.0
+        self._changes = np.zeros(2)
+
+    @property
+    def deviation(self) -> Deviation:
+        """Bound of the error, from how unevenly the scans moved.
+
+        Noise of single motions and true acceleration cannot be told apart: both count.
+        """
+        # The difference of two motions has twice the variance of one.
+        position, angle = np.sqrt(self._changes / 2 / max(self._way, _LEAST_WAY_M))
+        return Deviation(float(position), float(angle))
+
+    def process(self, points: Points, stamp_ns: int, seconds: ArrayLike | None = None) -> Matrix:
+        """Register the next scan.
+
+        Args:
+            points: float32 (N, 3), metres, the sensor at the origin. NaN and infinity mark rays
+                without return. Better with z up: the ground then counts as no overlap.
+            stamp_ns: time of the pose that is returned.
+            seconds: float (N), when each point was measured, after the stamp; None if unknown or
+                if the scan shows the world at its stamp already.
+
+        Returns:
+            float64 (4, 4), first_from_scan, first being the first scan.
+
+        Raises:
+            ShapeError: arrays of other shapes.
+            ClockError: a stamp that is not later than the one before (code "clock").
+            DataError: too few points (code "few-points"), or a time that is not finite
+                ("not-finite"). These scans change nothing.
+            DataError: the scan is too far from the one before ("far-apart"), or the last
+                ``lost_scans`` overlap too little with the ones before ("lost"); so is every
+                scan after it.
+        """
+        if self._failure is not None:
+            raise self._failure
+        stamp_ns = as_stamp(stamp_ns)
+        kept, parts = _check_scan(points, seconds)
+        if self._last is not None and stamp_ns <= self._last.stamp_ns:
+            raise ClockError(
+                f"scan at {stamp_ns} ns: expected a stamp after {self._last.stamp_ns} ns, that of "
+                "the scan before",
+                fields=(str(stamp_ns), str(self._last.stamp_ns)),
+            )
+        if self._last is None and not self._voxel:
+            self._voxel = _choose_voxel(kept)
+            self._icp = KissIcp(self._voxel, self.config.max_range)
+        try:
+            return self._register(kept, stamp_ns, parts)
+        except DataError as error:
+            self._failure = error
+            raise
+
+    def _register(self, points: Points, stamp_ns: int, seconds: Floats) -> Matrix:
+        last = self._last
+        gap_ns = stamp_ns - last.stamp_ns if last else NANOSECONDS
+        expected = self._predict(gap_ns)
+        # To the middle of the sweep: to its begin, errors of the velocity would build up.
+        middle = (seconds.min() + seconds.max()) / 2 if len(seconds) else 0.0
+        if len(seconds):
+            points = _deskew(points, (seconds - middle) * (NANOSECONDS / gap_ns), expected)
+        above = self._find_above_ground(points)
+        pose = self._icp.register(_thin_rest(points, above), expected if last else np.eye(4))
+        voxels = voxel_downsample(points[above], size=self._voxel / 2)[0]
+        self._last = _RegisteredScan(stamp_ns, pose, voxels, nearest_ranges(points, step=1.0))
+        if last is not None:
+            self._follow(last, self._last, expected)
+        until_stamp = np.array([-middle * NANOSECONDS / gap_ns])
+        at_stamp: Matrix = pose @ take_part(self.motion, until_stamp)[0]
+        return at_stamp
+
+    def _predict(self, gap_ns: int) -> Matrix:
+        """The motion within a time at constant velocity; none where nothing tells the velocity."""
+        ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
+        return take_part(self.motion, np.array([ratio if ratio <= _LONGEST_RATIO else 0.0]))[0]
+
+    def _follow(self, last: _RegisteredScan, scan: _RegisteredScan, expected: Matrix) -> None:
+        """Take over the motion between two scans, and check it."""
+        is_moving, gap_ns = self._gap_ns is not None, scan.stamp_ns - last.stamp_ns
+        self.motion, self._gap_ns = np.linalg.inv(last.pose) @ scan.pose, gap_ns
+        self._check_motion(expected, gap_ns, is_moving)
+        self.overlap = min(
+            _overlap(last, scan, np.linalg.inv(self.motion), self._voxel / 2),
+            _overlap(scan, last, self.motion, self._voxel / 2),
+        )
+        self._lost = self._lost + 1 if self.overlap < self.config.min_overlap else 0
+        if self._lost >= self.config.lost_scans:
+            raise self._lost_error()
+
+    def _find_above_ground(self, points: Points) -> Integers:
+        """Indices of the points that show motion: rings on the ground move with the LiDAR."""
+        ground = GroundSegmentsConfig(distance=self._voxel / 5)
+        above, _, _ = remove_ground_segments(points, config=ground)
+        return above
+
+    def _check_motion(self, expected: Matrix, gap_ns: int, is_moving: bool) -> None:
+        step, turn = _size(self.motion)
+        change = _size(np.linalg.inv(expected) @ self.motion)
+        self._way += step
+        if is_moving:
+            self._changes += np.square([change[0], np.deg2rad(change[1])])
+        is_fast = gap_ns <= _FAST_NS
+        if is_fast and not is_moving:
+            return  # the velocity is known from the next scan on
+        checked, what = (
+            (change, "from where constant velocity leads")
+            if is_fast
+            else (
+                (step, turn),
+                "from the one before",
+            )
+        )
+        if checked[0] > self.config.max_step or checked[1] > self.config.max_turn:
+            raise DataError(
+                f"the scan is {checked[0]:.2f} m and {checked[1]:.1f} degrees {what}, "
+                f"{gap_ns / NANOSECONDS:.3g} s earlier: {self._expectation()}",
+                code="far-apart",
+                fields=(f"{checked[0]:.2f}", f"{checked[1]:.1f}"),
+            )
+
+    def check(self) -> None:
+        """Refuse a recording that ends with scans that overlap too little.
+
+        Raises:
+            DataError: the last scan does, without being one of ``lost_scans`` (code "lost").
+        """
+        if self._lost:
+            raise self._lost_error()
+
+    def _lost_error(self) -> DataError:
+        assert self._gap_ns is not None
+        return DataError(
+            f"odometry is lost: the last {counted(self._lost, 'scan')} overlapped too little with "
+            f"those before, this one by {self.overlap:.2f}, at least {self.config.min_overlap:g} "
+            f"wanted, {self._gap_ns / NANOSECONDS:.3g} s later: {self._expectation()}",
+            code="lost",
+            fields=(str(self._lost), f"{self.overlap:.2f}"),
+        )
+
+    def _expectation(self) -> str:
+        return (
+            f"expected scans at most {self.config.max_step:g} m and {self.config.max_turn:g} "
+            "degrees apart, as 10 in a second are; slower scans need odometry of the wheels"
+        )
+
+
+def _check_scan(points: Any, seconds: ArrayLike | None) -> tuple[Points, Floats]:
+    """The points that are returns, and their times; empty times if unknown."""
+    array = np.asarray(points)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind != "f":
+        raise ShapeError(
+            f"points: {array.dtype} {array.shape}, expected float32 (N, 3)", code="no-cloud"
+        )
+    array = np.ascontiguousarray(array, np.float32)
+    kept = drop_invalid(array)
+    if len(kept) < FEWEST_POINTS:
+        raise DataError(
+            f"the scan has {len(kept)} finite points, expected at least {FEWEST_POINTS}",
+            code="few-points",
+            fields=(str(len(kept)),),
+        )
+    if seconds is None:
+        return array[kept], np.zeros(0)
+    times = read_numbers("seconds", seconds, "(N,), one for each point")
+    if times.shape != (len(array),):
+        raise ShapeError(f"seconds: {times.shape}, expected ({len(array)},), one for each point")
+    if (bad := np.flatnonzero(~np.isfinite(times[kept]))).size:
+        raise DataError(
+            f"the time of point {kept[bad[0]]} is {times[kept[bad[0]]]}, expected a finite one",
+            code="not-finite",
+            fields=(str(kept[bad[0]]),),
+        )
+    return array[kept], times[kept]
+
+
+def _thin_rest(points: Points, kept: Integers) -> Points:
+    """The kept points, and a few of the others, which hold height and tilt."""
+    is_rest = np.ones(len(points), np.bool_)
+    is_rest[kept] = False
+    is_rest[np.flatnonzero(is_rest)[::_GROUND_STRIDE]] = False
+    return points[~is_rest]
+
+
+def _deskew(points: Points, parts: Floats, motion: Matrix) -> Points:
+    """The points as seen from where the parts are 0, each measured after a part of a motion."""
+    steps, rows = np.unique(np.round(parts * _STEPS), return_inverse=True)
+    moves = take_part(motion, steps / _STEPS)[rows].astype(np.float32)
+    moved = np.einsum("nij,nj->ni", moves[:, :3, :3], points) + moves[:, :3, 3]
+    return np.ascontiguousarray(moved, np.float32)
+
+
+def _choose_voxel(points: Points) -> float:
+    ranges = np.linalg.norm(points, axis=1)
+    return float(np.clip(np.quantile(ranges, 0.9) / 20, 0.1, 1.0))
+
+
+def _size(motion: Matrix) -> tuple[float, float]:
+    """Metres and degrees of a motion."""
+    cosine = np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1)
+    return float(np.linalg.norm(motion[:3, 3])), float(np.rad2deg(np.arccos(cosine)))
+
+
+def _overlap(
+    one: _RegisteredScan, other: _RegisteredScan, other_from_one: Matrix, distance: float
+) -> float:
+    """Share of a scan's points above the ground that the other confirms, of those it could."""
+    counts = count_overlap(one.above, other.above, other.ranges, other_from_one, distance=distance)
+    against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
+    return counts["agreeing"] / max(1.0, counts["agreeing"] + against)

@@ -1,0 +1,193 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry of a recording from its scans, and the files that keep it."""
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets import Dataset
+from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
+from fusionslam.errors import DataError
+from fusionslam.odometry import Deviation, LidarOdometry, LidarOdometryConfig
+from fusionslam.pipelines.recording import name_frame
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import Odometry
+from fusionslam.storage.arrays import Floats, Matrix
+from fusionslam.storage.files import PathLike
+from fusionslam.storage.parallel import ordered_results
+from fusionslam.storage.progress import Progress
+
+logger = logging.getLogger(__name__)
+
+
+class Drift(NamedTuple):
+    """How far odometry is from the truth, both beginning at the same pose; metres."""
+
+    end: float
+    largest: float
+
+
+@dataclass(frozen=True, eq=False)
+class LidarTrack:
+    """Odometry of N frames.
+
+    Attributes:
+        name: of the recording.
+        numbers: int64 (N), the frames' numbers.
+        stamps_ns: int64 (N).
+        poses: float64 (N, 4, 4), first_from_body, the body being that of the recording's poses.
+        overlap: float64 (N - 1), of each scan with the one before.
+        deviation: bound of the error.
+        has_times: whether the data say when each point was measured.
+    """
+
+    name: str
+    numbers: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    poses: Matrix
+    overlap: Floats
+    deviation: Deviation
+    has_times: bool
+
+    @property
+    def length_m(self) -> float:
+        """Metres moved."""
+        return float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
+
+    def drift(self, truth: Matrix) -> Drift:
+        """Compare with true poses of the frames, float64 (N, 4, 4), world_from_body."""
+        off = self.poses[:, :3, 3] - (np.linalg.inv(truth[0]) @ truth)[:, :3, 3]
+        distances = np.linalg.norm(off, axis=1)
+        return Drift(float(distances[-1]), float(distances.max()))
+
+    def save(self, path: PathLike, format: str = "tum") -> None:
+        """Write the poses in format "tum", with times, or "kitti", one line a frame.
+
+        Raises:
+            DataError: the file cannot be written; or in format kitti, a frame has no pose (code
+                "no-pose"), as line n must be frame n.
+        """
+        if format == "tum":
+            write_poses_tum(path, self.stamps_ns, self.poses)
+            return
+        lacking = np.setdiff1d(np.arange(self.numbers[-1] + 1), self.numbers)
+        if lacking.size:
+            raise DataError(
+                f"{self.name} has no frame {lacking[0]}, but line n of a KITTI file is frame n: "
+                "format tum keeps the times instead",
+                code="no-pose",
+                fields=(str(lacking[0]),),
+            )
+        write_poses_kitti(path, self.poses)
+
+    def __str__(self) -> str:
+        """Length, overlap and deviation, in one line."""
+        times = "with" if self.has_times else "without"
+        return (
+            f"{len(self.poses)} poses, {self.length_m:.1f} m, points {times} times, "
+            f"overlap at least {self.overlap.min():.2f}, error below "
+            f"{self.deviation.position:.2g} m and {np.rad2deg(self.deviation.angle):.2g} degrees "
+            "after a metre, growing with the root of the way"
+        )
+
+
+def track_lidar(
+    dataset: Dataset,
+    config: LidarOdometryConfig | None = None,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> LidarTrack:
+    """Estimate the poses of a recording from its scans.
+
+    Args:
+        dataset: with scans as the LiDAR measured them, best at 10 Hz.
+        config: None for the defaults.
+        jobs: number of scans read ahead; does not change the result.
+        progress: called with (scans done, total scans).
+
+    Raises:
+        DataError: fewer than two scans, a scan cannot be read or used, or its pose is refused as
+            ``LidarOdometry.process`` says; the message names the frame.
+        FusionSlamError: KISS-ICP is missing.
+    """
+    if not dataset.has_points or len(dataset) < 2:
+        raise DataError(
+            f"{dataset.name}: odometry by LiDAR needs scans of two frames or more",
+            code="no-scans",
+        )
+    odometry = LidarOdometry(config)
+    poses: list[Matrix] = []
+    overlap, has_times = [], True
+    with ordered_results(lambda index: _read(dataset, index), range(len(dataset)), jobs) as frames:
+        for index, frame in enumerate(frames):
+            assert frame.points is not None
+            has_times &= frame.point_seconds is not None
+            with name_frame(dataset, index):
+                pose = odometry.process(frame.points, frame.stamp_ns, frame.point_seconds)
+                if index == len(dataset) - 1:
+                    odometry.check()
+            if index == 1:
+                # At the first scan nothing told yet how far the LiDAR moves within a sweep.
+                poses[0] = pose @ np.linalg.inv(odometry.motion)
+            poses.append(pose)
+            overlap.append(odometry.overlap)
+            if progress is not None:
+                progress(index + 1, len(dataset))
+    return LidarTrack(
+        name=dataset.name,
+        numbers=dataset.numbers,
+        stamps_ns=dataset.stamps_ns,
+        poses=_of_body(dataset, np.stack(poses)),
+        overlap=np.array(overlap[1:]),
+        deviation=odometry.deviation,
+        has_times=has_times,
+    )
+
+
+def lidar_motions(dataset: Dataset, track: LidarTrack) -> list[Odometry]:
+    """The poses as odometry messages of the robot, without velocities."""
+    robots = track.poses @ dataset.body_from_robot
+    return [
+        Odometry(stamp_ns=stamp_ns, frame_id="odom", child_frame_id="robot", pose=robot)
+        for stamp_ns, robot in zip(track.stamps_ns.tolist(), robots, strict=True)
+    ]
+
+
+def _read(dataset: Dataset, index: int) -> Frame:
+    """A frame whose points are read."""
+    frame = dataset[index]
+    with name_frame(dataset, index):
+        _ = frame.points, frame.point_seconds
+    return frame
+
+
+def _of_body(dataset: Dataset, scans: Matrix) -> Matrix:
+    """The poses of the body, from the first one's, instead of those of the scanner."""
+    body_from_points = dataset.body_from_points
+    if body_from_points is None:
+        logger.warning("%s does not say where its scans are: poses are of the scan", dataset.name)
+        body_from_points = np.eye(4)
+    relative = np.linalg.inv(scans[0]) @ scans
+    poses: Matrix = body_from_points @ relative @ np.linalg.inv(body_from_points)
+    return poses
+
+
+def pose_format_of(path: Path) -> str:
+    """The format that a file's name asks for: "kitti" for X.kitti and X_kitti.txt, else "tum"."""
+    return "kitti" if path.suffix == ".kitti" or path.stem.endswith("_kitti") else "tum"
+
+
+def check_new_file(path: Path) -> None:
+    """Raise DataError (code "exists") for a file that is there: it may be odometry of wheels."""
+    if path.exists():
+        raise DataError(
+            f"{path} exists: remove it, or choose another file (--output)",
+            code="exists",
+            fields=(str(path),),
+        )
