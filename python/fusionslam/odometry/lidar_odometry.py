@@ -78,6 +78,10 @@ class Deviation(NamedTuple):
     angle: float
 
 
+_LEAST_DEVIATION = Deviation(0.05, 0.005)
+# A LiDAR that starts slowly seems to stand still for some decimetres, which is no random error.
+
+
 class _RegisteredScan(NamedTuple):
     """What the next scan is compared with: points above the ground, and ranges seen."""
 
@@ -123,13 +127,13 @@ class LidarOdometry:
 
     @property
     def deviation(self) -> Deviation:
-        """Bound of the error, from how unevenly the scans moved.
+        """Estimate of the error, from how unevenly the scans moved, and at least that of starts.
 
         Noise of single motions and true acceleration cannot be told apart: both count.
         """
         # The difference of two motions has twice the variance of one.
-        position, angle = np.sqrt(self._changes / 2 / max(self._way, _LEAST_WAY_M))
-        return Deviation(float(position), float(angle))
+        random = np.sqrt(self._changes / 2 / max(self._way, _LEAST_WAY_M))
+        return Deviation(*np.maximum(random, _LEAST_DEVIATION).tolist())
 
     def process(self, points: Points, stamp_ns: int, seconds: ArrayLike | None = None) -> Matrix:
         """Register the next scan.

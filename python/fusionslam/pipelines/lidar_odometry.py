@@ -42,7 +42,7 @@ class LidarTrack:
         stamps_ns: int64 (N).
         poses: float64 (N, 4, 4), first_from_body, the body being that of the recording's poses.
         overlap: float64 (N - 1), of each scan with the one before.
-        deviation: bound of the error.
+        deviation: estimate of the error.
         has_times: whether the data say when each point was measured.
     """
 
@@ -90,7 +90,7 @@ class LidarTrack:
         times = "with" if self.has_times else "without"
         return (
             f"{len(self.poses)} poses, {self.length_m:.1f} m, points {times} times, "
-            f"overlap at least {self.overlap.min():.2f}, error below "
+            f"overlap at least {self.overlap.min():.2f}, error about "
             f"{self.deviation.position:.2g} m and {np.rad2deg(self.deviation.angle):.2g} degrees "
             "after a metre, growing with the root of the way"
         )

@@ -60,6 +60,15 @@ def test_a_package_that_python_does_not_get_is_no_part_of_its_extra(
     assert "small_gicp" in modules
 
 
+@pytest.mark.parametrize(("python", "has_package"), [((3, 13), True), ((3, 14), False)])
+def test_odometry_has_its_package_up_to_python_3_13(
+    python: tuple[int, int], has_package: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "version_info", python)
+    modules = runpy.run_path(str(PACKAGE / "doctor.py"))["EXTRAS"]["odometry"].modules
+    assert ("kiss-icp" in modules) == has_package
+
+
 def test_a_cache_that_cannot_be_written_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FUSIONSLAM_CACHE", "/proc/nowhere")
     assert problems(examine()) == {"cache": ("cache-not-writable", [], False)}

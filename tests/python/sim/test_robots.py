@@ -29,11 +29,11 @@ from fusionslam.sim.town.car import StereoConfig
 SENSOR = "lidars.velodyne"
 
 
-def test_the_package_brings_three_robots() -> None:
-    assert robot_names() == ["car", "turtlebot3_vlp16", "turtlebot3_waffle_pi"]
+def test_the_package_brings_four_robots() -> None:
+    assert robot_names() == ["car", "car_lidar", "turtlebot3_vlp16", "turtlebot3_waffle_pi"]
     for name in robot_names():
         robot = robot_named(name)
-        assert robot.lidars and robot.cameras
+        assert robot.lidars and bool(robot.cameras) == (name != "car_lidar")
 
 
 def test_the_waffle_pi_is_that_of_the_thesis() -> None:
@@ -54,6 +54,14 @@ def test_the_car_has_the_sensors_of_the_embedded_drive() -> None:
     for mount, config, kind in zip(ours, theirs, (LidarConfig, *[LensConfig] * 2), strict=True):
         for key in kind.model_fields:
             assert getattr(mount, key) == getattr(config, key), key
+
+
+def test_the_car_with_a_lidar_alone_drives_as_the_car_and_measures_while_it_moves() -> None:
+    car, alone = robot_named("car"), robot_named("car_lidar")
+    assert (alone.drive, alone.radius_m) == (car.drive, car.radius_m)
+    lidar = alone.lidars["velodyne"]
+    assert lidar.scan_motion and not car.lidars["velodyne"].scan_motion
+    assert lidar.model_copy(update={"scan_motion": False}) == car.lidars["velodyne"]
 
 
 def test_the_car_can_do_what_its_town_asks(caplog: pytest.LogCaptureFixture) -> None:

@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Odometry by LiDAR agrees with the truth of simulated drives and of KITTI, or is refused."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clouds import read_scan
+from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.odometry import LidarOdometry
+from fusionslam.sim import SimulationConfig, robot_named, simulate
+from fusionslam.sim.catalogue import MADE, drive_through
+from fusionslam.sim.motion.planner import PlanConfig
+from fusionslam.sim.robot import base_from
+from fusionslam.storage.arrays import Floats, Matrix, Points
+
+pytest.importorskip("kiss_icp", reason="the library of odometry by LiDAR is an extra")
+
+PERIOD_NS = 100_000_000
+
+
+@dataclass
+class Drive:
+    """Scans of a simulated drive and their true poses."""
+
+    scans: list[Points]
+    seconds: list[Floats]
+    stamps_ns: list[int]
+    truth: Matrix
+
+    @property
+    def length_m(self) -> float:
+        return float(np.linalg.norm(np.diff(self.truth[:, :3, 3], axis=0), axis=1).sum())
+
+    def run(self, odometry: LidarOdometry, stride: int = 1, *, times: bool = True) -> Matrix:
+        return np.stack(
+            [
+                odometry.process(
+                    self.scans[k], self.stamps_ns[k], self.seconds[k] if times else None
+                )
+                for k in range(0, len(self.scans), stride)
+            ]
+        )
+
+    def errors(self, poses: Matrix) -> Floats:
+        """Metres from the truth, beginning at the fifth pose: the first one tells no velocity."""
+        found, truth = (np.linalg.inv(p[5]) @ p[5:] for p in (poses, self.truth))
+        return np.asarray(np.linalg.norm((found - truth)[:, :3, 3], axis=1))
+
+
+def drive(world: str, robot_name: str, seconds: float) -> Drive:
+    pytest.importorskip("embreex")
+    entry = MADE[world]
+    robot = robot_named(robot_name).model_copy(update={"cameras": {}})
+    place, way = drive_through(entry.make(entry.settings), robot, PlanConfig(length_m=20.0))
+    (lidar,) = robot.lidars.values()
+    config = SimulationConfig(seconds=seconds)
+    found = [
+        event.message
+        for event in simulate(place, robot, way, config, jobs=2)
+        if event.topic == lidar.topic
+    ]
+    stamps = [scan.stamp_ns for scan in found]
+    times = (np.array(stamps) - stamps[0]) / 1e9 + way.seconds[0]
+    return Drive(
+        [scan.points for scan in found],
+        [scan.fields["time"].astype(np.float64) for scan in found],
+        stamps,
+        way.at(times) @ base_from(robot, lidar.frame_id),
+    )
+
+
+@pytest.fixture(scope="module")
+def town() -> Drive:
+    return drive("town", "car_lidar", 4.0)
+
+
+@pytest.fixture(scope="module")
+def house() -> Drive:
+    return drive("house", "turtlebot3_vlp16", 6.0)
+
+
+def test_a_car_is_followed_through_a_town(town: Drive) -> None:
+    odometry = LidarOdometry()
+    errors = town.errors(town.run(odometry))
+    assert town.length_m > 30
+    assert errors.max() < 0.01 * town.length_m
+    assert odometry.overlap > 0.9
+
+
+def test_a_robot_is_followed_through_a_house(house: Drive) -> None:
+    poses = house.run(LidarOdometry())
+    # What starts slowly from a stand seems to stand still for a moment; from then on it is right.
+    found, truth = (np.linalg.inv(p[25]) @ p[25:] for p in (poses, house.truth))
+    off = np.linalg.norm((found - truth)[:, :3, 3], axis=1)
+    assert house.errors(poses).max() < 0.4
+    assert off[-1] < 0.05 * np.linalg.norm(truth[-1, :3, 3])
+
+
+def test_times_of_points_undo_the_motion_within_a_sweep(town: Drive) -> None:
+    poses = town.run(LidarOdometry())[5:]
+    step = (np.linalg.inv(poses[:-1]) @ poses[1:])[:, 0, 3]
+    # Of the stamp, at which the sweep begins: half a sweep earlier than where its points are.
+    untimed = town.run(LidarOdometry(), times=False)[5:]
+    ahead = (np.linalg.inv(poses) @ untimed)[:, 0, 3]
+    assert np.median(step) == pytest.approx(0.8, abs=0.02)
+    assert np.median(ahead) == pytest.approx(0.4, abs=0.15)
+
+
+def test_the_stated_deviation_bounds_the_drift(town: Drive, house: Drive) -> None:
+    for each in (town, house):
+        odometry = LidarOdometry()
+        errors = each.errors(each.run(odometry))
+        assert errors[-1] < 3 * odometry.deviation.position * np.sqrt(each.length_m)
+        assert 0 < odometry.deviation.angle < 0.1
+
+
+def test_equal_scans_give_equal_bits(house: Drive) -> None:
+    one, other = (house.run(LidarOdometry(), 3) for _ in range(2))
+    assert one.tobytes() == other.tobytes()
+
+
+def test_variables_of_the_environment_change_nothing(
+    house: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans = Drive(house.scans[:6], house.seconds[:6], house.stamps_ns[:6], house.truth[:6])
+    poses = scans.run(LidarOdometry())
+    monkeypatch.setenv("KISS_ICP_DATA", '{"max_range": 2.0}')
+    np.testing.assert_array_equal(scans.run(LidarOdometry()), poses)
+
+
+@pytest.mark.parametrize("stride", [3, 5])
+def test_scans_that_lie_too_far_apart_are_refused(town: Drive, stride: int) -> None:
+    odometry = LidarOdometry()
+    with pytest.raises(DataError) as caught:
+        town.run(odometry, stride)
+    assert caught.value.code in ("far-apart", "lost")
+    with pytest.raises(DataError) as again:  # no scan after it is believed
+        odometry.process(town.scans[-1], town.stamps_ns[-1])
+    assert again.value is caught.value
+
+
+def test_a_jump_at_a_high_rate_is_refused(town: Drive) -> None:
+    odometry = LidarOdometry()
+    for k in range(6):
+        odometry.process(town.scans[k], town.stamps_ns[k], town.seconds[k])
+    far = town.scans[6] + np.float32([3.0, 0, 0])
+    with pytest.raises(DataError) as caught:
+        odometry.process(far, town.stamps_ns[6], town.seconds[6])
+        for k in range(7, 12):
+            odometry.process(far, town.stamps_ns[k], town.seconds[k])
+    assert caught.value.code in ("far-apart", "lost")
+
+
+def test_scans_of_other_places_are_no_motion(town: Drive, house: Drive) -> None:
+    odometry = LidarOdometry()
+    odometry.process(town.scans[0], 0)
+    with pytest.raises(DataError) as caught:
+        for k in range(1, 5):
+            odometry.process((town, house)[k % 2].scans[k], k * PERIOD_NS)
+    assert caught.value.code in ("far-apart", "lost")
+
+
+def test_a_recording_may_not_end_with_scans_that_do_not_fit(town: Drive, house: Drive) -> None:
+    odometry = LidarOdometry(max_step=100, max_turn=180)
+    for k in range(3):
+        odometry.process(town.scans[k], town.stamps_ns[k], town.seconds[k])
+    odometry.check()
+    odometry.process(house.scans[0], town.stamps_ns[3])
+    with pytest.raises(DataError) as caught:
+        odometry.check()
+    assert caught.value.code == "lost"
+    assert caught.value.fields[0] == "1"
+
+
+def test_frames_of_kitti_lie_as_far_apart_as_registration_of_the_outer_ones_says(
+    test_data: Path,
+) -> None:
+    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+    from fusionslam.registration import RegistrationConfig, register
+
+    folder = test_data / "kitti/raw_2011_09_26/velodyne_points/data"
+    scans = [read_scan(folder / f"{k:010d}.bin") for k in range(10)]
+    odometry = LidarOdometry()
+    poses = np.stack([odometry.process(scan, k * PERIOD_NS) for k, scan in enumerate(scans)])
+    guess = np.eye(4)
+    guess[0, 3] = 2.0
+    found = register(scans[9], scans[0], guess, config=RegistrationConfig(voxel=0.3))
+    assert found.target_from_source is not None
+    np.testing.assert_allclose(poses[9][:3, 3], found.target_from_source[:3, 3], atol=0.07)
+    # The images and the scan in view of the camera say 2.15 m, too (PnP).
+    path = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
+    assert path == pytest.approx(2.15, abs=0.05)
+
+
+def make_room(count: int = 3000) -> Points:
+    rng = np.random.default_rng(3)
+    walls = rng.uniform(-4, 4, (count, 3))
+    rows = np.arange(count)
+    walls[rows, rng.integers(0, 2, count)] = rng.choice([-4.0, 4.0], count)
+    return walls.astype(np.float32)
+
+
+def test_what_is_no_scan_changes_nothing() -> None:
+    room, odometry = make_room(), LidarOdometry()
+    odometry.process(room, PERIOD_NS)
+    bad_time = np.zeros(len(room))
+    bad_time[7] = np.nan
+    for scan, seconds, kind, code in (
+        (np.zeros((0, 3), np.float32), None, DataError, "few-points"),
+        (room[:99], None, DataError, "few-points"),
+        (np.full_like(room, np.nan), None, DataError, "few-points"),
+        (room[:, :2], None, ShapeError, "no-cloud"),
+        (room.astype(np.int64), None, ShapeError, "no-cloud"),
+        (room, np.zeros(5), ShapeError, "shape"),
+        (room, "soon", ShapeError, "shape"),
+        (room, bad_time, DataError, "not-finite"),
+    ):
+        with pytest.raises(kind) as caught:
+            odometry.process(scan, 2 * PERIOD_NS, seconds)
+        assert caught.value.code == code
+    for stamp_ns in (PERIOD_NS, 0):
+        with pytest.raises(ClockError) as clock:
+            odometry.process(room, stamp_ns)
+        assert clock.value.code == "clock"
+    pose = odometry.process(room, 2 * PERIOD_NS)
+    np.testing.assert_allclose(pose, np.eye(4), atol=1e-3)
+
+
+def test_rays_without_return_are_no_points() -> None:
+    room = make_room()
+    broken = np.vstack([room, np.full((50, 3), np.nan, np.float32)])
+    odometries = [LidarOdometry(), LidarOdometry()]
+    for k in range(3):
+        poses = [
+            odometry.process(scan, k * PERIOD_NS)
+            for odometry, scan in zip(odometries, (room, broken), strict=True)
+        ]
+    np.testing.assert_array_equal(*poses)
+
+
+def test_points_of_one_time_are_fine() -> None:
+    room, odometry = make_room(), LidarOdometry()
+    for k in range(4):
+        pose = odometry.process(room, k * PERIOD_NS, np.zeros(len(room)))
+    np.testing.assert_allclose(pose, np.eye(4), atol=1e-3)
+
+
+def test_a_lost_scan_is_bridged(town: Drive) -> None:
+    odometry = LidarOdometry()
+    kept = [k for k in range(20) if k != 12]
+    poses = {k: odometry.process(town.scans[k], town.stamps_ns[k], town.seconds[k]) for k in kept}
+    found, truth = (np.linalg.inv(p[11]) @ p[13] for p in (poses, town.truth))
+    assert np.linalg.norm((found - truth)[:3, 3]) < 0.1
+
+
+def test_wrong_options_are_named() -> None:
+    for name, value in (("voxel", 0.0), ("min_overlap", 1.5), ("voxels", 1.0)):
+        with pytest.raises(ConfigError, match=name):
+            LidarOdometry(**{name: value})
+
+
+def test_without_the_library_its_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "kiss_icp", None)
+    monkeypatch.setattr(sys, "version_info", (3, 13))
+    with pytest.raises(FusionSlamError) as caught:
+        LidarOdometry()
+    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("odometry",))
+    monkeypatch.setattr(sys, "version_info", (3, 14))
+    with pytest.raises(FusionSlamError) as none:
+        LidarOdometry()
+    assert (none.value.code, none.value.fields) == ("no-package", ("kiss-icp",))
