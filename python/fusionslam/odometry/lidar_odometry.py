@@ -197,16 +197,20 @@ class LidarOdometry:
     def _predict(self, gap_ns: int) -> Matrix:
         """The motion within a time at constant velocity; none where nothing tells the velocity."""
         ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
-        return take_part(self.motion, np.array([ratio if ratio <= _LONGEST_RATIO else 0.0]))[0]
+        part = ratio if ratio <= _LONGEST_RATIO else 0.0
+        expected: Matrix = take_part(self.motion, np.array([part]))[0]
+        return expected
 
     def _follow(self, last: _RegisteredScan, scan: _RegisteredScan, expected: Matrix) -> None:
         """Take over the motion between two scans, and check it."""
         is_moving, gap_ns = self._gap_ns is not None, scan.stamp_ns - last.stamp_ns
-        self.motion, self._gap_ns = np.linalg.inv(last.pose) @ scan.pose, gap_ns
+        motion: Matrix = np.linalg.inv(last.pose) @ scan.pose
+        back = np.linalg.inv(motion).astype(np.float64)
+        self.motion, self._gap_ns = motion, gap_ns
         self._check_motion(expected, gap_ns, is_moving)
         self.overlap = min(
-            _overlap(last, scan, np.linalg.inv(self.motion), self._voxel / 2),
-            _overlap(scan, last, self.motion, self._voxel / 2),
+            _overlap(last, scan, back, self._voxel / 2),
+            _overlap(scan, last, motion, self._voxel / 2),
         )
         self._lost = self._lost + 1 if self.overlap < self.config.min_overlap else 0
         if self._lost >= self.config.lost_scans:
