@@ -159,6 +159,38 @@ Raises:
     DataError, ShapeError, ConfigError: as scan_context, and if there is not one colour a point.)");
 }
 
+void bind_bev_spectrum(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "bev_spectrum",
+      [](const PointsArg& points, std::optional<double> height, const BevSpectrumConfig& config) {
+        BevSpectrumConfig settings = config;
+        settings.height = height.value_or(settings.height);
+        return to_numpy(without_gil([&] { return bev_spectrum(points.view(), settings); }));
+      },
+      "points"_a, py::kw_only(), "height"_a = py::none(), "config"_a = BevSpectrumConfig(),
+      R"(Amplitude spectrum of a cloud seen from above, over direction.
+
+A move of the sensor changes an amplitude spectrum little, and a turn shifts it over direction
+(Reddy and Chatterji 1996). What rises above the ground is drawn in three layers by height. Of each
+image, blurred, the descriptor holds log(1 + amplitude) at 24 frequencies in each of 60 directions
+of half a turn, less the frequency's mean, each direction scaled to length 1.
+compare_scan_contexts compares two at every turn; its yaw is then twice that of the clouds, which
+may also be half a turn more.
+
+Args:
+    points: float32 (N, 3), metres, in a frame whose z axis points up.
+    height: of the frame's origin above the ground, metres; None is that of config, 2.
+    config: a BevSpectrumConfig.
+
+Returns:
+    float32 (4320,): direction after direction, of each the layers from the lowest upwards.
+
+Raises:
+    DataError: NaN or infinity, or no point above the ground within range.
+    ShapeError, ConfigError: wrong array, value out of range.)");
+}
+
 void bind_shot(py::module_& module) {
   using namespace py::literals;
   module.def(
@@ -289,8 +321,12 @@ void bind_descriptors(py::module_& module) {
   bind_config<ScanContextConfig>(module, "ScanContextConfig", "Parameters of Scan Context.")
       .def(py::init(
           [](const Options& options) { return with_options(ScanContextConfig{}, options); }));
+  bind_config<BevSpectrumConfig>(module, "BevSpectrumConfig", "Parameters of bev_spectrum.")
+      .def(py::init(
+          [](const Options& options) { return with_options(BevSpectrumConfig{}, options); }));
   bind_m2dp(module);
   bind_scan_context(module);
+  bind_bev_spectrum(module);
   bind_cm2dp(module);
   bind_singular_vectors(module);
   bind_shot_at_centroid(module);

@@ -185,6 +185,35 @@ std::vector<float> scan_context(PointsView points, const ScanContextConfig& conf
 std::vector<float> cscan_context(PointsView points, ColorsView colors,
                                  const ScanContextConfig& config = {});
 
+/// Parameters of bev_spectrum().
+struct BevSpectrumConfig {
+  static constexpr const char* section = "bev_spectrum";
+
+  double cell = 2;
+  double height = 2;
+
+  template <class Config, class Visitor>
+  static void visit(Config& config, Visitor&& visitor) {
+    visitor(
+        "cell", config.cell,
+        OptionInfo{"side of the image's cells; points farther than 27.5 cells are left out, and "
+                   "layers are limited by heights in cells",
+                   "m", 1e-3, 1e6});
+    visitor("height", config.height,
+            OptionInfo{"height of the cloud's origin above the ground", "m", -1e6, 1e6});
+  }
+};
+
+/// Amplitude spectrum of a cloud seen from above, which a move of the sensor changes little, over
+/// direction, which a turn about z shifts (after Reddy and Chatterji 1996). What rises above the
+/// ground is drawn in three layers by height; of each image, blurred, log(1 + amplitude) at 24
+/// frequencies in each of 60 directions of half a turn, less the frequency's mean, each direction
+/// scaled to length 1 (direction after direction, 60 x 72 floats). DescriptorIndex compares them
+/// with Metric::scan_context: one of its steps is then 3 degrees, and turns that differ by half a
+/// turn are not told apart. Throws DataError for NaN or infinity and for a cloud without a point
+/// above the ground within range.
+std::vector<float> bev_spectrum(PointsView points, const BevSpectrumConfig& config = {});
+
 /// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
 /// both of length 1 and >= 0, as m2dp and cm2dp compute them of a signature. Iterates until
 /// convergence; if the two largest singular values are close, uses eigenvectors of A A^T in double.

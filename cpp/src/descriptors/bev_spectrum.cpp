@@ -1,0 +1,141 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// Amplitude spectrum of bird's-eye images over direction (after Reddy, Chatterji, IEEE Transactions
+// on Image Processing 1996).
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "../detail/checks.hpp"
+#include "../detail/opencv.hpp"
+#include "fusionslam/descriptors.hpp"
+#include "fusionslam/matching.hpp"
+
+namespace fusionslam {
+namespace {
+
+constexpr int directions = static_cast<int>(scan_context_sectors);
+constexpr int frequencies = 24;  ///< multiples of a period in 64 cells
+constexpr int layers = 3;
+constexpr int rows = layers * frequencies;
+
+/// Heights above the ground at which layers begin, cells.
+constexpr std::array<double, layers> layer_bottoms{0.25, 0.75, 1.5};
+
+/// Cells beyond are left out, so that few come and go as the sensor moves.
+constexpr double radius = 27.5;
+
+/// The image is wider than what is drawn, so that its spectrum is sampled more finely.
+constexpr int side = 128;
+constexpr int samples_a_frequency = side / 64;
+
+/// Standard deviation, cells: points near the border of a cell may fall on either side.
+constexpr double blur = 0.7;
+
+using Image = std::vector<float>;
+
+/// The images of the layers, 1 in cells with points. Throws DataError if there is none.
+std::array<Image, layers> draw(PointsView points, const BevSpectrumConfig& config) {
+  std::array<Image, layers> images;
+  images.fill(Image(side * side));
+  bool empty = true;
+  for (std::size_t i = 0; i < points.size; ++i) {
+    const double x = points[i][0] / config.cell, y = points[i][1] / config.cell;
+    const double z = (points[i][2] + config.height) / config.cell;
+    if (!(z > layer_bottoms[0]) || !(x * x + y * y < radius * radius)) continue;
+    const auto layer = std::ranges::lower_bound(layer_bottoms, z) - layer_bottoms.begin() - 1;
+    const int row = static_cast<int>(std::floor(x)) + side / 2;
+    const int column = static_cast<int>(std::floor(y)) + side / 2;
+    images[static_cast<std::size_t>(layer)][static_cast<std::size_t>(row * side + column)] = 1;
+    empty = false;
+  }
+  if (empty)
+    throw DataError("bev_spectrum: the cloud has no point higher than " +
+                    std::to_string(layer_bottoms[0] * config.cell) + " m above the ground within " +
+                    std::to_string(radius * config.cell) + " m");
+  return images;
+}
+
+/// log(1 + amplitude) of the frequencies (x in rows, y in columns, wrapped around) of an image.
+Image log_spectrum(Image& image) {
+  cv::Mat spectrum;
+  cv::dft(cv::Mat(side, side, CV_32F, image.data()), spectrum, cv::DFT_COMPLEX_OUTPUT);
+  std::array<double, side> gain;
+  for (int k = 0; k < side; ++k) {
+    const double frequency = std::min(k, side - k) / static_cast<double>(side);
+    gain[static_cast<std::size_t>(k)] =
+        std::exp(-2 * std::pow(std::numbers::pi * blur * frequency, 2));
+  }
+  Image logarithms(image.size());
+  for (std::size_t row = 0; row < side; ++row) {
+    const auto* values = spectrum.ptr<cv::Vec2f>(static_cast<int>(row));
+    for (std::size_t column = 0; column < side; ++column) {
+      const double amplitude = std::hypot(values[column][0], values[column][1]);
+      logarithms[row * side + column] =
+          static_cast<float>(std::log1p(gain[row] * gain[column] * amplitude));
+    }
+  }
+  return logarithms;
+}
+
+/// Value between the samples of a spectrum, bilinear.
+double interpolate(const Image& spectrum, double x, double y) {
+  const double left = std::floor(x), low = std::floor(y);
+  const auto at = [&](int row, int column) {
+    const int wrapped = ((static_cast<int>(left) + row) & (side - 1)) * side +
+                        ((static_cast<int>(low) + column) & (side - 1));
+    return static_cast<double>(spectrum[static_cast<std::size_t>(wrapped)]);
+  };
+  const double u = x - left, v = y - low;
+  return (1 - u) * ((1 - v) * at(0, 0) + v * at(0, 1)) + u * ((1 - v) * at(1, 0) + v * at(1, 1));
+}
+
+/// Writes the spectrum of a layer, over direction, into the layer's rows of each direction.
+void write_polar(const Image& spectrum, int layer, float* descriptor) {
+  for (int direction = 0; direction < directions; ++direction) {
+    const double angle = std::numbers::pi * direction / directions;
+    const double x = samples_a_frequency * std::cos(angle);
+    const double y = samples_a_frequency * std::sin(angle);
+    float* column = descriptor + direction * rows + layer * frequencies;
+    for (int k = 1; k <= frequencies; ++k)
+      column[k - 1] = static_cast<float>(interpolate(spectrum, k * x, k * y));
+  }
+}
+
+/// What all directions share says nothing of the place: how much is seen, and the blur.
+void remove_row_means(float* descriptor) {
+  for (int row = 0; row < rows; ++row) {
+    double sum = 0;
+    for (int d = 0; d < directions; ++d) sum += descriptor[d * rows + row];
+    for (int d = 0; d < directions; ++d)
+      descriptor[d * rows + row] -= static_cast<float>(sum / directions);
+  }
+}
+
+void normalize_columns(float* descriptor) {
+  for (int d = 0; d < directions; ++d) {
+    float* column = descriptor + d * rows;
+    double squares = 0;
+    for (int row = 0; row < rows; ++row) squares += static_cast<double>(column[row]) * column[row];
+    if (squares > 0)
+      for (int row = 0; row < rows; ++row)
+        column[row] = static_cast<float>(column[row] / std::sqrt(squares));
+  }
+}
+
+}  // namespace
+
+std::vector<float> bev_spectrum(PointsView points, const BevSpectrumConfig& config) {
+  validate(config);
+  detail::check_points(points, 1, "bev_spectrum");
+  std::vector<float> descriptor(static_cast<std::size_t>(directions * rows));
+  auto images = draw(points, config);
+  for (int layer = 0; layer < layers; ++layer)
+    write_polar(log_spectrum(images[static_cast<std::size_t>(layer)]), layer, descriptor.data());
+  remove_row_means(descriptor.data());
+  normalize_columns(descriptor.data());
+  return descriptor;
+}
+
+}  // namespace fusionslam
