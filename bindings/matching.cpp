@@ -229,7 +229,8 @@ are filled in both, which is the same for scans of the full circle; of narrow on
 slivers for one place.
 
 Args:
-    query, match: float32 (60 R,), of scan_context or cscan_context.
+    query, match: float32 (60 R,), of scan_context or cscan_context, or of bev_spectrum, for which
+        the yaw returned is twice that of the clouds.
 
 Returns:
     (distance, 0 to 1; yaw of the query's frame in the match's, radians).

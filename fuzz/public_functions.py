@@ -69,6 +69,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
     ),
     "scan_context": (fusionslam.scan_context, POINTS_OF | {"height": 2.0}),
     "cscan_context": (fusionslam.cscan_context, COLORED | {"height": 2.0}),
+    "bev_spectrum": (fusionslam.bev_spectrum, POINTS_OF | {"height": 2.0}),
     "compare_scan_contexts": (
         fusionslam.compare_scan_contexts,
         {"query": np.ones(120, np.float32), "match": np.ones(120, np.float32)},

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compares Scan Context with its coloured variant, and M2DP about its axes and about the vertical.
+"""Compares descriptors of upright clouds, and M2DP about its axes and about the vertical.
 
 python -m benchmarks.accuracy.descriptor_variants            # five towns that nothing was fitted to
 python -m benchmarks.accuracy.descriptor_variants --write    # and put the table into the docs
@@ -22,7 +22,7 @@ from fusionslam.storage.cache import cache_folder
 
 SEEDS = (1, 2, 3, 5, 7)
 VARIANTS = (
-    *("scan_context", "cscan_context"),
+    *("scan_context", "cscan_context", "bev_spectrum"),
     *("m2dp:robust", "m2dp:upright", "cm2dp:robust", "cm2dp:upright"),
 )
 FIGURES = ("top-1", "same direction", "opposite", "recall at 100 % precision")

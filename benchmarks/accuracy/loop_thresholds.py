@@ -48,7 +48,7 @@ NAMES = tuple(
 SOURCES: Mapping[str, Sequence[str]] = {
     "lidar": NAMES,
     "stereo": [name for name in NAMES if "shot" not in name],
-    "cloud": [name for name in NAMES if name.startswith(("m2dp", "scan_context"))],
+    "cloud": [name for name in NAMES if name.startswith(("m2dp", "scan_context", "bev_spectrum"))],
 }
 """Descriptors by source. The full circle has no colours; SHOT is slow for dense clouds."""
 

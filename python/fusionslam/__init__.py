@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fusionslam import ratslam as ratslam
     from fusionslam import registration as registration
     from fusionslam import views as views
+    from fusionslam._core import BevSpectrumConfig as BevSpectrumConfig
     from fusionslam._core import DescriptorIndex as DescriptorIndex
     from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
     from fusionslam._core import GroundSegmentsConfig as GroundSegmentsConfig
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from fusionslam._core import StereoConfig as StereoConfig
     from fusionslam._core import __version__ as __version__
     from fusionslam._core import above_height as above_height
+    from fusionslam._core import bev_spectrum as bev_spectrum
     from fusionslam._core import cloud_from_disparity as cloud_from_disparity
     from fusionslam._core import cloud_resolution as cloud_resolution
     from fusionslam._core import cm2dp as cm2dp
@@ -83,10 +85,10 @@ if TYPE_CHECKING:
 # Loaded on first use: the command line must answer --help before any of this is loaded.
 _HOMES = {
     "_core": (
-        "DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig ScanContextConfig "
-        "StereoConfig __version__ above_height cloud_from_disparity cloud_resolution cm2dp "
-        "cm2dp_signature colorize compare_scan_contexts cscan_context cshot demosaic depth_image "
-        "drop_invalid "
+        "BevSpectrumConfig DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig "
+        "ScanContextConfig StereoConfig __version__ above_height bev_spectrum "
+        "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize "
+        "compare_scan_contexts cscan_context cshot demosaic depth_image drop_invalid "
         "estimate_normals first_singular_vectors m2dp m2dp_signature nearest nearest_causal "
         "rectify_image remove_ground_plane remove_ground_segments scan_context shot "
         "shot_at_centroid simd_level stereo_disparity voxel_downsample"

@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -312,6 +312,33 @@ class ScanContextConfig:
     def rings(self) -> int:
         """
         rings about the sensor
+        """
+class BevSpectrumConfig:
+    """
+    Parameters of bev_spectrum.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def cell(self) -> float:
+        """
+        side of the image's cells; points farther than 27.5 cells are left out, and layers are limited by heights in cells [m]
+        """
+    @property
+    def height(self) -> float:
+        """
+        height of the cloud's origin above the ground [m]
         """
 class DescriptorIndex:
     """
@@ -1089,6 +1116,29 @@ def align_scenes(current: Scene, stored: Scene, *, config: AlignmentConfig | Non
     Returns:
         An Alignment; of probability 0 if a scene has no range image, or one of fewer than ten cells.
     """
+def bev_spectrum(points: numpy.typing.NDArray[numpy.float32], *, height: typing.SupportsFloat | typing.SupportsIndex | None = None, config: BevSpectrumConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Amplitude spectrum of a cloud seen from above, over direction.
+    
+    A move of the sensor changes an amplitude spectrum little, and a turn shifts it over direction
+    (Reddy and Chatterji 1996). What rises above the ground is drawn in three layers by height. Of each
+    image, blurred, the descriptor holds log(1 + amplitude) at 24 frequencies in each of 60 directions
+    of half a turn, less the frequency's mean, each direction scaled to length 1.
+    compare_scan_contexts compares two at every turn; its yaw is then twice that of the clouds, which
+    may also be half a turn more.
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        height: of the frame's origin above the ground, metres; None is that of config, 2.
+        config: a BevSpectrumConfig.
+    
+    Returns:
+        float32 (4320,): direction after direction, of each the layers from the lowest upwards.
+    
+    Raises:
+        DataError: NaN or infinity, or no point above the ground within range.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
 def build_scene(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None, *, preset: str = 'robust', config: SceneConfig | None = None) -> Scene:
     """
     The objects of a cloud: clusters, and the convex hull of each (Stastny 2022, 4.5).
@@ -1192,7 +1242,8 @@ def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: num
     slivers for one place.
     
     Args:
-        query, match: float32 (60 R,), of scan_context or cscan_context.
+        query, match: float32 (60 R,), of scan_context or cscan_context, or of bev_spectrum, for which
+            the yaw returned is twice that of the clouds.
     
     Returns:
         (distance, 0 to 1; yaw of the query's frame in the match's, radians).

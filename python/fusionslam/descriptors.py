@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import (
+    BevSpectrumConfig,
     M2dpConfig,
     ScanContextConfig,
+    bev_spectrum,
     cloud_resolution,
     cm2dp,
     cscan_context,
@@ -36,17 +38,22 @@ if TYPE_CHECKING:
 
     class ScanContextSection(Section): ...
 
+    class BevSpectrumSection(Section): ...
+
 else:
     M2dpSection = core_section("M2dpSection", M2dpConfig, __name__, optional=True)
     ScanContextSection = core_section(
         "ScanContextSection", ScanContextConfig, __name__, optional=True
     )
+    BevSpectrumSection = core_section(
+        "BevSpectrumSection", BevSpectrumConfig, __name__, optional=True
+    )
 logger = logging.getLogger(__name__)
 
 Metric = Literal["l2", "scan_context"]
 
-_ROBOT_SCAN_CONTEXT = {"height": 0.0}
-"""The robot's frame is taken to lie on the ground."""
+_WITH_HEIGHT = ("scan_context", "bev_spectrum")
+"""Options whose ``height`` is 0 in the robot's frame, which is taken to lie on the ground."""
 Preset = Literal["robust", "upright", "paper", "author"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 
@@ -65,6 +72,11 @@ class DescriptorConfig(Section):
         ScanContextSection(),
         "single values instead of the defaults: 20 rings, max_range 80 m, height 2 m in the scan's "
         "frame (a car's), 0 m in the robot's",
+    )
+    bev_spectrum: BevSpectrumSection = option(
+        BevSpectrumSection(),
+        "single values instead of the defaults: cell 2 m, height 2 m in the scan's frame (a "
+        "car's), 0 m in the robot's",
     )
     normal_radius: float | None = option(
         None,
@@ -217,8 +229,9 @@ def length_of(name: str, config: DescriptorConfig) -> int:
     rng = np.random.default_rng(0)
     points = rng.uniform(-1, 1, (64, 3)).astype(np.float32)
     cloud = Cloud(points, np.full((64, 3), 128, np.uint8))
-    # The length does not depend on the radius, which may be too small for this cloud.
-    return len(describe(cloud, name, config.model_copy(update={"normal_radius": None})))
+    # The length does not depend on these, which may leave none of this cloud.
+    others = {"normal_radius": None, "bev_spectrum": BevSpectrumSection()}
+    return len(describe(cloud, name, config.model_copy(update=others)))
 
 
 def for_clouds(
@@ -238,10 +251,11 @@ def for_clouds(
     if not needs_up(name, config):
         return config
     require_up(fusion, frame)
-    if fusion.frame == "scan" or "scan_context" not in find_descriptor(name).options:
+    if fusion.frame == "scan":
         return config
-    given = config.scan_context.model_dump(exclude_none=True)
-    return merged(config, {"scan_context": _ROBOT_SCAN_CONTEXT | given})
+    options = [key for key in find_descriptor(name).options if key in _WITH_HEIGHT]
+    given = {key: getattr(config, key).model_dump(exclude_none=True) for key in options}
+    return merged(config, {key: {"height": 0.0} | values for key, values in given.items()})
 
 
 def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
@@ -284,6 +298,11 @@ def _cscan_context(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32
     return cscan_context(cloud.points, cloud.colors, **_scan_context_options(config))
 
 
+def _bev_spectrum(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
+    settings = BevSpectrumConfig(**config.bev_spectrum.model_dump(exclude_none=True))
+    return bev_spectrum(cloud.points, config=settings)
+
+
 def _cm2dp(cloud: Cloud, config: DescriptorConfig) -> NDArray[np.float32]:
     assert cloud.colors is not None  # checked by describe()
     options = _m2dp_options(config)
@@ -324,6 +343,13 @@ DESCRIPTORS = {
             _cscan_context,
             ("scan_context",),
             needs_colors=True,
+            needs_up=True,
+            metric="scan_context",
+        ),
+        Descriptor(
+            "bev_spectrum",
+            _bev_spectrum,
+            ("bev_spectrum",),
             needs_up=True,
             metric="scan_context",
         ),

@@ -53,7 +53,8 @@ const std::vector<Described>& all_descriptors() {
          return cshot(c.points_view(), c.colors_view(), std::nullopt, threads);
        }},
       {"cscan_context", 3600,
-       [](const Cloud& c, int) { return cscan_context(c.points_view(), c.colors_view()); }}};
+       [](const Cloud& c, int) { return cscan_context(c.points_view(), c.colors_view()); }},
+      {"bev_spectrum", 4320, [](const Cloud& c, int) { return bev_spectrum(c.points_view()); }}};
   return all;
 }
 

@@ -83,7 +83,7 @@ def _report_frames(frames: dict[str, set[str]]) -> None:
         logging.getLogger(__name__).warning("%s%s: %s (--verbose lists them)", count, read, text)
 
 
-DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context")
+DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum")
 FORMATS = ("ply", "pcd", "bin")
 FRAMES = ("robot", "odometry", "drift")
 KINDS = (

@@ -81,8 +81,8 @@ class LoopDetector:
     Threads may share a detector: frames are described side by side and added one after the other.
 
     Args:
-        descriptor: "m2dp", "cm2dp", "shot", "cshot", "scan_context" or "cscan_context", or with a
-            preset: "cm2dp:author".
+        descriptor: "m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context" or
+            "bev_spectrum", or with a preset: "cm2dp:author".
         threshold, window, window_seconds, max_frames, verify, candidates: override the values of
             ``LoopConfig``.
         config: which frames are compared, and what makes a loop.

@@ -47,7 +47,7 @@ DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
     "lidar": tuple(DESCRIPTORS),
     "stereo": tuple(DESCRIPTORS),
-    "cloud": ("m2dp", "scan_context"),
+    "cloud": ("m2dp", "scan_context", "bev_spectrum"),
 }
 """The demo's sources and the descriptors computed from each."""
 
@@ -69,7 +69,10 @@ QUICK_TOWN = (
 INDOOR: Mapping[str, Any] = {
     "evaluation": {"radius": 0.8, "window": 40},
     "loop_closure": {"window": 40},
-    "descriptors": {"scan_context": {"max_range": 20.0, "height": 0.2}},
+    "descriptors": {
+        "scan_context": {"max_range": 20.0, "height": 0.2},
+        "bev_spectrum": {"cell": 0.4, "height": 0.2},
+    },
 }
 """Settings that the demo changes indoors: places are smaller; 40 scans are 20 s."""
 INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
@@ -79,8 +82,9 @@ TARGET_PRECISION = 0.95
 _LONGEST_STEP_M = 100.0
 """Between frames that follow each other: 3 s of a fast car."""
 DEMO_NOTE = (
-    "The LiDAR's full circle is described by m2dp and scan_context only: the camera sees and "
-    "colours a part of it, which cm2dp and cshot need, and shot is slow for so many points."
+    "The LiDAR's full circle is described by m2dp, scan_context and bev_spectrum only: the camera "
+    "sees and colours a part of it, which cm2dp and cshot need, and shot is slow for so many "
+    "points."
 )
 
 

@@ -31,7 +31,7 @@ class DescriptorComparison:
     objects.
 
     Args:
-        name: "m2dp", "cm2dp", "shot", "cshot", "scan_context" or "cscan_context".
+        name: "m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context" or "bev_spectrum".
         config: the descriptor configuration.
         max_distance: the largest distance of a match.
     """
@@ -55,8 +55,9 @@ class DescriptorComparison:
         self._fill(self._rows)
 
     def settings(self) -> dict[str, Any]:
-        # Views of earlier versions do not mention scan_context and m2dp.axes.
-        others = {"threads"} | ({"scan_context"} - set(self._descriptor.options))
+        # Views of earlier versions do not mention scan_context, bev_spectrum and m2dp.axes.
+        newer = {"scan_context", "bev_spectrum"}
+        others = {"threads"} | (newer - set(self._descriptor.options))
         values = self._config.model_dump(mode="json", exclude=others)
         if values["m2dp"]["axes"] is None:
             del values["m2dp"]["axes"]

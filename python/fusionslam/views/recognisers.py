@@ -53,8 +53,8 @@ class ViewMatcherConfig(Section):
     method: str | None = option(
         None,
         "what recognises places: alignment, objects, two_stages, or a descriptor (m2dp, cm2dp, "
-        "shot, cshot, scan_context, cscan_context); null is alignment for the robust preset, "
-        "objects for the others",
+        "shot, cshot, scan_context, cscan_context, bev_spectrum); null is alignment for the robust "
+        "preset, objects for the others",
     )
     preset: Literal["robust", "paper", "author"] = option(
         "robust", "objects: robust (ours), paper (Stastny 2022) or author (his program)"
@@ -179,7 +179,7 @@ PLAIN = "m2dp"
 
 RENAMED: Mapping[str, str] = {
     "scenes": "objects",
-    "descriptor": "m2dp, cm2dp, shot, cshot, scan_context or cscan_context",
+    "descriptor": "m2dp, cm2dp, shot, cshot, scan_context, cscan_context or bev_spectrum",
     "two-stage": "two_stages",
     "visual": "visual_templates",
     "templates": "visual_templates",

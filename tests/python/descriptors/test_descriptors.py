@@ -86,6 +86,7 @@ def test_two_runs_and_one_or_two_threads_give_the_same_bytes(call: str) -> None:
         ("cshot", 1344),
         ("scan_context", 1200),
         ("cscan_context", 3600),
+        ("bev_spectrum", 4320),
     ],
 )
 def test_describe_by_name_is_the_function_of_that_name(name: str, length: int) -> None:

@@ -256,7 +256,7 @@ def test_a_grey_cloud_is_compared_by_its_heights() -> None:
     assert colored == pytest.approx(plain, abs=1e-4)
 
 
-@pytest.mark.parametrize("rings", [1, 7, 20, 60])
+@pytest.mark.parametrize("rings", [1, 7, 20, 60, 72])
 @pytest.mark.parametrize("window", [0, 5])
 def test_index_and_tables_agree_with_pair_by_pair(rings: int, window: int) -> None:
     rng = np.random.default_rng(4)

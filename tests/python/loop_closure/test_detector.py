@@ -213,7 +213,7 @@ def test_the_first_cloud_fixes_the_radius_for_normals() -> None:
     assert detector.nearest.distance == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "scan_context", "cscan_context"])
+@pytest.mark.parametrize("descriptor", ["m2dp", "scan_context", "cscan_context", "bev_spectrum"])
 @pytest.mark.parametrize("window", [0, 3])
 def test_the_candidates_are_the_nearest_frames_before_the_window(
     descriptor: str, window: int, tmp_path: Path
@@ -256,7 +256,9 @@ def test_candidates_leave_out_what_is_too_fresh_or_forgotten_or_zero() -> None:
 # Saving and going on
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "cshot", "scan_context", "cscan_context"])
+@pytest.mark.parametrize(
+    "descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"]
+)
 @pytest.mark.parametrize("pause", [1, 6, 13])
 def test_a_saved_detector_goes_on_exactly(tmp_path: Path, descriptor: str, pause: int) -> None:
     whole = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
@@ -330,7 +332,9 @@ def test_a_save_that_is_cut_off_leaves_the_old_file(
     assert len(LoopDetector.load(folder)) == len(before)
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "cshot", "scan_context", "cscan_context"])
+@pytest.mark.parametrize(
+    "descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"]
+)
 def test_a_pickled_detector_goes_on_exactly(descriptor: str) -> None:
     whole = LoopDetector(descriptor, threshold=0.5, window=2)
     empty = pickle.loads(pickle.dumps(whole))

@@ -34,6 +34,7 @@ RESULTS: list[tuple[Callable[[], Any], type, tuple[int, ...]]] = [
     (lambda: fusionslam.cm2dp_signature(POINTS, COLORS), np.float64, (64, 512)),
     (lambda: fusionslam.shot(POINTS, normal_radius=None), np.float32, (352,)),
     (lambda: fusionslam.cshot(POINTS, COLORS, normal_radius=None), np.float32, (1344,)),
+    (lambda: fusionslam.bev_spectrum(POINTS, height=None), np.float32, (4320,)),
     (lambda: fusionslam.cscan_context(POINTS, COLORS, height=None), np.float32, (3600,)),
 ]
 

@@ -25,7 +25,7 @@ from stored import change_archive
 
 FRAMES = CHUNK + 4
 LARGEST = FRAMES - 1
-NAMES = ("m2dp", "cm2dp", "cshot", "scan_context", "cscan_context")
+NAMES = ("m2dp", "cm2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum")
 
 
 def scan_path(root: Path, number: int) -> Path:

@@ -26,6 +26,7 @@ POINT_CALLS: dict[str, Call] = {
     "cm2dp": lambda points: fusionslam.cm2dp(points, COLORS),
     "cm2dp_signature": lambda points: fusionslam.cm2dp_signature(points, COLORS),
     "scan_context": fusionslam.scan_context,
+    "bev_spectrum": fusionslam.bev_spectrum,
     "cscan_context": lambda points: fusionslam.cscan_context(points, COLORS),
     "shot": fusionslam.shot,
     "cshot": lambda points: fusionslam.cshot(points, COLORS),

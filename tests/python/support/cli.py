@@ -66,4 +66,4 @@ def vectors(path: Path) -> bytes:
 
 
 def fusionslam_descriptors() -> tuple[str, ...]:
-    return ("m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context")
+    return ("m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum")

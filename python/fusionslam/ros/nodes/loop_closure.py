@@ -27,9 +27,9 @@ LOOPS = "loop_closures"
 class LoopClosureConfig(CommonConfig):
     """Configuration of the node loop_closure."""
 
-    descriptor: Literal["m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context"] = option(
-        "cm2dp", "descriptor that is compared"
-    )
+    descriptor: Literal[
+        "m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum"
+    ] = option("cm2dp", "descriptor that is compared")
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
     loop_closure: LoopConfig = option(LoopConfig(), "vectors to loops")
     registration: RegistrationConfig = option(

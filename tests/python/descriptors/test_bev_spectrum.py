@@ -1,0 +1,205 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""bev_spectrum against numpy's FFT, and what shifts and turns of a cloud change."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import fusionslam
+from fusionslam import (
+    BevSpectrumConfig,
+    Cloud,
+    ConfigError,
+    DataError,
+    DescriptorConfig,
+    FusionConfig,
+    ShapeError,
+)
+from fusionslam.config import merged
+from fusionslam.descriptors import for_clouds, length_of
+
+DIRECTIONS, FREQUENCIES, LAYERS = 60, 24, 3
+CELL, HEIGHT = 2.0, 2.0
+Floats = NDArray[np.float32]
+
+
+def random_cloud(seed: int, count: int = 300, reach: int = 12) -> Floats:
+    """Points in cells up to `reach` from the origin, away from borders of cells and layers."""
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(-reach, reach, (count, 2)) + rng.uniform(0.2, 0.8, (count, 2))
+    heights = rng.choice([-0.5, 1.0, 2.2, 5.0], count) + rng.uniform(-0.2, 0.2, count)
+    return np.column_stack([CELL * cells, heights - HEIGHT]).astype(np.float32)
+
+
+def walls(seed: int) -> NDArray[np.float64]:
+    """Dense points of forty walls within 45 m."""
+    rng = np.random.default_rng(seed)
+    ends = rng.uniform(-30, 30, (40, 1, 2)) + rng.uniform(-8, 8, (40, 2, 2))
+    along = np.linspace(0, 1, 200)[:, None]
+    flat = [(1 - along) * start + along * end for start, end in ends]
+    tops = rng.uniform(-1.2, 5, 40)
+    return np.concatenate(
+        [np.column_stack([xy, np.full(200, z)]) for xy, z in zip(flat, tops, strict=True)]
+    )
+
+
+def turn(points: NDArray[np.floating], degrees: float) -> Floats:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    turned = points.astype(np.float64) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    return turned.astype(np.float32)
+
+
+def reference(points: Floats, cell: float = CELL, height: float = HEIGHT) -> NDArray[np.float64]:
+    """Point by point and sample by sample: directions x (layers, frequencies)."""
+    images = np.zeros((LAYERS, 128, 128))
+    for x, y, z in points.astype(np.float64):
+        above = (z + height) / cell
+        if above > 0.25 and math.hypot(x, y) / cell < 27.5:
+            layer = 2 if above > 1.5 else 1 if above > 0.75 else 0
+            images[layer, math.floor(x / cell), math.floor(y / cell)] = 1
+    frequency = np.fft.fftfreq(128)
+    blur = np.exp(-2 * (math.pi * 0.7) ** 2 * (frequency[:, None] ** 2 + frequency**2))
+    spectra = np.log1p(np.abs(np.fft.fft2(images)) * blur)
+    found = np.zeros((DIRECTIONS, LAYERS, FREQUENCIES))
+    for direction in range(DIRECTIONS):
+        for k in range(1, FREQUENCIES + 1):
+            u = 2 * k * math.cos(math.pi * direction / DIRECTIONS)
+            v = 2 * k * math.sin(math.pi * direction / DIRECTIONS)
+            i, j = math.floor(u), math.floor(v)
+            corners = spectra[:, [i, i + 1]][:, :, [j, j + 1]]
+            found[direction, :, k - 1] = (
+                np.array([i + 1 - u, u - i]) @ corners @ np.array([j + 1 - v, v - j])
+            )
+    flat = (found - found.mean(axis=0)).reshape(DIRECTIONS, -1)
+    return flat / np.linalg.norm(flat, axis=1, keepdims=True)
+
+
+def columns(descriptor: Floats) -> NDArray[np.float64]:
+    return descriptor.reshape(DIRECTIONS, -1).astype(np.float64)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_log_spectrum_over_direction(seed: int) -> None:
+    points = random_cloud(seed, reach=20)  # corners beyond 27.5 cells are left out
+    found = fusionslam.bev_spectrum(points)
+    assert found.dtype == np.float32
+    assert found.shape == (4320,)
+    np.testing.assert_allclose(columns(found), reference(points), atol=2e-5)
+    smaller = BevSpectrumConfig(cell=0.4, height=0.2)
+    in_rooms = (points * 0.2).astype(np.float32)
+    expected = reference(in_rooms, 0.4, 0.2)
+    np.testing.assert_allclose(
+        columns(fusionslam.bev_spectrum(in_rooms, config=smaller)), expected, atol=2e-5
+    )
+
+
+def test_two_posts_interfere_as_by_hand() -> None:
+    """Of two cells d apart along x, the amplitude at k periods in 64 cells is 2 |cos(pi k d / 64)|
+    along x and 2 along y, times the blur's."""
+    distance = 7
+    posts = np.array([[1, 1, -1], [1 + CELL * distance, 1, -1]], np.float32)
+    found = columns(fusionslam.bev_spectrum(posts)).reshape(DIRECTIONS, LAYERS, FREQUENCIES)
+    assert (found[:, 1:] == 0).all()
+    k = np.arange(1, FREQUENCIES + 1)
+    blur = np.exp(-2 * (math.pi * 0.7 * k / 64) ** 2)
+    along_x = np.log1p(2 * np.abs(np.cos(math.pi * k * distance / 64)) * blur)
+    along_y = np.log1p(2 * blur)
+    # The mean over directions is unknown here; it cancels in the difference of two columns, each
+    # times its unknown length.
+    lengths = np.linalg.lstsq(
+        np.column_stack([found[0, 0], -found[30, 0]]), along_x - along_y, rcond=None
+    )[0]
+    difference = lengths[0] * found[0, 0] - lengths[1] * found[30, 0]
+    np.testing.assert_allclose(difference, along_x - along_y, atol=1e-5)
+
+
+@pytest.mark.parametrize("shift", [(1, 0), (-4, 7), (8, 8)])
+def test_a_shift_by_whole_cells_changes_nothing(shift: tuple[int, int]) -> None:
+    points = random_cloud(5)
+    moved = points + np.array([CELL * shift[0], CELL * shift[1], 0], np.float32)
+    np.testing.assert_allclose(
+        fusionslam.bev_spectrum(moved), fusionslam.bev_spectrum(points), atol=2e-5
+    )
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_quarter_turns_shift_the_directions(quarters: int) -> None:
+    points = random_cloud(6)
+    known = columns(fusionslam.bev_spectrum(points))
+    turned = columns(fusionslam.bev_spectrum(turn(points, 90 * quarters)))
+    np.testing.assert_allclose(turned, np.roll(known, 30 * quarters, axis=0), atol=2e-5)
+
+
+@pytest.mark.parametrize("steps", [1, 7, 20, 45, 59])
+def test_turns_and_shifts_of_a_place_are_near_and_the_turn_is_found_twice(steps: int) -> None:
+    place = walls(7)
+    known = fusionslam.bev_spectrum(place.astype(np.float32))
+    moved = fusionslam.bev_spectrum(turn(place + np.array([3.3, -2.1, 0]), 3 * steps))
+    other = fusionslam.bev_spectrum(walls(8).astype(np.float32))
+    distance, doubled = fusionslam.compare_scan_contexts(moved, known)
+    assert distance < 0.3
+    assert distance < 0.5 * fusionslam.compare_scan_contexts(other, known)[0]
+    # What was turned to the left sees the other turned to the right.
+    assert abs(np.angle(np.exp(1j * (doubled + math.radians(6 * steps))))) < math.radians(6.1)
+
+
+def test_noise_and_missing_points_change_little() -> None:
+    rng = np.random.default_rng(9)
+    place = walls(10)
+    known = fusionslam.bev_spectrum(place.astype(np.float32))
+    kept = place[rng.uniform(size=len(place)) < 0.6]
+    noisy = (kept + rng.normal(0, 0.05, kept.shape)).astype(np.float32)
+    assert fusionslam.compare_scan_contexts(fusionslam.bev_spectrum(noisy), known)[0] < 0.15
+    assert fusionslam.compare_scan_contexts(known, known)[0] < 1e-6
+
+
+def test_the_ground_and_what_is_far_count_for_nothing() -> None:
+    points = random_cloud(11)
+    rng = np.random.default_rng(11)
+    ground = np.column_stack([rng.uniform(-50, 50, (500, 2)), rng.uniform(-3, -1.55, 500)])
+    far = np.column_stack([rng.uniform(40, 90, (50, 2)), rng.uniform(0, 9, 50)])
+    whole = np.concatenate([points, ground, far]).astype(np.float32)
+    np.testing.assert_array_equal(fusionslam.bev_spectrum(whole), fusionslam.bev_spectrum(points))
+
+
+def test_one_post_is_a_vector_without_nan() -> None:
+    found = fusionslam.bev_spectrum(np.array([[3, 4, 0]], np.float32))
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize(
+    "points", [np.empty((0, 3)), [[1, 1, -2]], [[60, 0, 0]], [[1, 1, np.nan]], [[np.inf, 1, 1]]]
+)
+def test_clouds_without_anything_to_draw_are_refused(points: object) -> None:
+    with pytest.raises(DataError):
+        fusionslam.bev_spectrum(np.array(points, np.float32).reshape(-1, 3))
+
+
+def test_bad_input_is_refused() -> None:
+    with pytest.raises(ShapeError):
+        fusionslam.bev_spectrum(np.ones((4, 2), np.float32))
+    for bad in ({"cell": 0.0}, {"cell": math.nan}, {"height": math.inf}):
+        with pytest.raises(ConfigError):
+            fusionslam.bev_spectrum(np.ones((4, 3), np.float32), config=BevSpectrumConfig(**bad))
+
+
+def test_the_options_of_describe_are_those_of_the_function() -> None:
+    cloud = Cloud(walls(12).astype(np.float32))
+    config = merged(DescriptorConfig(), {"bev_spectrum": {"cell": 1.0, "height": 1.5}})
+    expected = fusionslam.bev_spectrum(cloud.points, config=BevSpectrumConfig(cell=1.0, height=1.5))
+    np.testing.assert_array_equal(fusionslam.describe(cloud, "bev_spectrum", config), expected)
+    wide = merged(DescriptorConfig(), {"bev_spectrum": {"cell": 1000.0}})
+    assert length_of("bev_spectrum", wide) == 4320
+
+
+def test_the_robots_frame_lies_on_the_ground() -> None:
+    robot = FusionConfig(frame="robot")
+    assert for_clouds(DescriptorConfig(), "bev_spectrum", robot).bev_spectrum.height == 0
+    given = merged(DescriptorConfig(), {"bev_spectrum": {"height": 0.3}})
+    assert for_clouds(given, "bev_spectrum", robot).bev_spectrum.height == 0.3
+    assert for_clouds(given, "m2dp", robot) == given
+    with pytest.raises(ConfigError):
+        for_clouds(DescriptorConfig(), "bev_spectrum", FusionConfig(frame="camera"))
