@@ -52,8 +52,9 @@ logger = logging.getLogger(__name__)
 
 Metric = Literal["l2", "scan_context"]
 
-_WITH_HEIGHT = ("scan_context", "bev_spectrum")
-"""Options whose ``height`` is 0 in the robot's frame, which is taken to lie on the ground."""
+_ROBOTS = {"scan_context": {"height": 0.0}, "bev_spectrum": {"height": 0.0, "cell": 0.4}}
+"""Options in the robot's frame, which is taken to lie on the ground: of a small robot's scanner,
+nothing may be higher than the ground of wide cells."""
 Preset = Literal["robust", "upright", "paper", "author"]
 PRESETS: tuple[str, ...] = get_args(Preset)
 
@@ -76,7 +77,7 @@ class DescriptorConfig(Section):
     bev_spectrum: BevSpectrumSection = option(
         BevSpectrumSection(),
         "single values instead of the defaults: cell 2 m, height 2 m in the scan's frame (a "
-        "car's), 0 m in the robot's",
+        "car's), 0.4 m and 0 m in the robot's",
     )
     normal_radius: float | None = option(
         None,
@@ -253,9 +254,9 @@ def for_clouds(
     require_up(fusion, frame)
     if fusion.frame == "scan":
         return config
-    options = [key for key in find_descriptor(name).options if key in _WITH_HEIGHT]
+    options = [key for key in find_descriptor(name).options if key in _ROBOTS]
     given = {key: getattr(config, key).model_dump(exclude_none=True) for key in options}
-    return merged(config, {key: {"height": 0.0} | values for key, values in given.items()})
+    return merged(config, {key: _ROBOTS[key] | values for key, values in given.items()})
 
 
 def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:

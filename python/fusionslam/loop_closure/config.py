@@ -32,7 +32,7 @@ class LoopConfig(Section):
     )
     candidates: int = option(10, "nearest frames of each descriptor that are verified", ge=1)
     voters: tuple[str, ...] = option(
-        ("m2dp", "scan_context"),
+        ("bev_spectrum", "scan_context"),
         "verified: descriptors whose nearest frames are candidates beside those of the detector's "
         "own; of the whole scan where there is one",
     )

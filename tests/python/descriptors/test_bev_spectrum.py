@@ -197,7 +197,8 @@ def test_the_options_of_describe_are_those_of_the_function() -> None:
 
 def test_the_robots_frame_lies_on_the_ground() -> None:
     robot = FusionConfig(frame="robot")
-    assert for_clouds(DescriptorConfig(), "bev_spectrum", robot).bev_spectrum.height == 0
+    chosen = for_clouds(DescriptorConfig(), "bev_spectrum", robot).bev_spectrum
+    assert (chosen.height, chosen.cell) == (0, 0.4)
     given = merged(DescriptorConfig(), {"bev_spectrum": {"height": 0.3}})
     assert for_clouds(given, "bev_spectrum", robot).bev_spectrum.height == 0.3
     assert for_clouds(given, "m2dp", robot) == given
