@@ -22,10 +22,56 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
+def prove_loops(
+    recording: "Recording",
+    output: Path,
+    names: list[str],
+    config: "PipelineConfig",
+    *,
+    only_describable: bool,
+    skip_bad_frames: opt.SkipBad = False,
+    jobs: opt.Jobs = None,
+) -> None:
+    """Prove the loops of each descriptor, and write and print them."""
+    from fusionslam.pipelines.describe import describable
+    from fusionslam.pipelines.loops import loops_path
+    from fusionslam.pipelines.verified_loops import (
+        describe_loops,
+        verify_recording,
+        write_g2o,
+        write_loops,
+    )
+
+    bad_frames = opt.bad_frames(skip_bad_frames)
+    dataset = recording.open(config.fusion.source)
+    if only_describable:
+        names = describable(dataset, names, config, bad_frames)
+    for name in names:
+        with progress() as step:
+            run = verify_recording(
+                recording,
+                dataset,
+                output,
+                name,
+                config=config,
+                jobs=opt.cores(jobs),
+                bad_frames=bad_frames,
+                command=opt.command_line(),
+                step=step,
+            )
+        path = loops_path(output, name if len(names) > 1 else None)
+        write_loops(run, path)
+        write_g2o(run, path.with_suffix(".g2o"))
+        title = f"{name}: " if len(names) > 1 else ""
+        print(f"{title}{describe_loops(run)}{left_out(run)}")
+        print(path)
+
+
 @opt.options_of(
     build_recording=build_recording,
     pipeline_config=opt.pipeline_config,
     describe_frames=describe_frames,
+    prove_loops=prove_loops,
 )
 def loops(
     ctx: typer.Context,
@@ -38,16 +84,20 @@ def loops(
     build_recording: "Callable[[], Recording]",
     pipeline_config: "Callable[[], PipelineConfig]",
     describe_frames: Callable[..., Any],
+    prove_loops: Callable[..., Any],
 ) -> None:
     """Find the loops in DATA frame after frame, as a robot would.
 
-    They are written to loops.csv; of several descriptors, to loops-DESCRIPTOR.csv each.
+    They are proven by registration where the extra map is installed and no --threshold is given,
+    and written to loops.csv and loops.g2o with their poses; of several descriptors, to
+    loops-DESCRIPTOR.csv each.
     """
     from fusionslam.config import merged
     from fusionslam.descriptors import with_preset
     from fusionslam.pipelines.compare_descriptors import stored_threshold
     from fusionslam.pipelines.describe import describable, for_source
     from fusionslam.pipelines.loops import find_loops, loops_path
+    from fusionslam.pipelines.verified_loops import new_detector
 
     chosen = pipeline_config()
     names = opt.parse_names(former_descriptors or descriptors, chosen.descriptors.preset)
@@ -75,6 +125,9 @@ def loops(
         for name in names:
             config_of(name)
     keep(ctx, output)
+    if threshold is None and new_detector(chosen, names[0]).verifies:
+        prove_loops(recording, output, names, chosen, only_describable=every)
+        return
     runs = describe_frames(recording, output, names, chosen, only_describable=every)
     for name, run in runs.items():
         with progress() as step:

@@ -37,7 +37,12 @@ from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import Evidence, FrameMemory, Vectors
 from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.loop_closure.verification import StoredCloud, verify_candidates
-from fusionslam.registration import PreparedCloud, RegistrationConfig
+from fusionslam.registration import (
+    PreparedCloud,
+    RegistrationConfig,
+    fit_lengths,
+    has_lengths,
+)
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.archive import format_of, load_archive, load_json, save_archive
 from fusionslam.storage.arrays import Matrix
@@ -59,12 +64,14 @@ class Observation:
         stamp_ns: of the frame; None if unknown.
         evidence: its cloud; None if loops are not verified.
         radius: for normals, if this first frame fixed it.
+        points: number of points of the cloud.
     """
 
     vectors: Vectors
     stamp_ns: int | None
     evidence: Evidence | None = None
     radius: float | None = None
+    points: int = 0
 
 
 class LoopDetector:
@@ -88,7 +95,8 @@ class LoopDetector:
         config: which frames are compared, and what makes a loop.
         describe: how clouds are described.
         fusion: how frames are fused into clouds.
-        registration: how clouds are registered; method "planar" for a robot on a floor.
+        registration: how clouds are registered; method "planar" for a robot on a floor. Lengths
+            that it does not give are fitted to how far the first cloud reaches (``fit_lengths``).
         length: length of descriptors computed elsewhere; None for that of ``descriptor``.
 
     Attributes:
@@ -133,6 +141,7 @@ class LoopDetector:
         self.describe_config = for_preset(describe or DescriptorConfig(), descriptor)
         self.fusion_config = fusion or FusionConfig()
         self.registration_config = registration or RegistrationConfig()
+        self._fits_lengths = not has_lengths(self.registration_config)
         for_clouds(self.describe_config, self.descriptor, self.fusion_config)  # else it fails later
         fixed, source = self.config.threshold, self.fusion_config.source
         self.threshold = (
@@ -163,6 +172,11 @@ class LoopDetector:
     def __len__(self) -> int:
         """Number of frames added so far, forgotten ones included."""
         return self._added
+
+    @property
+    def voters(self) -> tuple[str, ...]:
+        """Descriptors whose nearest frames are candidates beside those of its own."""
+        return self._voters
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -236,16 +250,19 @@ class LoopDetector:
             radius = config.normal_radius
         vectors = {self.descriptor: describe(cloud, self.descriptor, config)}
         if not self.verifies:
-            return Observation(vectors, stamp_ns, None, radius)
+            return Observation(vectors, stamp_ns, None, radius, len(cloud))
         whole = cloud
         if frame is not None and self._has_whole_scans:
             whole = fuse(frame, merged(self.fusion_config, _WHOLE))
         for name in self._voters:
             vectors[_voter(name)] = self._vote(whole, name, frame)
-        prepared = PreparedCloud(whole, self.registration_config, colored=cloud)
+        lengths = self.registration_config
+        if self._fits_lengths and not len(self):
+            lengths = fit_lengths([whole], lengths)
+        prepared = PreparedCloud(whole, lengths, colored=cloud)
         if odometry is None and frame is not None and frame.odometry is not None:
             odometry = frame.odometry @ _robot_from_cloud(frame, self.fusion_config)
-        return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius)
+        return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius, len(cloud))
 
     @property
     def _has_whole_scans(self) -> bool:
@@ -285,11 +302,10 @@ class LoopDetector:
     def _store_seen(
         self, frame_or_cloud: Frame | Cloud, stamp_ns: int | None, odometry: Matrix | None
     ) -> "_Pending":
-        if find_descriptor(self.descriptor).needs_normals:
-            with self._lock:
-                if not len(self):  # the first frame fixes the radius of all
-                    seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
-                    return self._store(seen)
+        with self._lock:
+            if not len(self):  # the first frame fixes lengths and the radius of all
+                seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
+                return self._store(seen)
         return self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
 
     def add_observation(self, observation: Observation) -> Loop | None:
@@ -331,9 +347,12 @@ class LoopDetector:
             if not np.any(own):
                 self._added += 1
                 return _Pending(self._added - 1)
+            if seen.evidence is not None and self._fits_lengths:
+                self._fix_lengths(seen.evidence.cloud.config)
             number, nearest = self._added, found[self.descriptor]
-            candidates = {match: np.inf for pairs in found.values() for match, _ in pairs}
-            candidates |= dict(nearest)
+            candidates: dict[int, float] = {}
+            for pairs in found.values():  # those of the detector's own descriptor come first
+                candidates |= {match: far for match, far in pairs if match not in candidates}
             clouds = {}
             if seen.evidence is not None:  # before any of them is forgotten
                 clouds = {match: self._memory.cloud(match) for match in candidates}
@@ -344,6 +363,13 @@ class LoopDetector:
                 changed = {"normal_radius": seen.radius}
                 self.describe_config = self.describe_config.model_copy(update=changed)
             return _Pending(number, candidates, seen.evidence, clouds)
+
+    def _fix_lengths(self, lengths: RegistrationConfig) -> None:
+        """Take the lengths that were fitted to the first cloud for all others."""
+        if not len(self._memory):
+            self.registration_config = lengths
+            self._memory = self._new_memory()
+        self._fits_lengths = False
 
     def _verify(self, pending: "_Pending") -> Loop | None:
         """Prove the loop of a stored frame, or take the nearest one."""

@@ -15,8 +15,8 @@ class Loop:
 
     Attributes:
         query, match: numbers of both frames, in the order of adding.
-        distance: of their descriptors; of the detector's own, or, of a match that only another
-            descriptor found, infinity.
+        distance: of their descriptors; of the detector's own, or of the one that proposed a match
+            that is not among its nearest.
         match_from_query: float64 (4, 4): maps points of the query's cloud to the match's; None if
             the loop was not verified, or no pose was found.
         covariance: float64 (6, 6) of the pose's error, as ``Registration.covariance``; None

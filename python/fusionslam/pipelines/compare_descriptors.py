@@ -35,6 +35,7 @@ from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording, warn_of_odometry
 from fusionslam.pipelines.results import Work, load_verified, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
+from fusionslam.pipelines.verified_loops import new_detector, verify_recording
 from fusionslam.storage.progress import Step, label_progress
 
 logger = logging.getLogger(__name__)
@@ -102,6 +103,9 @@ def benchmark(
 ) -> list[Evaluation]:
     """Describe a recording, find its loops and evaluate them, for every source and descriptor.
 
+    Where the extra ``map`` is installed the loops of every source are proven as well, by a detector
+    of one of its descriptors.
+
     Runs are stored in ``folder/descriptors``; existing ones are reused. The time of a stage is
     that of one frame while ``jobs`` frames are processed in parallel.
 
@@ -120,14 +124,16 @@ def benchmark(
     Raises:
         DataError: the data cannot be used, or the folder cannot be written or holds the results
             of other data.
-        ConfigError: an unknown descriptor, or a protocol by pose: descriptors give no poses.
+        ConfigError: an unknown descriptor, or a protocol by pose where loops are not proven, as
+            descriptors give no poses.
     """
     configs = configs or {source: PipelineConfig() for source in recording.sources()}
     wanted = names if isinstance(names, Mapping) else dict.fromkeys(configs, names)
     for name in (name for source in configs for name in wanted[source]):
         find_descriptor(name)
-    for config in configs.values():
-        check_bound(config.evaluation.protocol, has_poses=False)
+    for source, config in configs.items():
+        verifies = new_detector(for_source(config, source), wanted[source][0]).verifies
+        check_bound(config.evaluation.protocol, has_poses=verifies)
     evaluations = []
     for source, config in configs.items():
         own = for_source(config, source)
@@ -147,8 +153,31 @@ def benchmark(
             demo=demo,
         )
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
+        name = _proposer(usable)
+        if new_detector(own, name).verifies:
+            proven = verify_recording(
+                recording,
+                dataset,
+                folder,
+                name,
+                config=own,
+                jobs=jobs,
+                bad_frames=bad_frames,
+                command=command,
+                step=step,
+                demo=demo,
+            )
+            rule = own.evaluation
+            evaluations.append(evaluate_verified(proven, radius=rule.radius, window=rule.window))
     _warn_of_poses(evaluations)
     return evaluations
+
+
+def _proposer(names: Sequence[str]) -> str:
+    """Return the descriptor of the detector that proves loops: one with colours if there is one."""
+    colorful = [name for name in names if find_descriptor(name).needs_colors]
+    fast = [name for name in [*colorful, *names] if not find_descriptor(name).needs_normals]
+    return (fast or list(names))[0]
 
 
 def time_and_evaluate(

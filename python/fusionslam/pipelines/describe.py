@@ -37,6 +37,7 @@ from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse, require_up
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
+from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.machine import peak_memory
@@ -64,6 +65,7 @@ class PipelineConfig(Section):
     fusion: FusionConfig = option(FusionConfig(), "frames to coloured clouds")
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
     loop_closure: LoopConfig = option(LoopConfig(), "vectors to loops")
+    registration: RegistrationConfig = option(RegistrationConfig(), "pairs of clouds to poses")
     evaluation: EvaluationConfig = option(EvaluationConfig(), "how loops are judged")
 
 

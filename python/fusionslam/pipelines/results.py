@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fusionslam.descriptors import in_file_names
 from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
 from fusionslam.storage.archive import load_json, save_json
@@ -166,12 +167,15 @@ def _runs_of(work: Work, folder: str | os.PathLike[str]) -> Iterator[Path]:
     from fusionslam.evaluation import DescriptorRun, VerifiedRun
 
     for source in work.configs:
-        paths = sorted(runs_folder(folder).glob(f"{source}-*.npz"))
-        for path in (*paths, verified := verified_path(folder, source)):
-            with suppress(DataError):
-                kind = VerifiedRun if path == verified else DescriptorRun
-                if kind.load(path).dataset == work.dataset:
-                    yield path
+        kinds: dict[Path, type[DescriptorRun | VerifiedRun]] = {
+            runs_folder(folder): DescriptorRun,
+            Path(folder) / _VERIFIED: VerifiedRun,
+        }
+        for inner, kind in kinds.items():
+            for path in sorted(inner.glob(f"{source}-*.npz")):
+                with suppress(DataError):
+                    if kind.load(path).dataset == work.dataset:
+                        yield path
 
 
 def _place(recording: Recording) -> Path:
@@ -179,9 +183,9 @@ def _place(recording: Recording) -> Path:
     return Path(recording.path).resolve()
 
 
-def verified_path(folder: str | os.PathLike[str], source: str) -> Path:
-    """Return the path of a source's verified loops in a folder of results: verified/lidar.npz."""
-    return Path(folder) / _VERIFIED / f"{source}.npz"
+def verified_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
+    """Return the path of verified loops in a folder of results: verified/lidar-cm2dp.npz."""
+    return Path(folder) / _VERIFIED / f"{source}-{in_file_names(descriptor)}.npz"
 
 
 def load_verified(folder: str | os.PathLike[str]) -> "list[VerifiedRun]":

@@ -9,7 +9,7 @@ from fusionslam.registration.colors import ColorDifference
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.pose_estimation import register, search_poses
 from fusionslam.registration.result import Refusal, Registration
-from fusionslam.registration.scale import fit_lengths, measure_reach
+from fusionslam.registration.scale import fit_lengths, has_lengths, measure_reach
 
 __all__ = [
     "ColorDifference",
@@ -21,6 +21,7 @@ __all__ = [
     "SearchImage",
     "count_overlap",
     "fit_lengths",
+    "has_lengths",
     "measure_reach",
     "nearest_ranges",
     "register",

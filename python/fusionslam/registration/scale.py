@@ -40,6 +40,11 @@ def measure_reach(cloud: Cloud | Points) -> float:
     return float(np.median(np.linalg.norm(voxels, axis=1)))
 
 
+def has_lengths(config: RegistrationConfig) -> bool:
+    """Whether any of the lengths that ``fit_lengths`` changes was given."""
+    return not config.model_fields_set.isdisjoint(_LENGTHS)
+
+
 def fit_lengths(
     clouds: Iterable[Cloud | Points], config: RegistrationConfig | None = None
 ) -> RegistrationConfig:

@@ -21,8 +21,8 @@ BY_POSE = ("--set", "evaluation.protocol=pose-2m-5deg")
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     verified = verified_run()
-    verified_path(tmp_path, "lidar").parent.mkdir()
-    verified.save(verified_path(tmp_path, "lidar"))
+    verified_path(tmp_path, "lidar", "cm2dp").parent.mkdir()
+    verified.save(verified_path(tmp_path, "lidar", "cm2dp"))
     (tmp_path / "descriptors").mkdir()
     count = len(verified)
     DescriptorRun(
@@ -82,7 +82,7 @@ def test_the_report_shows_verified_loops(results: Path) -> None:
 def test_a_protocol_by_pose_without_verified_loops_is_refused_before_the_work(
     results: Path, kitti: Path
 ) -> None:
-    verified_path(results, "lidar").unlink()
+    verified_path(results, "lidar", "cm2dp").unlink()
     for words in (
         ("eval", results, *BY_POSE),
         ("bench", kitti, "-d", "m2dp", "-o", results / "bench", *BY_POSE),
@@ -94,7 +94,7 @@ def test_a_protocol_by_pose_without_verified_loops_is_refused_before_the_work(
 
 def test_the_demo_replaces_its_verified_loops(tmp_path: Path) -> None:
     for source, dataset in (("lidar", "simulated drive"), ("stereo", "another drive")):
-        path = verified_path(tmp_path, source)
+        path = verified_path(tmp_path, source, "cm2dp")
         path.parent.mkdir(exist_ok=True)
         verified_run(dataset=dataset).save(path)
     configs: dict[str, dict[str, Any]] = {"lidar": {}, "stereo": {}}
@@ -105,5 +105,5 @@ def test_the_demo_replaces_its_verified_loops(tmp_path: Path) -> None:
 
 
 def test_info_says_what_a_file_of_verified_loops_is(results: Path) -> None:
-    printed = succeeds("info", verified_path(results, "lidar")).stdout
+    printed = succeeds("info", verified_path(results, "lidar", "cm2dp")).stdout
     assert "verified loops" in printed and "frames" in printed

@@ -1,0 +1,338 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Find and prove the loops of a whole recording as a robot would: frame after frame."""
+
+import csv
+import logging
+import os
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fusionslam import _core
+from fusionslam.config import flatten
+from fusionslam.descriptors import PRESETS, with_preset
+from fusionslam.errors import DataError
+from fusionslam.evaluation import VerifiedRun
+from fusionslam.evaluation.loops.verified_run import REJECTED
+from fusionslam.fusion import SENSORS_OF
+from fusionslam.help_texts import counted, listed
+from fusionslam.loop_closure import Loop, LoopDetector, Observation, Rejected
+from fusionslam.pipelines.cloud_frames import body_from_clouds
+from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
+from fusionslam.pipelines.recording import Recording, name_frame
+from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
+from fusionslam.storage.files import atomic_path
+from fusionslam.storage.parallel import ordered_results
+from fusionslam.storage.progress import Step, label_progress
+
+if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
+
+logger = logging.getLogger(__name__)
+
+POSE_COLUMNS = ("overlap", "probability", "x", "y", "z", "qx", "qy", "qz", "qw")
+_COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns", *POSE_COLUMNS)
+_SOFT = ("improbable", "low-overlap", "alone")
+"""Reasons of poses that may be right."""
+_STAGES = ("fusion", "descriptors", "loop_closure", "registration")
+
+
+def new_detector(config: PipelineConfig, name: str) -> LoopDetector:
+    """Make the loop detector of a configuration for a descriptor, "cm2dp" or "cm2dp:author"."""
+    return LoopDetector(
+        name,
+        config=config.loop_closure,
+        describe=config.descriptors,
+        fusion=config.fusion,
+        registration=config.registration,
+    )
+
+
+def verify_recording(
+    recording: Recording,
+    dataset: "Dataset",
+    folder: str | os.PathLike[str],
+    name: str,
+    *,
+    config: PipelineConfig,
+    jobs: int = 1,
+    bad_frames: str = "error",
+    command: str = "",
+    step: Step | None = None,
+    demo: bool = False,
+) -> VerifiedRun:
+    """Find and prove the loops of a recording, or read them if they are stored.
+
+    They are stored in ``verified_path(folder, source, name)``. Results do not depend on ``jobs``.
+
+    Args:
+        recording, dataset: the data, and as opened for the source of ``config``.
+        folder: output folder.
+        name: the detector's descriptor, "cm2dp" or "cm2dp:author".
+        config: of all stages; loops must not be unverified.
+        jobs: number of frames described in parallel, while one is verified.
+        bad_frames: "skip" leaves out frames that cannot be used; as for ``describe_dataset``.
+        command: the command line to store with the results.
+        step: progress callback.
+        demo: whether a later demo may replace the results.
+
+    Raises:
+        DataError: a frame cannot be used, or the folder holds results of other data.
+        FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
+    """
+    source = config.fusion.source
+    values = config.model_dump(mode="json")
+    claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
+    config = for_descriptor(fix_radius(dataset, [name], config, bad_frames), name)
+    path = verified_path(folder, source, _label(name, config))
+    stored = _load(path, dataset, name, config, bad_frames)
+    if stored is None:
+        delete_page(folder, "report")
+        progress = label_progress(step, f"proving loops of {source} clouds")
+        stored = _verify(dataset, name, config, jobs, bad_frames, progress)
+        stored.save(path)
+    poses = dataset.true_poses
+    return replace(stored, poses=None if poses is None else poses[stored.frames])
+
+
+def _load(
+    path: Path, dataset: "Dataset", name: str, config: PipelineConfig, bad_frames: str
+) -> VerifiedRun | None:
+    """Return the stored run if it is what would be made again."""
+    if not path.exists():
+        return None
+    try:
+        run = VerifiedRun.load(path)
+    except DataError as error:
+        logger.warning("%s; proving loops again", error)
+        return None
+    now = config.model_dump(mode="json")
+    before, wanted = ({k: v[k] for k in _STAGES if k in v} for v in (run.config, now))
+    left = ~np.isin(dataset.numbers, list(run.skipped))
+    newest = float("inf")
+    with suppress(OSError):  # a missing file is reported when it is read
+        files = (Path(str(_core.__file__)), *dataset.files())
+        newest = max(file.stat().st_mtime for file in files)
+    if (
+        run.dataset == dataset.name
+        and run.descriptors[0] == _label(name, config)
+        and flatten(before) == flatten(wanted)
+        and np.array_equal(run.numbers, dataset.numbers[left])
+        and np.array_equal(run.stamps_ns, dataset.stamps_ns[left])
+        and (bad_frames == "skip" or not run.skipped)
+        and path.stat().st_mtime >= newest
+    ):
+        return run
+    logger.warning("%s was made otherwise and is replaced by a new run", path)
+    return None
+
+
+def _label(name: str, config: PipelineConfig) -> str:
+    return with_preset(name, config.descriptors).removesuffix(f":{PRESETS[0]}")
+
+
+@dataclass
+class _Record:
+    """What a detector said of each frame."""
+
+    frames: list[int] = field(default_factory=list)
+    points: list[int] = field(default_factory=list)
+    nearest: list[Loop | None] = field(default_factory=list)
+    accepted: list[bool] = field(default_factory=list)
+    candidates: list[list[int]] = field(default_factory=list)
+    rejected: list[tuple[int, Rejected]] = field(default_factory=list)
+    seconds: dict[str, list[float]] = field(
+        default_factory=lambda: {"load": [], "describe": [], "register": []}
+    )
+
+
+def _verify(
+    dataset: "Dataset",
+    name: str,
+    config: PipelineConfig,
+    jobs: int,
+    bad_frames: str,
+    progress: Any,
+) -> VerifiedRun:
+    detector = new_detector(config, name)
+    record = _Record()
+    skipped: dict[int, str] = {}
+
+    def observe(index: int) -> tuple[Observation, float, float] | DataError:
+        try:
+            started = time.perf_counter()
+            frame = dataset[index]
+            for sensor in SENSORS_OF[config.fusion.source]:
+                _ = frame.points if sensor == "points" else frame.images.get(sensor)
+            loaded = time.perf_counter()
+            seen = detector.observe(frame)
+            return seen, loaded - started, time.perf_counter() - loaded
+        except DataError as error:
+            if bad_frames == "skip":
+                return error
+            with name_frame(dataset, index, can_skip=True):
+                raise
+
+    # The first frame that can be used fixes what all others are described with.
+    pending = iter(range(len(dataset)))
+    for index in pending:
+        seen = observe(index)
+        _take(record, skipped, detector, dataset, index, seen)
+        progress(index + 1, len(dataset))
+        if len(detector):
+            break
+    rest = list(pending)
+    with ordered_results(observe, rest, jobs) as observed:
+        for index, seen in zip(rest, observed, strict=True):
+            _take(record, skipped, detector, dataset, index, seen)
+            progress(index + 1, len(dataset))
+    if not record.frames:
+        number, reason = next(iter(skipped.items()))
+        raise DataError(
+            f"{dataset.name}: no frame can be described; frame {number}: {reason}", code="no-frame"
+        )
+    for number, reason in skipped.items():
+        logger.warning("%s, frame %d left out: %s", dataset.name, number, reason)
+    return _run_of(record, skipped, detector, dataset, name, config)
+
+
+def _take(
+    record: _Record,
+    skipped: dict[int, str],
+    detector: LoopDetector,
+    dataset: "Dataset",
+    index: int,
+    seen: tuple[Observation, float, float] | DataError,
+) -> None:
+    """Pass a frame to the detector and note what it says."""
+    if isinstance(seen, DataError):
+        skipped[int(dataset.numbers[index])] = str(seen)
+        return
+    observation, load, describe = seen
+    started = time.perf_counter()
+    loop = detector.add_observation(observation)
+    seconds = load, describe, time.perf_counter() - started
+    for values, value in zip(record.seconds.values(), seconds, strict=True):
+        values.append(value)
+    row, nearest = len(record.frames), detector.nearest
+    record.frames.append(index)
+    record.points.append(observation.points)
+    record.accepted.append(loop is not None)
+    is_place = nearest is not None and (nearest.reason is None or nearest.reason.code in _SOFT)
+    record.nearest.append(nearest if is_place else None)
+    tried = [] if nearest is None else [nearest.match]
+    tried += [each.match for each in detector.rejected]
+    record.candidates.append(list(dict.fromkeys(tried)))
+    record.rejected += [(row, each) for each in detector.rejected]
+
+
+def _run_of(
+    record: _Record,
+    skipped: Mapping[int, str],
+    detector: LoopDetector,
+    dataset: "Dataset",
+    name: str,
+    config: PipelineConfig,
+) -> VerifiedRun:
+    frames = np.array(record.frames, np.int64)
+    count, best = len(frames), record.nearest
+    unknown = {"pose": np.full((4, 4), np.nan), "covariance": np.full((6, 6), np.nan)}
+
+    def column(key: str, absent: Any) -> Any:
+        values = [None if each is None else getattr(each, key) for each in best]
+        return np.array([absent if value is None else value for value in values])
+
+    widest = max(1, *(len(each) for each in record.candidates))
+    candidates = np.full((count, widest), -1, np.int64)
+    for row, matches in enumerate(record.candidates):
+        candidates[row, : len(matches)] = matches
+    rejected = [(row, each.match, each.code, each.number) for row, each in record.rejected]
+    poses = dataset.true_poses
+    only = dataset.only(frames.tolist()) if len(frames) < len(dataset) else dataset
+    return VerifiedRun(
+        source=config.fusion.source,
+        descriptors=(_label(name, config), *detector.voters),
+        dataset=dataset.name,
+        frames=frames,
+        numbers=dataset.numbers[frames],
+        stamps_ns=dataset.stamps_ns[frames],
+        poses=None if poses is None else poses[frames],
+        body_from_cloud=body_from_clouds(only, config.fusion),
+        points=np.array(record.points, np.int64),
+        match=column("match", -1).astype(np.int64),
+        match_from_query=column("match_from_query", unknown["pose"]).reshape(-1, 4, 4),
+        covariance=column("covariance", unknown["covariance"]).reshape(-1, 6, 6),
+        overlap=column("overlap", np.nan).astype(np.float64),
+        probability=column("probability", np.nan).astype(np.float64),
+        distance=column("distance", np.inf).astype(np.float64),
+        accepted=np.array(record.accepted, np.bool_),
+        candidates=candidates,
+        rejected=np.array(rejected, REJECTED),
+        seconds={stage: np.array(values) for stage, values in record.seconds.items()},
+        config=config.model_dump(mode="json"),
+        skipped=dict(skipped),
+        recorded=dataset.recorded,
+    )
+
+
+def describe_loops(run: VerifiedRun) -> str:
+    """Say how many loops were proven, and why the other frames have none."""
+    loops, queries = int(run.accepted.sum()), counted(len(run), "frame")
+    without = int((run.candidates < 0).all(axis=1).sum())
+    refused = len(run) - without - loops
+    text = f"{counted(loops, 'loop')} proven in {queries}: {without} without candidates"
+    text += f", {refused} refused"
+    if refused:
+        first = np.unique(run.rejected["query"], return_index=True)[1]
+        rows = run.rejected[first]
+        codes = rows["code"][~run.accepted[rows["query"]]]
+        names, counts = np.unique(codes, return_counts=True)
+        order = np.argsort(-counts, kind="stable")
+        text += f" ({listed([f'{counts[k]} {names[k]}' for k in order])})"
+    return text
+
+
+def write_loops(run: VerifiedRun, path: str | os.PathLike[str]) -> None:
+    """Write a CSV with one line per proven loop: numbers of the frames, and the pose.
+
+    The pose is match_from_query: metres, and a quaternion. Raises DataError.
+    """
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for row in np.flatnonzero(run.accepted):
+            pair = [row, run.match[row]]
+            pose = run.match_from_query[row]
+            turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
+            values = [run.overlap[row], run.probability[row], *pose[:3, 3], *turn]
+            texts = [f"{value:.9g}" for value in (run.distance[row], *values)]
+            writer.writerow([*run.numbers[pair], texts[0], *run.stamps_ns[pair], *texts[1:]])
+
+
+def write_g2o(run: VerifiedRun, path: str | os.PathLike[str]) -> None:
+    """Write the proven loops for pose graph optimisers: EDGE_SE3:QUAT between frame numbers.
+
+    An edge leads from the match to the query; its measurement is the query's pose in the match's
+    frame, metres and a quaternion, and its information the inverse of the covariance, of x, y, z
+    and the vector of the quaternion (half of the angle). Vertices are for odometry to give. Raises
+    DataError.
+    """
+    halves = np.repeat([1.0, 0.5], 3)
+    lines = []
+    for row in np.flatnonzero(run.accepted):
+        pose = run.match_from_query[row]
+        turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        information = np.linalg.inv(run.covariance[row] * np.outer(halves, halves))
+        upper = information[np.triu_indices(6)]
+        ends = f"{run.numbers[run.match[row]]} {run.numbers[row]}"
+        numbers = " ".join(f"{value:.9g}" for value in (*pose[:3, 3], *turn, *upper))
+        lines.append(f"EDGE_SE3:QUAT {ends} {numbers}\n")
+    with atomic_path(path) as temporary:
+        temporary.write_text("".join(lines), encoding="ascii")
