@@ -170,7 +170,7 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
 
 
 def _accepted(evaluations: "Sequence[Evaluation]", protocol: str) -> Iterator[str]:
-    """Yield a line for each run of verified loops: what proposed them and what was accepted."""
+    """Yield lines for each run of verified loops: what was accepted and what proposed them."""
     from fusionslam.evaluation import VerifiedRun
 
     for evaluation in evaluations:
@@ -179,7 +179,10 @@ def _accepted(evaluations: "Sequence[Evaluation]", protocol: str) -> Iterator[st
             found = evaluation.accepted.get(protocol)
             wrong = "" if found is None else f", {found.wrong} of them wrong"
             loops = counted(int(run.accepted.sum()), "loop")
-            yield f"verified, {run.source}: {loops} accepted{wrong}; candidates of {run.descriptor}"
+            yield f"verified, {run.source}: {loops} accepted{wrong}"
+            yield f"  candidates of {run.descriptor}"
+    if any(isinstance(evaluation.run, VerifiedRun) for evaluation in evaluations):
+        yield "match, of verified loops: the registration of their candidates"
 
 
 _COSTS = (

@@ -101,6 +101,13 @@ def keep(ctx: typer.Context, folder: Path) -> None:
     )
 
 
+def keep_finished(ctx: typer.Context, folder: Path) -> None:
+    """As ``keep``, for a command that starts again with what was not finished."""
+    ctx.meta[_KEPT] = (
+        f"interrupted: finished work is kept in {folder}; the same command starts the rest again"
+    )
+
+
 def keep_parts(ctx: typer.Context, folder: Path) -> None:
     """As ``keep``, for a command that starts again from the beginning."""
     ctx.meta[_KEPT] = (

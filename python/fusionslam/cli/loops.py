@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import left_out, progress
+from fusionslam.cli.console import OPENING, left_out, progress
 from fusionslam.cli.describe import describe_frames
-from fusionslam.cli.failures import keep
+from fusionslam.cli.failures import keep, keep_finished
 from fusionslam.cli.recordings import build_recording
 from fusionslam.storage.progress import label_progress
 
@@ -43,9 +43,12 @@ def prove_loops(
     )
 
     bad_frames = opt.bad_frames(skip_bad_frames)
-    dataset = recording.open(config.fusion.source)
-    if only_describable:
-        names = describable(dataset, names, config, bad_frames)
+    with progress() as step:
+        step(OPENING, 0, 1)
+        dataset = recording.open(config.fusion.source)
+        if only_describable:
+            names = describable(dataset, names, config, bad_frames)
+        step(OPENING, 1, 1)
     for name in names:
         with progress() as step:
             run = verify_recording(
@@ -124,10 +127,11 @@ def loops(
     if not every:  # of all, some may turn out not to be describable
         for name in names:
             config_of(name)
-    keep(ctx, output)
     if threshold is None and new_detector(chosen, names[0]).verifies:
+        keep_finished(ctx, output)
         prove_loops(recording, output, names, chosen, only_describable=every)
         return
+    keep(ctx, output)
     runs = describe_frames(recording, output, names, chosen, only_describable=every)
     for name, run in runs.items():
         with progress() as step:

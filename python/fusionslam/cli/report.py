@@ -27,7 +27,7 @@ def report(
     """
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
     from fusionslam.pipelines.describe import run_files
-    from fusionslam.pipelines.results import runs_folder
+    from fusionslam.pipelines.results import load_verified, runs_folder
     from fusionslam.report import has_view_runs, write_stored_view_report
     from fusionslam.report.loops.stored import write_stored_report
 
@@ -35,7 +35,7 @@ def report(
     if has_view_runs(folder):
         keep_parts(ctx, output or folder)
         print(write_stored_view_report(folder, output))
-        if not run_files(runs_folder(folder)):
+        if not (run_files(runs_folder(folder)) or load_verified(folder)):
             return
     with progress() as step:
         evaluations, _ = evaluate_stored(folder, step=step)

@@ -3,7 +3,7 @@
 """Online loop detection: finds frames that show a place seen before, and proves it."""
 
 from fusionslam.loop_closure.config import LoopConfig, default_threshold
-from fusionslam.loop_closure.detector import LoopDetector, Observation
+from fusionslam.loop_closure.detector import LoopDetector, Observation, fusion_of_scans
 from fusionslam.loop_closure.loop import Loop, Rejected
 
 __all__ = [
@@ -13,4 +13,5 @@ __all__ = [
     "Observation",
     "Rejected",
     "default_threshold",
+    "fusion_of_scans",
 ]

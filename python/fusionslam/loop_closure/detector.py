@@ -74,6 +74,16 @@ class Observation:
     points: int = 0
 
 
+def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> FusionConfig:
+    """Return how clouds that are registered are fused: a scan whole, though a camera sees a part.
+
+    Method planar registers coloured clouds alone, as they are described.
+    """
+    if fusion.source != "lidar" or registration.method == "planar":
+        return fusion
+    return merged(fusion, {"source": "cloud", "ground": "none"})
+
+
 class LoopDetector:
     """Describes each frame, compares it with all older ones outside the window, and stores it.
 
@@ -137,6 +147,7 @@ class LoopDetector:
         }
         changes = {key: value for key, value in given.items() if value is not None}
         self.descriptor = find_descriptor(descriptor).name
+        self._given_name = descriptor  # with its preset, for messages
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
         self.describe_config = for_preset(describe or DescriptorConfig(), descriptor)
         self.fusion_config = fusion or FusionConfig()
@@ -248,12 +259,12 @@ class LoopDetector:
         if find_descriptor(self.descriptor).needs_normals and not len(self):
             config = for_sequence(config, cloud)
             radius = config.normal_radius
-        vectors = {self.descriptor: describe(cloud, self.descriptor, config)}
+        vectors = {self.descriptor: describe(cloud, self._given_name, config)}
         if not self.verifies:
             return Observation(vectors, stamp_ns, None, radius, len(cloud))
         whole = cloud
         if frame is not None and self._has_whole_scans:
-            whole = fuse(frame, merged(self.fusion_config, _WHOLE))
+            whole = fuse(frame, fusion_of_scans(self.fusion_config, self.registration_config))
         for name in self._voters:
             vectors[_voter(name)] = self._vote(whole, name, frame)
         lengths = self.registration_config
@@ -267,8 +278,8 @@ class LoopDetector:
     @property
     def _has_whole_scans(self) -> bool:
         """Whether frames have a scan of which the camera sees a part."""
-        planar = self.registration_config.method == "planar"
-        return self.fusion_config.source == "lidar" and not planar
+        fusion = self.fusion_config
+        return fusion_of_scans(fusion, self.registration_config) != fusion
 
     def _vote(self, cloud: Cloud, name: str, frame: Frame | None) -> NDArray[np.float32]:
         """Describe a cloud for a further descriptor; zeros if it cannot be."""
@@ -547,10 +558,6 @@ class _Pending:
     candidates: Mapping[int, float] = field(default_factory=dict)
     evidence: Evidence | None = None
     clouds: Mapping[int, StoredCloud] = field(default_factory=dict)
-
-
-_WHOLE = {"source": "cloud", "ground": "none"}
-"""Fuses the whole scan, of which the camera sees a part."""
 
 
 def _voter(name: str) -> str:

@@ -30,7 +30,13 @@ from fusionslam.evaluation import (
 )
 from fusionslam.evaluation.loops.evaluation import check_judged
 from fusionslam.evaluation.loops.protocols import check_bound
-from fusionslam.pipelines.describe import PipelineConfig, describable, for_source, load_runs
+from fusionslam.pipelines.describe import (
+    PipelineConfig,
+    describable,
+    for_source,
+    load_runs,
+    run_files,
+)
 from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording, warn_of_odometry
 from fusionslam.pipelines.results import Work, load_verified, runs_folder
@@ -219,7 +225,13 @@ def evaluate_stored(
         raise DataError(f"{folder} is no folder: expected one with descriptor runs")
     config = merged(PipelineConfig(), {"evaluation": stored_config(folder).model_dump()})
     config = merged(config, {"evaluation": changes or {}})
-    runs, verified = load_runs(runs_folder(folder)), load_verified(folder)
+    verified = load_verified(folder)
+    described = run_files(runs_folder(folder)) or not verified
+    runs = load_runs(runs_folder(folder)) if described else []
+    if not runs and "window" not in (changes or {}):  # loops alone are judged as they were found
+        windows = (run.config.get("loop_closure", {}).get("window") for run in verified)
+        own = min(window for window in (*windows, config.evaluation.window) if window is not None)
+        config = merged(config, {"evaluation": {"window": own}})
     if truth is not None:
         runs = [_with_truth(run, truth) for run in runs]
         verified = [_with_truth(run, truth) for run in verified]

@@ -86,22 +86,13 @@ class LoopReport:
         if (nearest := self.threshold_of_nearest) is not None and not self.loops:
             known = default_threshold(self.run.descriptor, _preset_of(self.run), self.run.source)
             if nearest > _FAR * max(known, self.threshold):
-                return (
-                    f"; no frame looks like one {window} or more before it: nothing comes back, or "
-                    f"{self.run.descriptor} cannot tell (bench compares descriptors)"
-                )
+                return explain_nothing(window, self.run.descriptor)
             return (
                 f"; --threshold {nearest:.2g} accepts the nearest, --threshold FOLDER takes the "
                 "one that was right in a stored bench"
             )
-        if 0 < queries < _FEWEST:
-            return f"; too few frames for loops, {queries}"
-        if self.without_candidates + len(self.blank) < queries or not 0 < queries <= window + 1:
-            return ""
-        return (
-            f"; frames are compared with those {window} and more before them, and there are "
-            f"{queries}: --set loop_closure.window={queries // 4}"
-        )
+        compared = queries - self.without_candidates - len(self.blank)
+        return explain_shortness(queries, compared, window)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV with one line per loop and the numbers of the frames. Raises DataError."""
@@ -112,6 +103,31 @@ class LoopReport:
             for loop in self.loops:
                 pair = [loop.query, loop.match]
                 writer.writerow([*numbers[pair], f"{loop.distance:.9g}", *stamps[pair]])
+
+
+def explain_shortness(frames: int, compared: int, window: int) -> str:
+    """Say, as the end of a line, that there are too few frames for the window, if they are.
+
+    Args:
+        frames, compared: number of frames, and of those that have candidates.
+        window: of the loop detector, frames.
+    """
+    if 0 < frames < _FEWEST:
+        return f"; too few frames for loops, {frames}"
+    if compared or not 0 < frames <= window + 1:
+        return ""
+    return (
+        f"; frames are compared with those {window} and more before them, and there are "
+        f"{frames}: --set loop_closure.window={frames // 4}"
+    )
+
+
+def explain_nothing(window: int, descriptor: str) -> str:
+    """Say, as the end of a line, why no loop of a whole recording may be found."""
+    return (
+        f"; no frame looks like one {window} or more before it: nothing comes back, or "
+        f"{descriptor} cannot tell (bench compares descriptors)"
+    )
 
 
 def _preset_of(run: DescriptorRun) -> DescriptorConfig:

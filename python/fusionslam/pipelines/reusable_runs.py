@@ -137,9 +137,7 @@ class _StoredRuns:
             _relevant(values, run.descriptor)
             for values in (run.config, config.model_dump(mode="json"))
         )
-        for key in dict.fromkeys([*before, *now]):
-            if before.get(key) != now.get(key):
-                yield f"{key} was {_format(before.get(key))}, is {_format(now.get(key))}"
+        yield from differences(before, now)
         if self.bad_frames == "error" and run.skipped:
             yield f"it lacks {len(run.skipped)} frames that cannot be described"
         elif not self._has_all_frames(run):
@@ -161,6 +159,13 @@ class _StoredRuns:
                 path.stat().st_mtime for path in (Path(str(_core.__file__)), *self.dataset.files())
             )
         return float("inf")
+
+
+def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """Yield which values of two configurations, by dotted key, differ and how."""
+    for key in dict.fromkeys([*before, *now]):
+        if before.get(key) != now.get(key):
+            yield f"{key} was {_format(before.get(key))}, is {_format(now.get(key))}"
 
 
 def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:

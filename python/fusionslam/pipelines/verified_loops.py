@@ -26,8 +26,10 @@ from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import Loop, LoopDetector, Observation, Rejected
 from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
+from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
+from fusionslam.pipelines.reusable_runs import differences
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Step, label_progress
@@ -114,7 +116,8 @@ def _load(
         logger.warning("%s; proving loops again", error)
         return None
     now = config.model_dump(mode="json")
-    before, wanted = ({k: v[k] for k in _STAGES if k in v} for v in (run.config, now))
+    before, wanted = (flatten({k: v[k] for k in _STAGES if k in v}) for v in (run.config, now))
+    changes = [*differences(before, wanted)]
     left = ~np.isin(dataset.numbers, list(run.skipped))
     newest = float("inf")
     with suppress(OSError):  # a missing file is reported when it is read
@@ -123,14 +126,15 @@ def _load(
     if (
         run.dataset == dataset.name
         and run.descriptors[0] == _label(name, config)
-        and flatten(before) == flatten(wanted)
+        and not changes
         and np.array_equal(run.numbers, dataset.numbers[left])
         and np.array_equal(run.stamps_ns, dataset.stamps_ns[left])
         and (bad_frames == "skip" or not run.skipped)
         and path.stat().st_mtime >= newest
     ):
         return run
-    logger.warning("%s was made otherwise and is replaced by a new run", path)
+    changes = changes or ["the recording or the program is newer, or frames differ"]
+    logger.warning("%s is replaced by a new run: %s", path, "; ".join(changes))
     return None
 
 
@@ -258,7 +262,7 @@ def _run_of(
     only = dataset.only(frames.tolist()) if len(frames) < len(dataset) else dataset
     return VerifiedRun(
         source=config.fusion.source,
-        descriptors=(_label(name, config), *detector.voters),
+        descriptors=tuple(dict.fromkeys((_label(name, config), *detector.voters))),
         dataset=dataset.name,
         frames=frames,
         numbers=dataset.numbers[frames],
@@ -296,7 +300,10 @@ def describe_loops(run: VerifiedRun) -> str:
         names, counts = np.unique(codes, return_counts=True)
         order = np.argsort(-counts, kind="stable")
         text += f" ({listed([f'{counts[k]} {names[k]}' for k in order])})"
-    return text
+    window = run.config["loop_closure"]["window"]
+    if refused and not loops:
+        return text + explain_nothing(window, run.descriptor)
+    return text + explain_shortness(len(run), len(run) - without, window)
 
 
 def write_loops(run: VerifiedRun, path: str | os.PathLike[str]) -> None:

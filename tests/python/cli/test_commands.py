@@ -47,7 +47,7 @@ SMOKE = [
         ("describe", "DATA", "-d", "cm2dp", "-o", "OUT", "--set", "descriptors.color_space=lab"),
         ("lidar-cm2dp.npz", "run.json"),
     ),
-    (("loops", "DATA", "-o", "OUT", "-v"), ("loops.csv", "descriptors/lidar-cm2dp.npz")),
+    (("loops", "DATA", "-o", "OUT", "-v"), ("loops.csv", "verified/lidar-cm2dp.npz")),
     (("loops", "DATA", "-d", "m2dp", "-o", "OUT", "--threshold", "0.5"), ("loops.csv",)),
     (
         ("bench", "DATA", "-d", "m2dp", "-o", "OUT", "--set", "evaluation.window=2"),
@@ -87,7 +87,7 @@ def test_fused_clouds_can_be_opened_again_and_give_the_same_descriptor(
 
 def test_loops_are_listed_and_counted(kitti: Path, tmp_path: Path) -> None:
     words = ("loops", kitti, "-o", tmp_path / "out", *NO_WINDOW)
-    assert "8 loops in 20 queries: 3 without candidates" in succeeds(*words).stdout
+    assert "8 loops proven in 20 frames: 3 without candidates" in succeeds(*words).stdout
     rows = list(csv.DictReader((tmp_path / "out/loops.csv").open()))
     assert [(row["query"], row["match"]) for row in rows] == [
         (str(n), str(FRAMES - n)) for n in range(12, FRAMES)
@@ -278,7 +278,7 @@ def test_a_second_threshold_uses_the_descriptors_of_the_first(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ("loops", kitti, "-d", "m2dp", "-o", tmp_path / "out", *NO_WINDOW)
-    succeeds(*words)
+    succeeds(*words, "--threshold", "1")
     monkeypatch.setattr(pipeline, "fuse", pytest.fail)
     assert "17 loops" in succeeds(*words, "--threshold", "2").stdout
 

@@ -68,7 +68,7 @@ def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_pat
         "1 frame that cannot be described left out" in (tmp_path / "bench/report.html").read_text()
     )
     found = succeeds("loops", recording, "-d", "m2dp", "-o", tmp_path / "l", skip, *NO_WINDOW)
-    assert "in 19 queries" in found.stdout and "1 left out" in found.stdout
+    assert "in 19 frames" in found.stdout and "1 left out" in found.stdout
 
 
 def test_every_command_that_reads_frames_leaves_out_bad_ones_on_request(

@@ -23,9 +23,10 @@ from fusionslam.evaluation import (
     published_figures,
 )
 from fusionslam.pipelines.recording import Recording
-from fusionslam.pipelines.results import Work
+from fusionslam.pipelines.results import Work, verified_path
 from fusionslam.report import write_report
-from fusionslam.report.loops.outcomes import judge_queries, telling_pairs
+from fusionslam.report.loops.frame_pairs import draw_overlay
+from fusionslam.report.loops.outcomes import judge_queries, telling_loops, telling_pairs
 from fusionslam.report.loops.stored import write_stored_report
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
@@ -320,3 +321,50 @@ def test_verified_loops_are_rows_of_matches_with_the_errors_of_their_poses(tmp_p
 def test_a_protocol_by_pose_needs_verified_loops(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, check=has_code("needs-poses", "evaluation.protocol")):
         report(beside_descriptors()[:1], tmp_path, protocol="pose-1m-5deg")
+
+
+def test_the_shown_loops_are_the_surest_the_least_sure_a_head_on_and_the_wrong_ones() -> None:
+    run = verified_run()
+    curve = evaluate_verified(run, radius=10, window=0).curves["revisit"]
+    assert telling_loops(run, None) == {8: "probable", 5: "improbable", 4: "opposite"}
+    assert telling_loops(run, curve) == {8: "wrong", 5: "improbable", 4: "opposite"}
+    none = replace(run, accepted=np.zeros(len(run), np.bool_))
+    assert telling_loops(none, curve) == {}
+
+
+def test_clouds_of_a_loop_lie_over_each_other_after_registration_only() -> None:
+    run = verified_run()
+    corner = np.array([[x, 0, z] for x in range(9) for z in range(3)], np.float32)
+    corner = np.concatenate([corner, [[0, y, 1] for y in range(1, 6)]]).astype(np.float32)
+    pose = run.match_from_query[4]
+    later = ((corner - pose[:3, 3]) @ pose[:3, :3]).astype(np.float32)  # R^T (p - t)
+    scans = {20: corner, 40: later}
+    figure = draw_overlay(run, 4, lambda source, frame: scans[frame])
+    assert figure is not None
+    before, after = ([c.get_offsets() for c in axis.collections] for axis in figure.axes)
+    assert np.allclose(before[0], corner[:, :2]) and np.allclose(before[1], later[:, :2])
+    assert np.allclose(after[0], corner[:, :2]) and np.allclose(after[1], corner[:, :2], atol=1e-5)
+    assert draw_overlay(run, 4, lambda source, frame: None) is None
+    assert draw_overlay(run, 4, lambda source, frame: corner[:0]) is None
+
+
+def test_the_page_shows_registered_clouds_and_the_reasons_of_the_others(tmp_path: Path) -> None:
+    run, rng = verified_run(), np.random.default_rng(0)
+    points = rng.uniform(-9, 9, (200, 3)).astype(np.float32)
+    words = {"dataset_name": "nine", "command": "", "config": {}, "scans": lambda *_: points}
+    page = write_report([evaluate_verified(run, radius=10, window=0)], tmp_path, **words)
+    shown = sorted(path.name for path in tmp_path.glob("registered_*.jpg"))
+    assert [name.rsplit("_", 1)[1] for name in shown] == ["40.jpg", "50.jpg", "80.jpg"]
+    text = page.read_text()
+    assert all(code in text for code in ("low-overlap", "tilted", "170"))
+
+
+def test_a_folder_of_verified_loops_alone_has_a_page(tmp_path: Path) -> None:
+    config = {"fusion": {}, "loop_closure": {"window": 1}}  # that of evaluation is 50
+    run = verified_run(poses=None, body_from_cloud=None, config=config)
+    path = verified_path(tmp_path, "lidar", "m2dp")
+    path.parent.mkdir()
+    run.save(path)
+    Work(Recording(str(tmp_path / "gone")), run.dataset).save(tmp_path)
+    text = write_stored_report(tmp_path).read_text()
+    assert "3 loops accepted" in text and "low-overlap" in text

@@ -57,6 +57,6 @@ def winner(evaluations: Sequence[Evaluation], protocol: str) -> str | None:
     curve = best.curves[protocol]
     name = source_name(best.run.source, {evaluation.run.source for evaluation in evaluations})
     return (
-        f"Best: {name}, {run_label(best.run)}: max F1 {curve.max_f1:.3f}, "
+        f"Best: {name}, {run_label(best.run, short=True)}: max F1 {curve.max_f1:.3f}, "
         f"recall {curve.recall_at_full_precision:.3f} at 100 % precision."
     )

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fusionslam.evaluation import DescriptorRun, Evaluation, LoopRun, PrecisionRecall, VerifiedRun
 from fusionslam.evaluation.loops.judge import metres_between
 from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from fusionslam.storage.arrays import Mask
+
+_OPPOSITE_DEG = 135.0
+_MOST_WRONG = 3
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,29 @@ def telling_pairs(run: LoopRun, curve: PrecisionRecall) -> list[Pair]:
         for kind, mask in chosen
         if mask.any()
     ]
+
+
+def telling_loops(run: VerifiedRun, curve: PrecisionRecall | None) -> dict[int, str]:
+    """Select accepted loops to be shown: row of the query -> kind, each loop once.
+
+    Kinds are "probable" and "improbable", the most and the least probable loop, "opposite", the
+    most probable one in the opposite direction, and, where ``curve`` judges them, up to three
+    that are "wrong".
+    """
+    accepted = np.flatnonzero(run.accepted)
+    if not len(accepted):
+        return {}
+    ranked = accepted[np.argsort(-run.probability[accepted], kind="stable")].tolist()
+    turned = np.degrees(Rotation.from_matrix(run.match_from_query[ranked, :3, :3]).magnitude())
+    opposite = [row for row, angle in zip(ranked, turned, strict=True) if angle > _OPPOSITE_DEG]
+    wrong = [] if curve is None else [row for row in ranked if not curve.correct[row]]
+    chosen = [(row, "wrong") for row in wrong[:_MOST_WRONG]]
+    chosen += [(ranked[0], "probable"), (ranked[-1], "improbable")]
+    chosen += [(row, "opposite") for row in opposite if row not in dict(chosen)][:1]
+    kinds: dict[int, str] = {}
+    for row, kind in chosen:
+        kinds.setdefault(row, kind)
+    return kinds
 
 
 def _pair(run: LoopRun, curve: PrecisionRecall, kind: str, query: int) -> Pair:

@@ -14,7 +14,7 @@ from fusionslam.evaluation.loops.evaluation import check_judged
 from fusionslam.evaluation.loops.protocols import DEFAULTS
 from fusionslam.help_texts import counted
 from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics_of
-from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader
+from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, ScanReader
 from fusionslam.report.loops.labels import by_rank, winner
 from fusionslam.report.loops.sections import Context, source_part
 from fusionslam.report.loops.tables import summary_table
@@ -39,6 +39,7 @@ def write_report(
     config: Mapping[str, Any],
     clouds: CloudReader | None = None,
     images: ImageReader | None = None,
+    scans: ScanReader | None = None,
     protocol: str = DEFAULTS.protocol,
     title: str | None = None,
     notes: Sequence[str] = (),
@@ -53,6 +54,8 @@ def write_report(
         config: the effective configuration, in types that JSON can hold.
         clouds: (source, frame of the dataset) -> the cloud that was described, or None.
         images: (source, frame of the dataset) -> uint8 (H, W, 3) RGB or (H, W), or None.
+        scans: (source, frame of the dataset) -> float32 (N, 3), points above the ground of the
+            cloud that was registered, or None.
         protocol: protocol that judges the loops; the others appear in metrics.json.
         title: None derives one from the dataset's name.
         notes: sentences at the top of the page.
@@ -73,7 +76,8 @@ def write_report(
     missed: dict[str, None] = {}
     # A frame may be in several pairs, and all sections of a source show the same frames.
     readers = cache(forgive(clouds, missed)), cache(forgive(images, missed))
-    context = Context(target, protocol, *readers)
+    scan_reader = cache(forgive(scans, missed))
+    context = Context(target, protocol, *readers, scan_reader)
     about = about_report(dataset_name, command, config)
     with use_style():
         sources = [source_part(context, name, group) for name, group in groups.items()]

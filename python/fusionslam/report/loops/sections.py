@@ -11,17 +11,29 @@ import numpy as np
 
 from fusionslam.evaluation import DescriptorRun, Evaluation, LoopRun, PrecisionRecall, VerifiedRun
 from fusionslam.help_texts import counted
-from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, draw_pair
+from fusionslam.report.loops.frame_pairs import (
+    CloudReader,
+    ImageReader,
+    ScanReader,
+    draw_overlay,
+    draw_pair,
+)
 from fusionslam.report.loops.labels import best_of, run_file, run_label
-from fusionslam.report.loops.outcomes import nearest_of, telling_pairs
+from fusionslam.report.loops.outcomes import nearest_of, telling_loops, telling_pairs
 from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
-from fusionslam.report.loops.tables import time_table
+from fusionslam.report.loops.tables import reasons_table, time_table
 from fusionslam.report.page.images import Picture, keep
 
 _PAIR_TEXTS = {
     "best": "Closest correct match",
     "worst": "Closest false match",
     "missed": "Missed revisit, with the earlier place it should have found",
+}
+_LOOP_TEXTS = {
+    "probable": "Most probable loop",
+    "improbable": "Least probable loop",
+    "opposite": "Loop in the opposite direction",
+    "wrong": "Wrong loop",
 }
 
 
@@ -33,6 +45,7 @@ class Context:
     protocol: str
     clouds: CloudReader
     images: ImageReader
+    scans: ScanReader
 
 
 def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) -> dict[str, Any]:
@@ -78,6 +91,8 @@ def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) ->
         "distances": None if empty else _draw_distances(context, run, evaluation.window, curve),
         "empty": empty,
         "pairs": _draw_pairs(context, evaluation, curve) if curve else [],
+        "overlays": _draw_overlays(context, run, curve),
+        "reasons": reasons_table(run) if isinstance(run, VerifiedRun) else None,
     }
 
 
@@ -95,6 +110,9 @@ def _describe_loops(evaluation: Evaluation, curve: PrecisionRecall | None, proto
     if nearest is None:
         return "No ground truth and no search: there are no loops to show."
     listed = int((nearest[0] >= 0).sum())
+    if isinstance(evaluation.run, VerifiedRun):
+        loops = counted(int(evaluation.run.accepted.sum()), "loop")
+        return f"No ground truth: {loops} accepted, unjudged; matches.csv lists {listed} matches."
     return (
         f"No ground truth: matches.csv lists the nearest candidates of {listed} frames, unjudged."
     )
@@ -130,6 +148,26 @@ def _draw_distances(
     if curve:
         caption += " Right: the true distances; red places should be dark on the left."
     return keep(context.folder, f"distances_{run_file(run)}", figure, caption)
+
+
+def _draw_overlays(context: Context, run: LoopRun, curve: PrecisionRecall | None) -> list[Picture]:
+    pictures: list[Picture] = []
+    if not isinstance(run, VerifiedRun):
+        return pictures
+    for query, kind in telling_loops(run, curve).items():
+        figure = draw_overlay(run, query, context.scans)
+        apart = np.linalg.norm(run.match_from_query[query, :3, 3])
+        caption = (
+            f"{_LOOP_TEXTS[kind]}: frames {run.numbers[query]} and "
+            f"{run.numbers[run.match[query]]}, overlap {run.overlap[query]:.2f}, probability "
+            f"{run.probability[query]:.4g}, {apart:.1f} m apart. Points above the ground, from "
+            "above: left as if both frames had been recorded at one place, right with the loop's "
+            "pose."
+        )
+        name = f"registered_{run_file(run)}_{run.numbers[query]}"
+        if picture := keep(context.folder, name, figure, caption, photo=True):
+            pictures.append(picture)
+    return pictures
 
 
 def _draw_pairs(context: Context, evaluation: Evaluation, curve: PrecisionRecall) -> list[Picture]:

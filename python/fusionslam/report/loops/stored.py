@@ -16,13 +16,16 @@ from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation import Evaluation
 from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.loop_closure import fusion_of_scans
 from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
+from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.page import write_report
 from fusionslam.report.page.html import write_figures
 from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.storage.arrays import Points
 from fusionslam.storage.machine import machine, versions
 
 if TYPE_CHECKING:
@@ -64,7 +67,10 @@ def write_stored_report(
     work = Work.load(folder)
     runs = [evaluation.run for evaluation in evaluations]
     fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
-    frames = _FrameReader(work.recording, fusion) if work else None
+    registered = {
+        run.source: merged(RegistrationConfig(), run.config.get("registration", {})) for run in runs
+    }
+    frames = _FrameReader(work.recording, fusion, registered) if work else None
     return write_report(
         evaluations,
         output or folder,
@@ -74,6 +80,7 @@ def write_stored_report(
         protocol=protocol or stored_config(folder).protocol,
         clouds=frames.read_cloud if frames else None,
         images=frames.read_image if frames else None,
+        scans=frames.read_scan if frames else None,
         notes=[DEMO_NOTE] if work and work.demo and "cloud" in fusion else [],
     )
 
@@ -81,13 +88,28 @@ def write_stored_report(
 class _FrameReader:
     """Reads frames of a recording by their number in the file names, for the report's pictures."""
 
-    def __init__(self, recording: Recording, fusion: Mapping[str, FusionConfig]) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        fusion: Mapping[str, FusionConfig],
+        registration: Mapping[str, RegistrationConfig],
+    ) -> None:
         # Gaps do not matter here: the number identifies the frame.
         self.recording, self.fusion = replace(recording, gaps="skip"), fusion
+        self.registration = registration
         self._opened: dict[str, tuple[Dataset, dict[int, int]]] = {}
 
     def read_cloud(self, source: str, number: int) -> Cloud:
         return fuse(self._read(source, number), self.fusion[source])
+
+    def read_scan(self, source: str, number: int) -> Points:
+        """Return the points that registration compared, float32 (N, 3)."""
+        config = self.registration[source]
+        fusion = fusion_of_scans(self.fusion[source], config)
+        scan = fuse(self._read(source, number), fusion)
+        if config.method == "planar":
+            return scan.points
+        return PreparedCloud(scan, fit_lengths([scan], config)).above_ground
 
     def read_image(self, source: str, number: int) -> NDArray[np.uint8]:
         """Return the left image; clouds without images take it from a source that has one."""

@@ -6,12 +6,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fusionslam.evaluation import Evaluation
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.evaluation import Evaluation, VerifiedRun
 from fusionslam.report.loops.labels import run_label, source_name
 from fusionslam.report.page.tables import Column, Table, build_table
 
 PUBLISHED_PROTOCOL = "perdomo2019"
 _PERCENTILES = {"median_ms": "median", "p95_ms": "95th percentile"}
+
+_NUMBERS = {
+    "less-alike": "correlation from above",
+    "few-points": "voxels",
+    "no-features": "points with neighbours",
+    "tilted": "degrees",
+    "low-overlap": "overlap",
+    "degenerate": "directions",
+    "improbable": "probability",
+    "alone": "probability",
+    "far": "metres apart",
+}
+"""What the number of a rejected candidate is, by its code; others have none."""
 
 Best = Callable[[Sequence[Any]], Any]
 Columns = list[Column[Evaluation]]
@@ -40,10 +56,21 @@ def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 
 
 def cost_table(evaluations: Sequence[Evaluation]) -> Table:
-    """One row per run: median times and memory, in few columns."""
+    """One row per run: median times and memory, in few columns: registration is a match, too."""
     columns = [column for column in _cost_columns(evaluations) if column.title != "p95"]
+    titles = [column.title for column in columns]
+    if "match" in titles and "register" in titles:
+        del columns[titles.index("register")]
+        at = titles.index("match")
+        columns[at] = replace(columns[at], value=_matching_time)
     columns[0] = replace(columns[0], title="frame")
     return _table_of_runs(columns, evaluations)
+
+
+def _matching_time(evaluation: Evaluation) -> float | None:
+    stages = evaluation.costs.stages
+    spread = stages.get("register") or stages.get("match")
+    return None if spread is None else spread.median_ms
 
 
 def time_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -59,6 +86,24 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
             _published_column("describe_seconds", "published: describe", "{:.1f}", scale=1e3)
         )
     return _table_of_runs(columns, evaluations)
+
+
+def reasons_table(run: VerifiedRun) -> Table:
+    """One row per reason for which candidates were rejected, the most frequent one first."""
+    codes, counts = np.unique(run.rejected["code"], return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    rows = [run.rejected[run.rejected["code"] == code] for code in codes[order]]
+    columns: list[Column[NDArray[np.void]]] = [
+        Column("candidates", "rejected for this reason", len, "{:,d}"),
+        Column("median", "of the number that was not good enough", _typical_number, "{:.3g}"),
+        Column("of", "the number", lambda rejected: _NUMBERS.get(rejected["code"][0])),
+    ]
+    return build_table(columns, rows, codes[order].tolist())
+
+
+def _typical_number(rejected: NDArray[np.void]) -> float | None:
+    known = rejected["code"][0] in _NUMBERS
+    return float(np.median(rejected["number"])) if known else None
 
 
 def _table_of_runs(columns: Columns, evaluations: Sequence[Evaluation]) -> Table:
