@@ -123,7 +123,7 @@ def test_two_windows_in_one_call_are_pointed_out(kitti: Path, tmp_path: Path) ->
     words = ("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out")
     one = succeeds(*words, "--set", "evaluation.window=2").stderr
     assert "loop_closure.window is 50 and evaluation.window is 2" in " ".join(one.split())
-    assert "loop_closure.window" not in succeeds(*words, *NO_WINDOW).stderr
+    assert "loop_closure.window is" not in succeeds(*words, *NO_WINDOW).stderr
 
 
 def test_tables_of_results_fit_eighty_columns(

@@ -40,6 +40,16 @@ def test_loops_prints_the_places_that_the_drive_comes_back_to(drive: Path) -> No
     ]
 
 
+def test_loops_proves_them_and_says_where_they_are(drive: Path) -> None:
+    pytest.importorskip("small_gicp")
+    done = run("loops.py", drive)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("frame 60 is at the place of frame 0 (0.00 m from it, probability ")
+    assert "KITTI odometry 03: 62 frames, 2 loops" in lines
+    assert any("candidates rejected: " in line for line in lines)
+
+
 def test_loops_names_a_folder_that_is_not_there(tmp_path: Path) -> None:
     done = run("loops.py", tmp_path / "nothing")
     assert done.returncode == 1 and "nothing does not exist" in done.stderr
