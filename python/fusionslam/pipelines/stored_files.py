@@ -12,7 +12,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.help_texts import counted
 from fusionslam.pipelines.describe import PipelineConfig, run_files
-from fusionslam.pipelines.results import FILE, Work, runs_folder
+from fusionslam.pipelines.results import FILE, Work, load_verified, runs_folder
 from fusionslam.storage.archive import format_of, load_archive, load_json
 
 _PREFIX = "fusionslam."
@@ -115,6 +115,9 @@ def _work_rows(folder: Path) -> Iterator[tuple[str, str]]:
         run = DescriptorRun.load(path)
         skipped = f", {len(run.skipped)} left out" if run.skipped else ""
         yield f"{run.source} {run.descriptor}", f"{counted(len(run), 'frame')}{skipped}"
+    for proven in load_verified(folder):
+        loops = counted(int(proven.accepted.sum()), "loop")
+        yield f"{proven.source} {proven.name}", f"{loops} in {counted(len(proven), 'frame')}"
 
 
 def describe_format(format: str) -> str:

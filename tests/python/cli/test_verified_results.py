@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli import error_of, succeeds
+from cli import NO_WINDOW, error_of, run, succeeds
 from fusionslam.evaluation import DescriptorRun
+from fusionslam.loop_closure import Loop, LoopDetector, Observation
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, forget_demo, verified_path
 from verified import verified_run
@@ -109,3 +110,47 @@ def test_the_demo_replaces_its_verified_loops(tmp_path: Path) -> None:
 def test_info_says_what_a_file_of_verified_loops_is(results: Path) -> None:
     printed = succeeds("info", verified_path(results, "lidar", "cm2dp")).stdout
     assert "verified loops" in printed and "frames" in printed
+    assert "3 loops in 9 frames" in succeeds("info", results).stdout
+
+
+def test_without_the_extra_loops_are_those_of_descriptors_and_it_is_said_once(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.loop_closure.detector.find_spec", lambda name: None)
+    words = ("loops", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW)
+    result = succeeds(*words)
+    said = " ".join(result.stderr.split())
+    assert said.count("fusionslam[map]") == 1 and " queries: " in result.stdout
+    assert (tmp_path / "descriptors/lidar-cm2dp.npz").exists()
+    assert not (tmp_path / "verified").exists() and not list(tmp_path.glob("*.g2o"))
+    text = (tmp_path / "loops-cm2dp.csv").read_text()
+    assert text.startswith("query,match,distance,query_stamp_ns,match_stamp_ns\n")
+    chosen = succeeds(*words, *UNVERIFIED)
+    assert "fusionslam[map]" not in chosen.stderr and chosen.stdout == result.stdout
+    assert error_of(1, *words, "--set", "loop_closure.verify=true").code == "missing-extra"
+
+
+def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_again(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("small_gicp")
+    words = ("loops", kitti, "-d", "m2dp,scan_context", "-o", tmp_path, *NO_WINDOW)
+    add, added = LoopDetector.add_observation, 0
+
+    def interrupted(detector: LoopDetector, observation: Observation) -> Loop | None:
+        nonlocal added
+        added += 1
+        if added == 25:
+            raise KeyboardInterrupt
+        return add(detector, observation)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(LoopDetector, "add_observation", interrupted)
+        result = run(*words)
+    assert result.exit_code == 130 and "starts the rest again" in result.stderr
+    finished = tmp_path / "verified/lidar-m2dp.npz"
+    assert [path.name for path in (tmp_path / "verified").iterdir()] == [finished.name]
+    before = finished.stat().st_mtime_ns
+    succeeds(*words)
+    assert finished.stat().st_mtime_ns == before
+    assert len(list((tmp_path / "verified").iterdir())) == 2
