@@ -113,7 +113,8 @@ class LoopDetector:
         verifies: whether loops are verified.
         threshold: the configured threshold, else ``default_threshold``; of loops not verified.
         nearest: the best candidate of the last frame, accepted or not; None without candidates.
-        rejected: the other candidates of the last frame that were verified, and why not.
+        rejected: the candidates of the last frame that are no loop, and why not.
+        unverified: number of submitted frames that were not verified, as others waited.
 
     Raises:
         ConfigError: unknown descriptor, a value out of range, or clouds in a frame that the
@@ -170,6 +171,7 @@ class LoopDetector:
         self._gate = SequenceGate(self.config)
         self._lock = threading.RLock()
         self._pool: ThreadPoolExecutor | None = None
+        self._submitted = self.unverified = 0
 
     def __repr__(self) -> str:
         name = with_preset(self.descriptor, self.describe_config)
@@ -225,15 +227,28 @@ class LoopDetector:
     ) -> "Future[Loop | None]":
         """``add`` that does not wait for the proof: it describes and stores the frame.
 
-        Frames are verified in the background, in the order of submission. Arguments and errors as
-        of ``add``.
+        Frames are verified in the background, in the order of submission. One that more than four
+        others wait behind is not verified, so that answers stay recent; ``unverified`` counts them.
+        Arguments and errors as of ``add``.
 
         Returns:
             The loop as soon as it is known.
         """
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(1, thread_name_prefix="fusionslam-loops")
-        return self._pool.submit(self._verify, self._store_seen(frame_or_cloud, stamp_ns, odometry))
+        pending = self._store_seen(frame_or_cloud, stamp_ns, odometry)
+        with self._lock:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(1, thread_name_prefix="fusionslam-loops")
+            self._submitted += 1
+            return self._pool.submit(self._verify_recent, pending, self._submitted)
+
+    def _verify_recent(self, pending: "_Pending", number: int) -> Loop | None:
+        """Verify a submitted frame, unless too many were submitted after it."""
+        if self._submitted - number > _MOST_WAITING:
+            with self._lock:
+                self.unverified += 1
+                self.nearest, self.rejected = None, []
+            return None
+        return self._verify(pending)
 
     def observe(
         self,
@@ -558,6 +573,10 @@ class _Pending:
     candidates: Mapping[int, float] = field(default_factory=dict)
     evidence: Evidence | None = None
     clouds: Mapping[int, StoredCloud] = field(default_factory=dict)
+
+
+_MOST_WAITING = 4
+"""Submitted frames that may wait behind the one that is verified."""
 
 
 def _voter(name: str) -> str:

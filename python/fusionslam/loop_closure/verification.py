@@ -15,6 +15,7 @@ from fusionslam.registration import (
     Refusal,
     Registration,
     SearchImage,
+    compare_images,
     register,
     search_poses,
 )
@@ -88,24 +89,34 @@ def _choose(
     most: int,
 ) -> tuple[list[_Try], list[Rejected]]:
     """Return what to register, the most promising first, and what not."""
-    images = [(match, stored(match).image) for match in candidates]
-    if any(image is None for _, image in images):
+    images = {match: stored(match).image for match in candidates}
+    if None in images.values():
         return [_Try(match, None) for match in candidates], []
+    likely = sorted(
+        ((compare_images(cloud, image), match) for match, image in images.items() if image),
+        key=lambda each: -each[0],
+    )
+    shown = [(height, match) for height, match in likely if height > 0]
     found = [
         (each.correlation, match, each.pose)
-        for match, image in images
-        if image is not None
+        for _, match in shown[: _SEARCHED * most]
+        if (image := images[match]) is not None
         for each in search_poses(cloud, image)
     ]
     found.sort(key=lambda each: -each[0])
-    left = [
+    left = [(height, match) for height, match, _ in found[most:]] + shown[_SEARCHED * most :]
+    rejected = [
         Rejected(match, "less-alike", height, f"correlation {height:.2f}, others have more")
-        for height, match, _ in found[most:]
+        for height, match in left
     ]
-    empty = set(candidates) - {match for _, match, _ in found}
     text = "a cloud shows nothing above the ground nearby"
-    left += [Rejected(match, "no-match", 0, text) for match in sorted(empty)]
-    return [_Try(match, pose) for _, match, pose in found[:most]], left
+    empty = [match for height, match in likely if not height > 0]
+    rejected += [Rejected(match, "no-match", 0, text) for match in empty]
+    return [_Try(match, pose) for _, match, pose in found[:most]], rejected
+
+
+_SEARCHED = 2
+"""Times as many poses are searched as are registered."""
 
 
 def _judge(

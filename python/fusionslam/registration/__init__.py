@@ -7,7 +7,7 @@ from fusionslam.registration.birds_eye import Hypothesis, SearchImage
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.colors import ColorDifference
 from fusionslam.registration.config import RegistrationConfig
-from fusionslam.registration.pose_estimation import register, search_poses
+from fusionslam.registration.pose_estimation import compare_images, register, search_poses
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.scale import fit_lengths, has_lengths, measure_reach
 
@@ -19,6 +19,7 @@ __all__ = [
     "Registration",
     "RegistrationConfig",
     "SearchImage",
+    "compare_images",
     "count_overlap",
     "fit_lengths",
     "has_lengths",

@@ -7,6 +7,7 @@ images, turned in steps, are correlated with the target's over all shifts at onc
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -64,20 +65,29 @@ class SearchImage:
     @property
     def spectra(self) -> Spectra:
         """Of the images, complex64 (layers, cells, cells/2+1)."""
-        cells = np.unpackbits(np.frombuffer(self.bits, np.uint8))
-        spectra: Spectra = _spectra(cells.reshape(1, -1, _CELLS, _CELLS))[0]
-        return spectra
+        return _spectra_of(self.bits)
+
+
+@lru_cache(256)
+def _spectra_of(bits: bytes) -> Spectra:
+    cells = np.unpackbits(np.frombuffer(bits, np.uint8))
+    spectra: Spectra = _spectra(cells.reshape(1, -1, _CELLS, _CELLS))[0]
+    return spectra
 
 
 def draw_turned(points: Points, ground: float, cell: float) -> Spectra:
-    """Spectra of a cloud's images, turned in steps: complex64 (turns, layers, cells, cells/2+1).
+    """Conjugate spectra of a cloud's images, turned in steps.
 
     Args:
         points: float32 (N, 3), above the ground.
         ground: height of the ground.
         cell: metres.
+
+    Returns:
+        complex64 (turns, layers, cells, cells/2+1).
     """
-    return _spectra(_draw(points, ground, cell, _TURNS))
+    spectra: Spectra = _spectra(_draw(points, ground, cell, _TURNS)).conj()
+    return spectra
 
 
 def _draw(points: Points, ground: float, cell: float, turns: Floats) -> NDArray[np.uint8]:
@@ -109,8 +119,7 @@ def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) ->
         cell: metres.
         most: number of poses.
     """
-    products = np.einsum("tlxy,lxy->txy", turned.conj(), target)
-    shifts = scipy.fft.irfft2(products, s=(_CELLS, _CELLS)).reshape(_STEPS, -1)
+    shifts = _correlate(turned, target)
     peaks = shifts.argmax(axis=1)
     heights = shifts[np.arange(_STEPS), peaks]
     found: list[Hypothesis] = []
@@ -121,6 +130,28 @@ def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) ->
         apart = (np.arange(_STEPS) - best + _STEPS // 2) % _STEPS - _STEPS // 2
         heights[np.abs(apart) < _NEAR_STEPS] = 0
     return found
+
+
+def coarse(spectra: Spectra) -> Spectra:
+    """The low frequencies of spectra: those of images of cells twice as wide."""
+    quarter = _CELLS // 4
+    rows = np.r_[:quarter, _CELLS - quarter : _CELLS]
+    low: Spectra = np.ascontiguousarray(spectra[..., rows, : quarter + 1])
+    low[..., quarter, :] = low[..., :, quarter] = 0  # these lack their conjugates
+    return low
+
+
+def find_height(turned: Spectra, target: Spectra) -> float:
+    """Return the largest correlation over all turns and shifts."""
+    return float(_correlate(turned, target).max())
+
+
+def _correlate(turned: Spectra, target: Spectra) -> NDArray[np.float32]:
+    """Correlations of each turn, float32 (turns, cells * cells)."""
+    cells = target.shape[-2]
+    products = np.einsum("tlxy,lxy->txy", turned, target)
+    shifts: NDArray[np.float32] = scipy.fft.irfft2(products, s=(cells, cells))
+    return shifts.reshape(len(turned), -1)
 
 
 def _pose(turn: float, shift: Floats) -> Matrix:

@@ -19,7 +19,7 @@ from fusionslam._core import (
     voxel_downsample,
 )
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.registration.birds_eye import SearchImage, Spectra, draw_turned
+from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
     RefinedCloud,
@@ -191,6 +191,11 @@ class PreparedCloud:
     def search_image(self) -> SearchImage:
         """Its images from above."""
         return SearchImage.of(self.above_ground, self.ground_level, self.config.search_cell)
+
+    @cached_property
+    def coarse_images(self) -> Spectra:
+        """Low frequencies of ``turned_images``."""
+        return coarse(self.turned_images)
 
     @cached_property
     def turned_images(self) -> Spectra:

@@ -17,7 +17,13 @@ import numpy as np
 from fusionslam._core import count_overlap
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.registration.birds_eye import Hypothesis, SearchImage, find_hypotheses
+from fusionslam.registration.birds_eye import (
+    Hypothesis,
+    SearchImage,
+    coarse,
+    find_height,
+    find_hypotheses,
+)
 from fusionslam.registration.clouds import PreparedCloud
 from fusionslam.registration.colors import ColorDifference, compare_colors
 from fusionslam.registration.config import RegistrationConfig
@@ -117,6 +123,14 @@ def search_poses(
     for each in found:
         each.pose[2, 3] = rise
     return found
+
+
+def compare_images(source: PreparedCloud, image: SearchImage) -> float:
+    """Return the largest correlation of two clouds' images from above, coarsely.
+
+    A quarter of the time of ``search_poses``, to choose what that is worth for.
+    """
+    return find_height(source.coarse_images, coarse(image.spectra))
 
 
 def _register_globally(

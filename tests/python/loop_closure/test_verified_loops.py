@@ -3,8 +3,10 @@
 """Loops proven by registration: true poses of made places, reasons, files, bad input."""
 
 import pickle
+import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -141,11 +143,30 @@ def test_submitted_and_observed_frames_give_the_same_loops(
     driven: tuple[LoopDetector, list[Loop | None]],
 ) -> None:
     behind, apart = new_detector(), new_detector()
-    waiting = [behind.submit(cloud, stamp_ns=10 * k) for k, cloud in enumerate(DRIVE)]
-    assert len(behind) == len(DRIVE)
-    assert [each.result() for each in waiting] == driven[1]
+    assert [behind.submit(cloud).result() for cloud in DRIVE] == driven[1]
+    assert behind.unverified == 0
     seen = [pickle.loads(pickle.dumps(apart.observe(cloud))) for cloud in DRIVE]
     assert [apart.add_observation(each) for each in seen] == driven[1]
+
+
+def test_answers_stay_recent_when_frames_come_too_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    detector, release, begun = new_detector(), threading.Event(), threading.Event()
+    verify = LoopDetector._verify
+
+    def slowly(self: LoopDetector, pending: Any) -> Loop | None:
+        begun.set()
+        assert release.wait(60)
+        return verify(self, pending)
+
+    monkeypatch.setattr(LoopDetector, "_verify", slowly)
+    waiting = [detector.submit(DRIVE[0])]
+    assert begun.wait(60)
+    waiting += [detector.submit(cloud) for cloud in DRIVE[1:]]
+    assert len(detector) == len(DRIVE)  # all are stored, and can be matched
+    release.set()
+    found = [each.result() for each in waiting]
+    assert detector.unverified == len(DRIVE) - 1 - 5  # all but the first and the last five
+    assert found[-1] is not None
 
 
 def test_clouds_are_forgotten_with_their_frames() -> None:
