@@ -6,7 +6,6 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.loop import Loop
@@ -67,6 +66,8 @@ class SequenceGate:
         return _Recent(best.match_from_query, query, match)
 
     def _agree(self, one: _Recent, other: _Recent) -> bool:
+        from scipy.spatial.transform import Rotation
+
         queries = np.linalg.inv(other.query) @ one.query  # other_from_one
         matches = np.linalg.inv(other.match) @ one.match
         joined = np.linalg.inv(other.match_from_query @ queries) @ matches @ one.match_from_query

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from fusionslam.storage.arrays import Floats, Matrix, Points
@@ -103,7 +102,9 @@ def _draw(points: Points, ground: float, cell: float, turns: Floats) -> NDArray[
 
 
 def _spectra(images: NDArray[np.uint8]) -> Spectra:
-    spectra = scipy.fft.rfft2(images.astype(np.float32)) * _FILTER
+    from scipy.fft import rfft2
+
+    spectra = rfft2(images.astype(np.float32)) * _FILTER
     power = (spectra.real**2 + spectra.imag**2) * _WEIGHTS
     norms = np.sqrt(power.sum(axis=(1, 2, 3), dtype=np.float64, keepdims=True)) / _CELLS
     normed: Spectra = (spectra / np.maximum(norms, 1e-6)).astype(np.complex64)
@@ -148,9 +149,11 @@ def find_height(turned: Spectra, target: Spectra) -> float:
 
 def _correlate(turned: Spectra, target: Spectra) -> NDArray[np.float32]:
     """Correlations of each turn, float32 (turns, cells * cells)."""
+    from scipy.fft import irfft2
+
     cells = target.shape[-2]
     products = np.einsum("tlxy,lxy->txy", turned, target)
-    shifts: NDArray[np.float32] = scipy.fft.irfft2(products, s=(cells, cells))
+    shifts: NDArray[np.float32] = irfft2(products, s=(cells, cells))
     return shifts.reshape(len(turned), -1)
 
 

@@ -6,11 +6,10 @@ import io
 import zipfile
 import zlib
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fusionslam._core import (
     GroundSegmentsConfig,
@@ -30,6 +29,9 @@ from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats32, Image, Integers, Mask, Points
 from fusionslam.views.scenes import Scene
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 
 class PreparedCloud:
@@ -85,6 +87,8 @@ class PreparedCloud:
 
     def _take_colors(self, points: Points, colors: Image) -> None:
         """Give each voxel the colour of the coloured voxel in its place."""
+        from scipy.spatial import cKDTree
+
         voxels, voxel_colors = _voxels(points, colors, self.config.voxel)
         if voxel_colors is None or not len(voxels) or not len(self):
             return
@@ -161,8 +165,10 @@ class PreparedCloud:
         return self.points[rows], self.colors[rows]
 
     @cached_property
-    def colored_tree(self) -> cKDTree:
+    def colored_tree(self) -> "cKDTree":
         """Finds the nearest of ``colored_above``."""
+        from scipy.spatial import cKDTree
+
         return cKDTree(self.colored_above[0])
 
     @cached_property

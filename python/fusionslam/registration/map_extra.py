@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.storage.arrays import Matrix, Points
@@ -90,6 +89,8 @@ def count_features(points: Points, voxel: float) -> int:
     It wants three points within 3 voxels, which it compares with squared distances, and three such
     points within 5. Two neighbours within half of that have all of these points in common.
     """
+    from scipy.spatial import cKDTree
+
     if len(points) < 3:
         return 0
     near = min(np.sqrt(3 * voxel), 3 * voxel) / 2
