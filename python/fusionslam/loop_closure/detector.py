@@ -317,6 +317,8 @@ class LoopDetector:
                 )
             if name == self.descriptor and not self._has_whole_scans:
                 continue
+            if kind.needs_up and not self.registration_config.gravity:
+                continue
             try:
                 for_clouds(self.describe_config, name, self.fusion_config)
             except ConfigError as error:
