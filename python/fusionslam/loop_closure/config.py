@@ -46,7 +46,7 @@ class LoopConfig(Section):
         0.95, "verified: a loop at least this probable counts at once", ge=0, le=1
     )
     min_supported: float = option(
-        0.5,
+        0.9,
         "verified: a loop at least this probable counts if one of the last three frames' loops "
         "agrees with it, by odometry",
         ge=0,

@@ -42,7 +42,7 @@ class RegistrationConfig(Section):
     view_step: float = option(
         1.0, "directions in which is stored how far a sensor saw", unit="deg", ge=0.1, le=30
     )
-    min_overlap: float = option(0.6, "poses with less overlap are refused", ge=0, le=1)
+    min_overlap: float = option(0.3, "poses with less overlap are refused", ge=0, le=1)
     position_sd: float = option(
         0.05, "floor of the stated standard deviation of positions", unit="m", ge=0
     )
@@ -55,7 +55,9 @@ class RegistrationConfig(Section):
     degenerate_sd: float = option(
         10.0, "standard deviation stated along degenerate directions", unit="m", gt=0
     )
-    min_probability: float = option(0.96, "planar: less probable poses are refused", ge=0, le=1)
+    min_probability: float | None = option(
+        None, "less probable poses are refused; none is 0.5, 0.96 for planar", ge=0, le=1
+    )
     floor_height_sd: float = option(0.05, "planar: stated standard deviation of z", unit="m", gt=0)
     floor_tilt_sd: float = option(
         1.0, "planar: stated standard deviation of roll and pitch", unit="deg", gt=0

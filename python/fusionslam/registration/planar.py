@@ -18,6 +18,9 @@ from fusionslam.storage.arrays import Floats, Matrix, Points
 from fusionslam.views.alignment_comparison import FEWEST_CELLS, align_scenes
 from fusionslam.views.scenes import Scene, build_scene
 
+_LEAST = 0.96
+"""Less probable poses are refused, unless it is configured."""
+
 
 def build_planar(cloud: Cloud | Points) -> Scene:
     """Build the range image of a coloured cloud, as a scene without objects.
@@ -51,8 +54,9 @@ def register_planar(
     (pose,) = ground_poses(*np.array([[found.x], [found.y], [yaw]]))
     covariance, degenerate = _uncertainty(found.information, pose[:2, :2], config)
     overlap = found.evidence["agreeing"]
-    accepted = found.probability >= config.min_probability
-    text = f"probability {found.probability:.2f}, less than {config.min_probability:g}"
+    least = _LEAST if config.min_probability is None else config.min_probability
+    accepted = found.probability >= least
+    text = f"probability {found.probability:.2f}, less than {least:g}"
     return Registration(
         target_from_source=pose if accepted else None,
         covariance=covariance if accepted else None,

@@ -43,6 +43,8 @@ from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
 
 _HIDDEN_WEIGHT = 0.25
 """Of points that the other sensor cannot have seen: right poses have fewer of them."""
+_LEAST = 0.5
+"""Less probable poses are refused, unless it is configured."""
 _MOST_COMPARED = 2000
 """Points whose colours are compared; more cost time alone."""
 
@@ -93,8 +95,9 @@ def register(
     if one.scene is None or other.scene is None:
         result = _register_globally(one, other, start, search, config)
         colors = _color_difference(one, other, result.estimate, config.overlap_distance)
-        known = None if result.estimate is None else pose_probability(result.overlap, colors)
-        result = replace(result, color_difference=colors, probability=known)
+        result = replace(result, color_difference=colors)
+        if result.estimate is not None:
+            result = _weigh(result, pose_probability(result.overlap, colors), config)
     else:
         result = register_planar(one.scene, other.scene, start, config)
     return replace(result, seconds=time.perf_counter() - started)
@@ -148,7 +151,7 @@ def _register_globally(
     for candidate in _candidates(source, target, guess, search, config):
         if best is None or candidate.rank(config) > best.rank(config):
             best = candidate
-        if best.refusal(config) is None:
+        if best.refusal(config) is None and pose_probability(best.overlap, None) >= _LEAST:
             break
     if best is None:
         return _refused(_without_candidate(source, target, config))
@@ -158,6 +161,17 @@ def _register_globally(
     if reason is not None:
         return replace(judged, reason=reason)
     return replace(judged, target_from_source=best.pose, covariance=covariance)
+
+
+def _weigh(result: Registration, probability: float, config: RegistrationConfig) -> Registration:
+    """Add the probability of the estimate, and refuse an improbable one."""
+    result = replace(result, probability=probability)
+    least = _LEAST if config.min_probability is None else config.min_probability
+    if result.reason is not None or probability >= least:
+        return result
+    text = f"probability {probability:.2f}, less than {least:g} (overlap {result.overlap:.2f})"
+    reason = Refusal("improbable", probability, text)
+    return replace(result, target_from_source=None, covariance=None, reason=reason)
 
 
 def _refused(reason: Refusal) -> Registration:

@@ -358,7 +358,7 @@ def test_without_kiss_matcher_a_guess_is_judged_alone(
     assert register(*scans, TRUTH, config=FREE).accepted
     refused = register(*scans, pose_of(-20, 5, 0, 0, 0, 90), config=FREE)
     assert refused.reason is not None
-    assert refused.reason.code == "low-overlap"
+    assert refused.reason.code in ("low-overlap", "degenerate")
     assert refused.estimate is not None
 
 
