@@ -94,7 +94,7 @@ def reasons_table(run: VerifiedRun) -> Table:
     order = np.argsort(-counts, kind="stable")
     rows = [run.rejected[run.rejected["code"] == code] for code in codes[order]]
     columns: list[Column[NDArray[np.void]]] = [
-        Column("candidates", "rejected for this reason", len, "{:,d}"),
+        Column("rejected", "candidates, or poses of them", len, "{:,d}"),
         Column("median", "of the number that was not good enough", _typical_number, "{:.3g}"),
         Column("of", "the number", lambda rejected: _NUMBERS.get(rejected["code"][0])),
     ]
