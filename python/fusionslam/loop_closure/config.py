@@ -40,7 +40,7 @@ class LoopConfig(Section):
         3, "verified: candidates that are registered, of those whose images correlate most", ge=1
     )
     max_distance: float = option(
-        10.0, "verified: poses of one place are at most this far apart", unit="m", gt=0
+        9.0, "verified: poses of one place are at most this far apart", unit="m", gt=0
     )
     min_probability: float = option(
         0.95, "verified: a loop at least this probable counts at once", ge=0, le=1
