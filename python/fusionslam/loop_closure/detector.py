@@ -8,7 +8,7 @@ import os
 import threading
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -36,12 +36,13 @@ from fusionslam.loop_closure.config import LoopConfig, default_threshold
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import Evidence, FrameMemory, Vectors
 from fusionslam.loop_closure.sequence_gate import SequenceGate
-from fusionslam.loop_closure.verification import StoredCloud, verify_candidates
+from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
 from fusionslam.registration import (
     PreparedCloud,
     RegistrationConfig,
     fit_lengths,
     has_lengths,
+    without_lengths,
 )
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.archive import format_of, load_archive, load_json, save_archive
@@ -271,7 +272,7 @@ class LoopDetector:
             raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
         config = for_clouds(self.describe_config, self.descriptor, self.fusion_config, frame)
         radius = None
-        if find_descriptor(self.descriptor).needs_normals and not len(self):
+        if find_descriptor(self.descriptor).needs_normals and not len(self._memory):
             config = for_sequence(config, cloud)
             radius = config.normal_radius
         vectors = {self.descriptor: describe(cloud, self._given_name, config)}
@@ -283,7 +284,7 @@ class LoopDetector:
         for name in self._voters:
             vectors[_voter(name)] = self._vote(whole, name, frame)
         lengths = self.registration_config
-        if self._fits_lengths and not len(self):
+        if self._fits_lengths:
             lengths = fit_lengths([whole], lengths)
         prepared = PreparedCloud(whole, lengths, colored=cloud)
         if odometry is None and frame is not None and frame.odometry is not None:
@@ -331,7 +332,7 @@ class LoopDetector:
         self, frame_or_cloud: Frame | Cloud, stamp_ns: int | None, odometry: Matrix | None
     ) -> "_Pending":
         with self._lock:
-            if not len(self):  # the first frame fixes lengths and the radius of all
+            if not len(self._memory):  # the first frame fixes lengths and the radius of all
                 seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
                 return self._store(seen)
         return self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
@@ -381,16 +382,15 @@ class LoopDetector:
             candidates: dict[int, float] = {}
             for pairs in found.values():  # those of the detector's own descriptor come first
                 candidates |= {match: far for match, far in pairs if match not in candidates}
-            clouds = {}
-            if seen.evidence is not None:  # before any of them is forgotten
-                clouds = {match: self._memory.cloud(match) for match in candidates}
+            # Before any of them is forgotten.
+            stored = {match: self._memory.frame(match) for match in candidates}
             novelty = nearest[0][1] if nearest else np.inf
             self._memory.add(number, seen.vectors, seen.stamp_ns, novelty, seen.evidence)
             self._added = number + 1
             if seen.radius is not None:  # only now: a failed cloud must not fix the radius
                 changed = {"normal_radius": seen.radius}
                 self.describe_config = self.describe_config.model_copy(update=changed)
-            return _Pending(number, candidates, seen.evidence, clouds)
+            return _Pending(number, candidates, seen.evidence, stored)
 
     def _fix_lengths(self, lengths: RegistrationConfig) -> None:
         """Take the lengths that were fitted to the first cloud for all others."""
@@ -407,12 +407,15 @@ class LoopDetector:
             pending.number,
             pending.evidence.cloud,
             pending.candidates,
-            pending.clouds.__getitem__,
+            pending.stored.__getitem__,
             self.config,
         )
+        odometry = None
+        if best is not None:
+            match = pending.stored[best.match]
+            odometry, best = match.odometry, replace(best, match_stamp_ns=match.stamp_ns)
         with self._lock:
-            match = None if best is None else self._memory.odometry(best.match)
-            best = self._gate.judge(best, pending.evidence.odometry, match)
+            best = self._gate.judge(best, pending.evidence.odometry, odometry)
             if best is not None and best.reason is not None:
                 reason = best.reason
                 first = Rejected(best.match, reason.code, reason.number, reason.text)
@@ -424,7 +427,8 @@ class LoopDetector:
         found = None
         if pending.candidates:
             match, distance = next(iter(pending.candidates.items()))
-            found = Loop(pending.number, match, distance)
+            stamp_ns = pending.stored[match].stamp_ns
+            found = Loop(pending.number, match, distance, match_stamp_ns=stamp_ns)
         self.nearest, self.rejected = found, []
         return found if found is not None and found.distance <= self.threshold else None
 
@@ -446,14 +450,11 @@ class LoopDetector:
                 return []
             return self._memory.candidates(k)
 
-    def stamp_ns(self, number: int) -> int:
-        """Time stamp of a stored frame, nanoseconds; 0 if it had none.
-
-        Raises:
-            DataError: the frame is not stored.
-        """
+    def limit_frames(self, max_frames: int) -> None:
+        """Keep at most this many frames from now on, as ``LoopConfig.max_frames``."""
         with self._lock:
-            return self._memory.stamp_ns(number)
+            self.config = merged(self.config, {"max_frames": max_frames}, "loop_closure.")
+            self._memory.configure(self.config)
 
     def _new_memory(self) -> FrameMemory:
         metrics: dict[str, Metric] = {self.descriptor: find_descriptor(self.descriptor).metric}
@@ -534,7 +535,11 @@ class LoopDetector:
                 "verifies": self.verifies,
                 "descriptors": self.describe_config.model_dump(),
                 "fusion": self.fusion_config.model_dump(),
-                "registration": self.registration_config.model_dump(),
+                "registration": (
+                    without_lengths(self.registration_config)
+                    if self._fits_lengths
+                    else self.registration_config.model_dump()
+                ),
             }
             return about, self._memory.to_arrays()
 
@@ -574,7 +579,7 @@ class _Pending:
     number: int
     candidates: Mapping[int, float] = field(default_factory=dict)
     evidence: Evidence | None = None
-    clouds: Mapping[int, StoredCloud] = field(default_factory=dict)
+    stored: Mapping[int, StoredFrame] = field(default_factory=dict)
 
 
 _MOST_WAITING = 4
@@ -595,20 +600,20 @@ def _can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
     """Whether loops are verified. Raises FusionSlamError if they must be and cannot."""
     if config.verify is False or (config.verify is None and config.threshold is not None):
         return False
-    if registration.method == "planar" or find_spec("small_gicp") is not None:
+    needed = [] if registration.method == "planar" else ["small_gicp"]
+    if needed and not registration.gravity:
+        needed.append("kiss_matcher")
+    missing = [name for name in needed if find_spec(name) is None]
+    if not missing:
         return True
-    if config.verify is None:
-        logger.warning(
-            "loops are not verified: registration needs the extra map (pip install "
-            "'fusionslam[map]'); verify=False says so"
-        )
-        return False
-    raise FusionSlamError(
-        "loops cannot be verified: registration needs small_gicp, which is not installed: pip "
-        "install 'fusionslam[map]'",
-        code="missing-extra",
-        fields=("map",),
+    why = (
+        f"registration needs {' and '.join(missing)}, which is not installed: pip install "
+        "'fusionslam[map]'"
     )
+    if config.verify is None:
+        logger.warning("loops are not verified: %s; verify=False says so", why)
+        return False
+    raise FusionSlamError(f"loops cannot be verified: {why}", code="missing-extra", fields=("map",))
 
 
 def _unpickle(

@@ -24,6 +24,7 @@ class Loop:
         overlap: share of what both clouds show that agrees; None if not verified.
         probability: that the pose is right; None if not verified.
         reason: why the loop does not count; None if it does, or was not verified.
+        match_stamp_ns: time stamp of the match, nanoseconds; 0 if it had none, None if unknown.
     """
 
     query: int
@@ -34,6 +35,7 @@ class Loop:
     overlap: float | None = None
     probability: float | None = None
     reason: Refusal | None = None
+    match_stamp_ns: int | None = field(default=None, compare=False)
 
 
 class Rejected(NamedTuple):

@@ -15,7 +15,7 @@ from fusionslam._core import DescriptorIndex
 from fusionslam.descriptors import Metric
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.verification import StoredCloud
+from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.registration import PreparedCloud, RegistrationConfig, SearchImage
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.growing_array import Rows
@@ -24,7 +24,7 @@ from fusionslam.views.scene_set import pack_bytes, unpack_bytes
 logger = logging.getLogger(__name__)
 
 _UNPACKED = 64
-"""Clouds that are kept ready; each takes some 2 MB."""
+"""Clouds that are kept ready; each takes some 2 MB, without its turned images."""
 _COLUMNS = ("numbers", "stamps_ns", "novelty")
 _UNKNOWN = np.full((4, 4), np.nan)
 
@@ -67,6 +67,10 @@ class FrameMemory:
 
     def __len__(self) -> int:
         return len(self._numbers)
+
+    def configure(self, config: LoopConfig) -> None:
+        """Keep another number of frames from now on; windows stay what they are."""
+        self._config = config
 
     @property
     def numbers(self) -> NDArray[np.int64]:
@@ -121,21 +125,13 @@ class FrameMemory:
         if 0 < self._limit <= len(self):
             self._forget()
 
-    def stamp_ns(self, number: int) -> int:
-        """Time stamp of a frame; 0 if it had none. Raises DataError if it is not kept."""
-        rows = np.flatnonzero(self._numbers.all == number)
-        if not len(rows):
-            raise DataError(f"frame {number} is not stored", code="missing", fields=(str(number),))
-        return int(self._stamps_ns.all[rows[0]])
-
-    def cloud(self, number: int) -> StoredCloud:
-        """Return the cloud of a frame, which is to be had even after it is forgotten here."""
-        kept = self._kept[number]
-        return StoredCloud(kept.image, lambda: self._unpack(number, kept))
-
-    def odometry(self, number: int) -> Matrix | None:
-        """odom_from_cloud of a frame, float64 (4, 4); None if unknown."""
-        return self._kept[number].odometry if number in self._kept else None
+    def frame(self, number: int) -> StoredFrame:
+        """Return a frame that is kept."""
+        stamp_ns = int(self._stamps_ns.all[np.searchsorted(self._numbers.all, number)])
+        kept = self._kept.get(number)
+        if kept is None:
+            return StoredFrame(stamp_ns, None, None, _no_cloud)
+        return StoredFrame(stamp_ns, kept.odometry, kept.image, lambda: self._unpack(number, kept))
 
     def _unpack(self, number: int, kept: _Kept) -> PreparedCloud:
         cloud = self._unpacked.get(number)
@@ -225,7 +221,7 @@ class FrameMemory:
             )
             images = [each.image for each in kept if each.image is not None]
             if images:
-                arrays["images"] = np.array([[*each.bits] for each in images], np.uint8)
+                arrays["images"] = np.array([np.frombuffer(each.bits, np.uint8) for each in images])
                 arrays["levels"] = np.array([each.ground_level for each in images])
         return arrays
 
@@ -251,6 +247,10 @@ class FrameMemory:
         self._restore(vectors, *columns)
         self._kept = _kept_of(arrays, numbers) if "clouds" in arrays else {}
         self._unpacked.clear()
+
+
+def _no_cloud() -> PreparedCloud:
+    raise DataError("a frame without a cloud cannot be registered", code="no-cloud")
 
 
 def _array_of(name: str, metrics: Mapping[str, Metric]) -> str:

@@ -58,7 +58,9 @@ class SequenceGate:
     def _entry(
         self, best: Loop | None, query: Matrix | None, match: Matrix | None
     ) -> _Recent | None:
-        if best is None or best.match_from_query is None or query is None or match is None:
+        if best is None or best.match_from_query is None or best.covariance is None:
+            return None
+        if query is None or match is None:
             return None
         counts = best.reason is None or best.reason.code in _SOFT
         if not counts or (best.probability or 0.0) < self._config.min_supported:

@@ -23,14 +23,18 @@ from fusionslam.storage.arrays import Matrix
 
 
 @dataclass(frozen=True)
-class StoredCloud:
-    """An earlier frame's cloud.
+class StoredFrame:
+    """An earlier frame, to be had even after it is forgotten.
 
     Attributes:
-        image: its images from above, by which it is found; None where none are used.
-        unpack: returns the cloud.
+        stamp_ns: time stamp; 0 if it had none.
+        odometry: odom_from_cloud, float64 (4, 4); None if unknown.
+        image: its cloud's images from above, by which it is found; None where none are used.
+        unpack: returns its cloud.
     """
 
+    stamp_ns: int
+    odometry: Matrix | None
     image: SearchImage | None
     unpack: Callable[[], PreparedCloud]
 
@@ -51,7 +55,7 @@ def verify_candidates(
     query: int,
     cloud: PreparedCloud,
     candidates: Mapping[int, float],
-    stored: Callable[[int], StoredCloud],
+    stored: Callable[[int], StoredFrame],
     config: LoopConfig,
 ) -> Verified:
     """Register a frame's cloud with its candidates.
@@ -66,8 +70,9 @@ def verify_candidates(
         stored: the cloud of an earlier frame.
         config: what is tried and accepted.
     """
-    tries, rejected = _choose(cloud, candidates, stored, config.refined)
+    tries, left = _choose(cloud, candidates, stored, config.refined)
     best: Loop | None = None
+    rejected: list[Rejected] = []
     for done, (match, guess) in enumerate(tries):
         found = register(cloud, stored(match).unpack(), guess, search=guess is None)
         loop = _judge(query, match, candidates[match], found, config)
@@ -79,13 +84,13 @@ def verify_candidates(
             text = f"frame {best.match} fits"
             rejected += [Rejected(each.match, "not-needed", 0, text) for each in tries[done + 1 :]]
             break
-    return Verified(best, rejected)
+    return Verified(best, rejected + left)
 
 
 def _choose(
     cloud: PreparedCloud,
     candidates: Mapping[int, float],
-    stored: Callable[[int], StoredCloud],
+    stored: Callable[[int], StoredFrame],
     most: int,
 ) -> tuple[list[_Try], list[Rejected]]:
     """Return what to register, the most promising first, and what not."""
@@ -122,14 +127,13 @@ _SEARCHED = 2
 def _judge(
     query: int, match: int, distance: float, found: Registration, config: LoopConfig
 ) -> Loop:
-    reason = found.reason
-    probability = found.probability or 0.0
-    if reason is None and found.estimate is not None:
+    reason, probability = found.reason, found.probability or 0.0
+    if found.estimate is not None:
         apart = float(np.linalg.norm(found.estimate[:3, 3]))
         if apart > config.max_distance:
             text = f"poses {apart:.1f} m apart, more than {config.max_distance:g}"
             reason = Refusal("far", apart, text)
-        elif probability < config.min_probability:
+        elif reason is None and probability < config.min_probability:
             text = f"probability {probability:.2f}, less than {config.min_probability:g}"
             reason = Refusal("improbable", probability, text)
     return Loop(

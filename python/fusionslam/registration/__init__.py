@@ -9,7 +9,7 @@ from fusionslam.registration.colors import ColorDifference
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.pose_estimation import compare_images, register, search_poses
 from fusionslam.registration.result import Refusal, Registration
-from fusionslam.registration.scale import fit_lengths, has_lengths, measure_reach
+from fusionslam.registration.scale import fit_lengths, has_lengths, measure_reach, without_lengths
 
 __all__ = [
     "ColorDifference",
@@ -27,4 +27,5 @@ __all__ = [
     "nearest_ranges",
     "register",
     "search_poses",
+    "without_lengths",
 ]

@@ -205,7 +205,7 @@ class PreparedCloud:
 
     @cached_property
     def turned_images(self) -> Spectra:
-        """Spectra of its images from above, turned in steps: 1.5 MB."""
+        """Spectra of its images from above, turned in steps: 3 MB."""
         return draw_turned(self.above_ground, self.ground_level, self.config.search_cell)
 
     @cached_property

@@ -3,6 +3,7 @@
 """Fits the lengths of a configuration to how far clouds reach: streets or rooms."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,11 @@ def measure_reach(cloud: Cloud | Points) -> float:
         return 0.0
     voxels, _, _ = voxel_downsample(points, size=_REACH_VOXEL)
     return float(np.median(np.linalg.norm(voxels, axis=1)))
+
+
+def without_lengths(config: RegistrationConfig) -> dict[str, Any]:
+    """Return the values of a configuration but for the lengths that ``fit_lengths`` changes."""
+    return config.model_dump(exclude=set(_LENGTHS))
 
 
 def has_lengths(config: RegistrationConfig) -> bool:

@@ -170,11 +170,28 @@ def test_answers_stay_recent_when_frames_come_too_fast(monkeypatch: pytest.Monke
 
 def test_clouds_are_forgotten_with_their_frames() -> None:
     detector = new_detector(max_frames=8)
-    drive(detector)
+    loops = [loop for loop in drive(detector) if loop is not None]
     assert len(detector) == len(WAY) and len(detector.frames) < 8
-    assert detector.stamp_ns(int(detector.frames[-1])) == 10 * (len(WAY) - 1)
-    with pytest.raises(DataError, match="frame 99 is not stored"):
-        detector.stamp_ns(99)
+    assert loops
+    assert [loop.match_stamp_ns for loop in loops] == [10 * loop.match for loop in loops]
+
+
+def test_another_limit_of_frames_counts_at_once() -> None:
+    detector = new_detector()
+    drive(detector, 0, 9)
+    detector.limit_frames(8)
+    drive(detector, 9, 10)
+    assert len(detector.frames) < 10
+
+
+def test_rooms_are_still_fitted_after_an_empty_detector_was_pickled() -> None:
+    small = [Cloud(np.float32(0.2) * each.points) for each in DRIVE[:2]]
+    detector = pickle.loads(pickle.dumps(new_detector()))
+    detector.add(small[0])
+    assert detector.registration_config.voxel < 0.3
+    again = pickle.loads(pickle.dumps(detector))
+    again.add(small[1])
+    assert again.registration_config == detector.registration_config
 
 
 def test_descriptors_alone_are_not_verified(
@@ -240,6 +257,14 @@ def test_two_loops_of_four_frames_that_agree_count() -> None:
     improbable = judge(3, 0.4)
     assert improbable is not None and improbable.reason is not None
     assert improbable.reason.code == "improbable"
+
+
+def test_a_pose_that_was_refused_is_not_supported() -> None:
+    gate = SequenceGate(LoopConfig())
+    refused = replace(loop_of(9, 1, np.eye(4), 0.92), covariance=None)
+    for _ in range(3):
+        judged = gate.judge(refused, np.eye(4), np.eye(4))
+        assert judged is not None and judged.reason is not None
 
 
 def test_a_loop_without_odometry_stands_alone() -> None:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from fusionslam.config import merged, option
+from fusionslam.config import option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.se2 import places_of
 from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
-from fusionslam.registration import RegistrationConfig
+from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
 from fusionslam.ros.messages.types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.view_config import EMPTY, cloud_of
@@ -55,16 +55,31 @@ class LoopClosure(Node[LoopClosureConfig]):
             registration=config.registration,
         )
         self._saver = self.make_saver(config.memory, lambda path: self._loops.save(path))
-        self._saver.resume(self._load, _settings(self._loops))
+        self._saver.resume(self._load, self._settings(self._loops))
 
     def _load(self, path: Path) -> Settings:
         wanted = self._loops
         self._loops = LoopDetector.load(path)
         # What is stored does not depend on these.
         self._loops.threshold = wanted.threshold
-        changed = {"max_frames": wanted.config.max_frames}
-        self._loops.config = merged(self._loops.config, changed)
-        return _settings(self._loops)
+        self._loops.limit_frames(wanted.config.max_frames)
+        return self._settings(self._loops)
+
+    def _settings(self, detector: LoopDetector) -> Settings:
+        """Return the parameters that its memory depends on.
+
+        The first cloud may fix the radius, and lengths that were not given.
+        """
+        describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
+        compared = detector.config.model_dump(exclude={"threshold", "max_frames"})
+        registration = detector.registration_config
+        given = has_lengths(self.config.registration)
+        return {
+            "descriptor": detector.descriptor,
+            "loop_closure": compared | {"verify": detector.verifies},
+            "descriptors": describe,
+            "registration": registration.model_dump() if given else without_lengths(registration),
+        }
 
     @property
     def inputs(self) -> Sequence[Input]:
@@ -79,24 +94,11 @@ class LoopClosure(Node[LoopClosureConfig]):
         self.counts["clouds"] += 1
         if loop is not None:
             self.counts["loops"] += 1
-            match_stamp_ns = self._loops.stamp_ns(loop.match)
-            self.outlet.publish(LOOPS, _message(scan, loop, match_stamp_ns))
+            self.outlet.publish(LOOPS, _message(scan, loop))
         self._saver.note_change()
 
 
-def _settings(detector: LoopDetector) -> Settings:
-    """Return the parameters that its memory depends on; the first cloud may fix the radius."""
-    describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
-    return {
-        "descriptor": detector.descriptor,
-        "verifies": detector.verifies,
-        "registration": detector.registration_config.model_dump(),
-        "loop_closure": detector.config.model_dump(exclude={"threshold", "max_frames"}),
-        "descriptors": describe,
-    }
-
-
-def _message(scan: Scan, loop: Loop, match_stamp_ns: int) -> Any:
+def _message(scan: Scan, loop: Loop) -> Any:
     place = (0.0, 0.0, 0.0)
     if loop.match_from_query is not None:
         x, y, yaw = places_of(loop.match_from_query[None])[0].tolist()
@@ -106,7 +108,7 @@ def _message(scan: Scan, loop: Loop, match_stamp_ns: int) -> Any:
         header=header(scan.stamp_ns, scan.frame_id),
         query=loop.query,
         match=loop.match,
-        match_stamp=ros_time(match_stamp_ns),
+        match_stamp=ros_time(loop.match_stamp_ns or 0),
         distance=loop.distance,
         probability=-1.0 if loop.probability is None else loop.probability,
         pose=ground_pose(place),
