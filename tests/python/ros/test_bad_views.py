@@ -298,11 +298,12 @@ def test_a_memory_of_other_parameters_is_refused(
 
 def test_the_threshold_and_the_bound_of_loops_may_change_at_a_start(tmp_path: Path) -> None:
     each = Remembering("loop_closure", tmp_path)
-    desk = each.started()
+    plain = {"window": 0, "verify": False}
+    desk = each.started(loop_closure=plain)
     desk.give(each.topic, *each.made(0))
     desk.node.close()
-    again = each.started(loop_closure={"window": 0, "threshold": 0.75, "max_frames": 7})
-    detector = again.node._loops.detector
+    again = each.started(loop_closure=plain | {"threshold": 0.75, "max_frames": 7})
+    detector = again.node._loops
     assert (detector.threshold, detector.config.max_frames, len(detector)) == (0.75, 7, 3)
 
 

@@ -42,7 +42,7 @@ def new_node(folder: Path, **loops: Any) -> LoopClosure:
         loop_closure=LoopConfig(window=1, **loops),
         memory=SavingConfig(file=str(folder / "loops")),
     )
-    return LoopClosure(config, Outlet())  # type: ignore[arg-type]
+    return LoopClosure(config, Outlet())
 
 
 def test_a_node_in_a_room_goes_on_from_its_memory(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_a_node_in_a_room_goes_on_from_its_memory(tmp_path: Path) -> None:
     assert len(again._loops) == 3
     assert again._loops.config.max_frames == 50
     take(again, [scan(room(0), (0.4, -0.2, 0.6), AHEAD, seed=0)])
-    (published,) = again.outlet.published  # type: ignore[attr-defined]
+    (published,) = again.outlet.published
     assert (published[1].query, published[1].match) == (3, 0)
     assert published[1].match_stamp.to_nsec() == 0
     assert np.isfinite(published[1].probability)
