@@ -137,6 +137,8 @@ def loops(
         with progress() as step:
             found = find_loops(run, config_of(name), label_progress(step, "finding loops"))
         path = loops_path(output, name if len(names) > 1 else None)
+        # Of a former run, whose loops were proven.
+        path.with_suffix(".g2o").unlink(missing_ok=True)
         found.save(path)
         print(f"{f'{name}: ' if len(names) > 1 else ''}{found}{left_out(run)}")
         print(path)

@@ -110,7 +110,8 @@ def benchmark(
     """Describe a recording, find its loops and evaluate them, for every source and descriptor.
 
     Where the extra ``map`` is installed the loops of every source are proven as well, by a detector
-    of one of its descriptors.
+    of one of its descriptors. Its window is the larger one, of ``loop_closure`` and ``evaluation``:
+    matches within the evaluation's cannot be judged.
 
     Runs are stored in ``folder/descriptors``; existing ones are reused. The time of a stage is
     that of one frame while ``jobs`` frames are processed in parallel.
@@ -161,12 +162,13 @@ def benchmark(
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
         name = _proposer(usable)
         if new_detector(own, name).verifies:
+            window = max(own.loop_closure.window, own.evaluation.window)
             proven = verify_recording(
                 recording,
                 dataset,
                 folder,
                 name,
-                config=own,
+                config=merged(own, {"loop_closure": {"window": window}}),
                 jobs=jobs,
                 bad_frames=bad_frames,
                 command=command,

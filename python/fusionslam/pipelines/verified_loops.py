@@ -30,6 +30,7 @@ from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
 from fusionslam.pipelines.reusable_runs import differences
+from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Step, label_progress
@@ -43,7 +44,7 @@ POSE_COLUMNS = ("overlap", "probability", "x", "y", "z", "qx", "qy", "qz", "qw")
 _COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns", *POSE_COLUMNS)
 _SOFT = ("improbable", "low-overlap", "alone")
 """Reasons of poses that may be right."""
-_STAGES = ("fusion", "descriptors", "loop_closure", "registration")
+_STAGES = ("fusion", "descriptors", "loop_closure", "registration", "fits_lengths")
 
 
 def new_detector(config: PipelineConfig, name: str) -> LoopDetector:
@@ -115,8 +116,12 @@ def _load(
     except DataError as error:
         logger.warning("%s; proving loops again", error)
         return None
-    now = config.model_dump(mode="json")
-    before, wanted = (flatten({k: v[k] for k in _STAGES if k in v}) for v in (run.config, now))
+    then, now = run.config, _values(config, config.registration)
+    if then.get("fits_lengths") and now["fits_lengths"]:  # to the same recording
+        now["registration"] = without_lengths(config.registration)
+        kept = {k: v for k, v in then["registration"].items() if k in now["registration"]}
+        then = then | {"registration": kept}
+    before, wanted = (flatten({k: v[k] for k in _STAGES if k in v}) for v in (then, now))
     changes = [*differences(before, wanted)]
     left = ~np.isin(dataset.numbers, list(run.skipped))
     newest = float("inf")
@@ -136,6 +141,12 @@ def _load(
     changes = changes or ["the recording or the program is newer, or frames differ"]
     logger.warning("%s is replaced by a new run: %s", path, "; ".join(changes))
     return None
+
+
+def _values(config: PipelineConfig, used: RegistrationConfig) -> dict[str, Any]:
+    """Return the values of a run, with the lengths used, and whether they are fitted to clouds."""
+    fits = {"fits_lengths": not has_lengths(config.registration)}
+    return config.model_dump(mode="json") | {"registration": used.model_dump(mode="json")} | fits
 
 
 def _label(name: str, config: PipelineConfig) -> str:
@@ -280,7 +291,7 @@ def _run_of(
         candidates=candidates,
         rejected=np.array(rejected, REJECTED),
         seconds={stage: np.array(values) for stage, values in record.seconds.items()},
-        config=config.model_dump(mode="json"),
+        config=_values(config, detector.registration_config),
         skipped=dict(skipped),
         recorded=dataset.recorded,
     )

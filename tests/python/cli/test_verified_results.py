@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from cli import NO_WINDOW, error_of, run, succeeds
-from fusionslam.evaluation import DescriptorRun
+from fusionslam.evaluation import DescriptorRun, VerifiedRun
 from fusionslam.loop_closure import Loop, LoopDetector, Observation
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, forget_demo, verified_path
+from fusionslam.registration import RegistrationConfig
 from verified import verified_run
 
 BY_POSE = ("--set", "evaluation.protocol=pose-2m-5deg")
@@ -154,3 +155,39 @@ def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_a
     succeeds(*words)
     assert finished.stat().st_mtime_ns == before
     assert len(list((tmp_path / "verified").iterdir())) == 2
+
+
+def test_a_longer_window_of_the_evaluation_holds_for_proven_loops_too(
+    kitti: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("small_gicp")
+    windows = ("--set", "loop_closure.window=2", "--set", "evaluation.window=7")
+    succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path, *windows)
+    proven = VerifiedRun.load(verified_path(tmp_path, "lidar", "m2dp"))
+    rows, columns = np.nonzero(proven.candidates >= 0)
+    assert (rows - proven.candidates[rows, columns]).min() == 8
+    assert (tmp_path / "report.html").exists()
+
+
+def test_a_run_that_proves_nothing_deletes_the_poses_of_former_loops(
+    kitti: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "loops.g2o").write_text("EDGE_SE3:QUAT 0 9\n")
+    succeeds("loops", kitti, "-d", "m2dp", "-o", tmp_path, "--threshold", "0.2", *NO_WINDOW)
+    assert sorted(path.name for path in tmp_path.glob("loops.*")) == ["loops.csv"]
+
+
+def test_proven_loops_are_reused_if_their_lengths_are_fitted_again_or_given_alike(
+    kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("small_gicp")
+    monkeypatch.setattr("fusionslam.registration.scale._ROOM", np.inf)  # fits what is no room
+    voxel = RegistrationConfig().voxel
+    given = ("--set", f"registration.voxel={voxel}")
+    path, times = verified_path(tmp_path, "lidar", "m2dp"), []
+    for words in ((), (), given, given, ()):
+        succeeds("loops", kitti, "-d", "m2dp", "-o", tmp_path, *NO_WINDOW, *words)
+        times.append(path.stat().st_mtime_ns)
+        used = VerifiedRun.load(path).config["registration"]["voxel"]
+        assert (used == voxel) == (words == given)
+    assert times[0] == times[1] < times[2] == times[3] < times[4]

@@ -18,18 +18,23 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import (
     DescriptorRun,
     Evaluation,
+    VerifiedRun,
     evaluate,
     evaluate_verified,
     published_figures,
 )
+from fusionslam.fusion import FusionConfig, fuse
+from fusionslam.loop_closure import fusion_of_scans
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, verified_path
+from fusionslam.registration import PreparedCloud, RegistrationConfig
 from fusionslam.report import write_report
-from fusionslam.report.loops.frame_pairs import draw_overlay
+from fusionslam.report.loops.frame_pairs import ScanReader, draw_overlay
 from fusionslam.report.loops.outcomes import judge_queries, telling_loops, telling_pairs
 from fusionslam.report.loops.stored import write_stored_report
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Points
 from pages import Page, read_page
 from verified import verified_run
 
@@ -368,3 +373,49 @@ def test_a_folder_of_verified_loops_alone_has_a_page(tmp_path: Path) -> None:
     Work(Recording(str(tmp_path / "gone")), run.dataset).save(tmp_path)
     text = write_stored_report(tmp_path).read_text()
     assert "3 loops accepted" in text and "low-overlap" in text
+
+
+def test_the_shown_clouds_are_those_that_registration_compared(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.registration.scale._ROOM", np.inf)  # fits what is no room
+    shown: dict[float, list[Points]] = {}
+    for voxel in (0.4, 2.0):
+        config = {"fusion": {"source": "lidar"}, "registration": {"voxel": voxel}}
+        drawn = shown.setdefault(voxel, [])
+
+        def note(
+            run: VerifiedRun, query: int, scans: ScanReader, drawn: list[Points] = drawn
+        ) -> None:
+            scan = scans(run.source, 0)
+            assert scan is not None
+            drawn.append(scan)
+
+        monkeypatch.setattr("fusionslam.report.loops.sections.draw_overlay", note)
+        folder = tmp_path / str(voxel)
+        Work(Recording(str(recording)), "nine frames").save(folder)
+        judged = evaluate_verified(verified_run(config=config), radius=10, window=0)
+        write_stored_report(folder, [judged])
+    (frame,) = Recording(str(recording)).open("lidar").only([0])
+    for voxel, drawn in shown.items():
+        config = RegistrationConfig(voxel=voxel)
+        scan = fuse(frame, fusion_of_scans(FusionConfig(), config))
+        expected = PreparedCloud(scan, config).above_ground
+        assert len(expected) and all(np.array_equal(each, expected) for each in drawn)
+    assert len(shown[0.4][0]) > len(shown[2.0][0])
+
+
+def test_a_scan_that_is_empty_is_no_failure(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Points | None] = []
+
+    def note(run: VerifiedRun, query: int, scans: ScanReader) -> None:
+        drawn.append(scans(run.source, 0))
+
+    empty = Cloud(np.empty((0, 3), np.float32))
+    monkeypatch.setattr("fusionslam.report.loops.stored.fuse", lambda *_: empty)
+    monkeypatch.setattr("fusionslam.report.loops.sections.draw_overlay", note)
+    Work(Recording(str(recording)), "nine frames").save(tmp_path / "out")
+    write_stored_report(tmp_path / "out", [evaluate_verified(verified_run(), radius=10, window=0)])
+    assert drawn and all(scan is not None and not len(scan) for scan in drawn)

@@ -173,7 +173,7 @@ def evaluate_verified(
     """Judge the matches of verified loops under each protocol, with 1 - probability as distance.
 
     ``recall_at_k`` of the curves is the share of the revisits with a candidate within the radius
-    among the first k that were registered, for k = 1, 5, 10 and all of them: what the descriptors
+    among the first k, the most promising, for k = 1, 5, 10 and all of them: what the descriptors
     left to be verified, under every protocol. Without ground truth there are no curves, without
     ``body_from_cloud`` none by pose. Other arguments as for precision_recall.
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``VerifiedRun``: the loops of a whole recording whose candidates were registered."""
+"""``VerifiedRun``: the loops of a whole recording that registration verified."""
 
 import os
 from dataclasses import dataclass, field, replace
@@ -68,7 +68,7 @@ class VerifiedRun:
         distance: float64 (N,), descriptor distance of the match, as of ``Loop``; inf without a
             match, or of one that only another descriptor found.
         accepted: bool (N,), whether the detector took the match for a loop.
-        candidates: int64 (N, k), all candidates that were registered, the most promising first;
+        candidates: int64 (N, k), all that were compared, the most promising first;
             -1 where there are fewer than k.
         rejected: of dtype ``REJECTED``, candidates whose registration was refused.
         seconds: wall time by stage ("load", "fuse", "describe", "match", "register"), float64 (N,)

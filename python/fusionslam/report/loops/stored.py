@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.errors import DataError
-from fusionslam.evaluation import Evaluation
+from fusionslam.evaluation import Evaluation, VerifiedRun
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.loop_closure import fusion_of_scans
 from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
-from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
+from fusionslam.registration import PreparedCloud, RegistrationConfig
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.page import write_report
 from fusionslam.report.page.html import write_figures
@@ -68,7 +68,9 @@ def write_stored_report(
     runs = [evaluation.run for evaluation in evaluations]
     fusion = {run.source: merged(FusionConfig(), run.config["fusion"]) for run in runs}
     registered = {
-        run.source: merged(RegistrationConfig(), run.config.get("registration", {})) for run in runs
+        run.source: merged(RegistrationConfig(), run.config.get("registration", {}))
+        for run in runs
+        if isinstance(run, VerifiedRun)
     }
     frames = _FrameReader(work.recording, fusion, registered) if work else None
     return write_report(
@@ -109,7 +111,7 @@ class _FrameReader:
         scan = fuse(self._read(source, number), fusion)
         if config.method == "planar":
             return scan.points
-        return PreparedCloud(scan, fit_lengths([scan], config)).above_ground
+        return PreparedCloud(scan, config).above_ground
 
     def read_image(self, source: str, number: int) -> NDArray[np.uint8]:
         """Return the left image; clouds without images take it from a source that has one."""
