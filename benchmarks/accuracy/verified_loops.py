@@ -4,6 +4,7 @@
 
 python -m benchmarks.accuracy.verified_loops               # towns that nothing was fitted to
 python -m benchmarks.accuracy.verified_loops 1 2 -d shot # these towns, this descriptor
+python -m benchmarks.accuracy.verified_loops --write       # verified loops alone, into the docs
 
 Prints the mean and the range over the towns of each source and protocol, of descriptors alone and
 of verified loops. Towns are taken from the cache and recorded if missing, as by
@@ -20,8 +21,8 @@ from textwrap import fill
 import numpy as np
 
 from benchmarks.accuracy.loop_thresholds import NAMES, describe_town
-from benchmarks.accuracy.markdown import table
-from benchmarks.accuracy.presets import CLOUDS, mean_and_range, record_towns
+from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.presets import CLOUDS, ROOT, mean_and_range, record_towns
 from fusionslam import FusionConfig, PipelineConfig
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, VerifiedRun, evaluate, evaluate_verified
@@ -29,6 +30,7 @@ from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.verified_loops import verify_recording
 from fusionslam.storage.cache import cache_folder
 
+PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
 SEEDS = (1, 2, 3, 5, 7)
 DESCRIPTORS = ("m2dp:robust", "cm2dp:robust", "scan_context")
 PROPOSERS = {"lidar": "cm2dp", "stereo": "cm2dp", "cloud": "m2dp"}
@@ -114,15 +116,22 @@ def main() -> None:
     parser.add_argument("seeds", nargs="*", type=int, default=SEEDS)
     parser.add_argument("-d", "--descriptors", nargs="+", choices=NAMES, default=DESCRIPTORS)
     parser.add_argument("--runs", type=Path, default=cache_folder() / "loop-thresholds")
+    parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
-    seeds, names = arguments.seeds or SEEDS, arguments.descriptors
+    seeds = arguments.seeds or SEEDS
+    names = [] if arguments.write else arguments.descriptors
     towns = [evaluate_town(seed, arguments.runs / str(seed), names) for seed in seeds]
     about = (
         f"Towns of seeds {', '.join(map(str, seeds))}; radius 10 m, window 50 frames. Mean (lowest "
         "to highest) over the towns. Recall at 100 % precision of one direction: share of its "
         "revisits found at the threshold at which all loops of the town are right."
     )
-    print(f"{fill(about, 100)}\n\n{table(HEADER, list(rows(towns)))}")
+    lines = list(rows(towns))
+    if arguments.write:
+        command = "`python -m benchmarks.accuracy.verified_loops --write`: "
+        text = f"{fill(command + about, 100)}\n\n{table(HEADER, lines)}"
+        write_between(PAGE, "verified", text)
+    print(f"{fill(about, 100)}\n\n{table(HEADER, lines)}")
 
 
 if __name__ == "__main__":
