@@ -233,7 +233,7 @@ MACHINES: dict[str, Machine] = {
     ),
     "LoopDetector": Machine(
         fusionslam.LoopDetector,
-        {"descriptor": "cm2dp", "threshold": 0.2, "window": 1},
+        {"descriptor": "cm2dp", "threshold": 0.2, "window": 1, "verify": False},
         {
             "add": {"frame_or_cloud": CLOUD, "stamp_ns": SECOND},
             "add_descriptor": {
