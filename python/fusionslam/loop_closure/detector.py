@@ -226,24 +226,31 @@ class LoopDetector:
         stamp_ns: int | None = None,
         odometry: Matrix | None = None,
     ) -> "Future[Loop | None]":
-        """``add`` that does not wait for the proof: it describes and stores the frame.
+        """``add`` in the background: it returns at once.
 
-        Frames are verified in the background, in the order of submission. One that more than four
-        others wait behind is not verified, so that answers stay recent; ``unverified`` counts them.
-        Arguments and errors as of ``add``.
+        Frames are taken in the order of submission. Each is described and stored; one that more
+        than two others wait behind is not verified, so that answers stay recent (``unverified``
+        counts them). Arguments as of ``add``, whose errors the future raises.
 
         Returns:
             The loop as soon as it is known.
         """
-        pending = self._store_seen(frame_or_cloud, stamp_ns, odometry)
         with self._lock:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(1, thread_name_prefix="fusionslam-loops")
             self._submitted += 1
-            return self._pool.submit(self._verify_recent, pending, self._submitted)
+            seen = (self._submitted, frame_or_cloud, stamp_ns, odometry)
+            return self._pool.submit(self._add_recent, *seen)
 
-    def _verify_recent(self, pending: "_Pending", number: int) -> Loop | None:
-        """Verify a submitted frame, unless too many were submitted after it."""
+    def _add_recent(
+        self,
+        number: int,
+        frame_or_cloud: Frame | Cloud,
+        stamp_ns: int | None,
+        odometry: Matrix | None,
+    ) -> Loop | None:
+        """Add a submitted frame; it is not verified if too many were submitted after it."""
+        pending = self._store_seen(frame_or_cloud, stamp_ns, odometry)
         if self._submitted - number > _MOST_WAITING:
             with self._lock:
                 self.unverified += 1
@@ -582,7 +589,7 @@ class _Pending:
     stored: Mapping[int, StoredFrame] = field(default_factory=dict)
 
 
-_MOST_WAITING = 4
+_MOST_WAITING = 2
 """Submitted frames that may wait behind the one that is verified."""
 
 

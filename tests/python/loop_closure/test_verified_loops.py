@@ -161,10 +161,10 @@ def test_answers_stay_recent_when_frames_come_too_fast(monkeypatch: pytest.Monke
     waiting = [detector.submit(DRIVE[0])]
     assert begun.wait(60)
     waiting += [detector.submit(cloud) for cloud in DRIVE[1:]]
-    assert len(detector) == len(DRIVE)  # all are stored, and can be matched
     release.set()
     found = [each.result() for each in waiting]
-    assert detector.unverified == len(DRIVE) - 1 - 5  # all but the first and the last five
+    assert len(detector) == len(DRIVE)  # all are stored, and can be matched
+    assert detector.unverified == len(DRIVE) - 1 - 3  # all but the first and the last three
     assert found[-1] is not None
 
 
@@ -174,6 +174,15 @@ def test_clouds_are_forgotten_with_their_frames() -> None:
     assert len(detector) == len(WAY) and len(detector.frames) < 8
     assert loops
     assert [loop.match_stamp_ns for loop in loops] == [10 * loop.match for loop in loops]
+
+
+def test_errors_of_submitted_frames_are_those_of_their_futures() -> None:
+    detector = new_detector()
+    bad = detector.submit(Cloud(np.zeros((0, 3), np.float32)))
+    good = detector.submit(DRIVE[0])
+    with pytest.raises(DataError):
+        bad.result()
+    assert good.result() is None and len(detector) == 1
 
 
 def test_another_limit_of_frames_counts_at_once() -> None:
