@@ -186,7 +186,7 @@ template <class Check>
 void for_each_with_own_axes(Check&& check) {
   for_each_descriptor([&](const Described& d) {
     const std::string_view name = d.name;
-    if (name != "m2dp upright" && name != "cscan_context") check(d);
+    if (name != "m2dp upright" && name != "cscan_context" && name != "bev_spectrum") check(d);
   });
 }
 
@@ -221,6 +221,14 @@ TEST_CASE("upright axes need points off one vertical line") {
   const Cloud vertical = hundred_points([](int i) { return std::array{1.0, 2.0, 0.1 * i}; });
   check_refused<DataError>([&] { describe(vertical); }, "vertical line");
   describe(hundred_points([](int i) { return std::array{1.0, 0.1 * i, 2.0}; }));
+}
+
+TEST_CASE("a bird's-eye spectrum needs points above the ground within its range") {
+  const auto describe = [](const Cloud& c) { bev_spectrum(c.points_view()); };
+  check_refused<DataError>([&] { describe({}); }, "0 points");
+  check_refused<DataError>([&] { describe(cloud_of({1000, 0, 0})); }, "higher than");
+  check_refused<DataError>([&] { describe(cloud_of({0, 0, -100})); }, "higher than");
+  describe(cloud_of({1, 0, 0}));
 }
 
 TEST_CASE("colours of a Scan Context are as many as its points") {
