@@ -26,6 +26,7 @@ from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
 from fusionslam.sim import SimConfig, TownConfig, record
+from fusionslam.sim.town.route import DriveConfig
 from fusionslam.storage.cache import cache_folder
 
 ROOT = Path(__file__).parents[2]
@@ -65,6 +66,29 @@ def record_towns(seeds: Sequence[int] = SEEDS) -> list[Path]:
         )
         for seed in seeds
     ]
+
+
+def record_returns(seeds: Sequence[int]) -> list[Path]:
+    """Second drives through the same towns: other noise, the first lap the opposite way."""
+    jobs = os.cpu_count() or 1
+    return [
+        record(
+            SimConfig(town=TownConfig(seed=seed), seed=seed + _RETURN, drive=_RETURN_DRIVE),
+            cache_folder() / f"town-{seed}-return",
+            jobs=jobs,
+        )
+        for seed in seeds
+    ]
+
+
+_RETURN = 1000
+_RETURN_DRIVE = DriveConfig(
+    laps=(
+        ((1, 0), (0, 0), (0, 1), (1, 1), (2, 1), (2, 0), (1, 0)),
+        ((1, 0), (1, 1), (0, 1), (0, 0), (1, 0)),
+    ),
+    lap_shift_m=(-0.6, 0.3),
+)
 
 
 def evaluate_preset(drive: Path, source: str, preset: str) -> list[Evaluation]:
