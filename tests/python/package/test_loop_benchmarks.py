@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import loop_peers
+from benchmarks.accuracy import loop_peers, recorded_loops
 from benchmarks.accuracy.verified_loops import ALL, HEADER, figures_of, rows
 from fusionslam.evaluation import Evaluation, evaluate_verified
 from verified import verified_run
@@ -38,6 +38,23 @@ def test_figures_are_the_mean_and_range_over_towns_by_direction() -> None:
         "opposite": 0.5,
         "crossing": 0,
     }
+
+
+def test_recorded_loops_are_judged_by_their_poses() -> None:
+    found = recorded_loops.judge(verified_run())
+    assert found.metres[[4, 5, 8]] == pytest.approx([0.99, 1.5, 0], abs=1e-6)
+    assert np.flatnonzero(found.right).tolist() == [7, 8]  # 6 is 5.2 degrees off, 7 only 4.8
+    assert np.flatnonzero(found.certain).tolist() == [8]  # 4 is wrong and more probable than 7
+
+
+def test_a_revisit_of_a_recording_looks_the_same_way_and_is_old_enough() -> None:
+    seconds = 10**9 * np.array([0, 10, 20, 30, 40, 50, 60, 70, 80])
+    run = verified_run(stamps_ns=seconds)
+    assert np.flatnonzero(recorded_loops.find_revisits(run, 2.5, 20)).tolist() == [6]
+    assert np.flatnonzero(recorded_loops.find_revisits(run, 2.5, 100)).tolist() == [6, 7]
+    assert np.flatnonzero(recorded_loops.find_revisits(run, 0.9, 100)).tolist() == [7]
+    recent = verified_run(stamps_ns=seconds // 10)
+    assert not recorded_loops.find_revisits(recent, 2.5, 180).any()
 
 
 def test_times_of_peers_are_medians_over_the_frames_and_ratios_to_the_first() -> None:
