@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fusionslam import evaluation as evaluation
+    from fusionslam import mapping as mapping
     from fusionslam import ratslam as ratslam
     from fusionslam import registration as registration
     from fusionslam import views as views
@@ -71,6 +72,9 @@ if TYPE_CHECKING:
     from fusionslam.loop_closure.config import LoopConfig as LoopConfig
     from fusionslam.loop_closure.detector import LoopDetector as LoopDetector
     from fusionslam.loop_closure.loop import Loop as Loop
+    from fusionslam.mapping.edge import Edge as Edge
+    from fusionslam.mapping.pose_graph import PoseGraph as PoseGraph
+    from fusionslam.mapping.pose_graph import Solution as Solution
     from fusionslam.pipelines.describe import PipelineConfig as PipelineConfig
     from fusionslam.pipelines.describe import describe_dataset as describe_dataset
     from fusionslam.sensors.frame import Camera as Camera
@@ -100,6 +104,8 @@ _HOMES = {
     "loop_closure.config": "LoopConfig",
     "loop_closure.detector": "LoopDetector",
     "loop_closure.loop": "Loop",
+    "mapping.edge": "Edge",
+    "mapping.pose_graph": "PoseGraph Solution",
     "sensors.frame_builder": "FrameBuilder OnlineConfig",
     "pipelines.describe": "PipelineConfig describe_dataset",
     "sensors.frame": "Camera Cloud Frame",
@@ -108,7 +114,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 
-_PACKAGES = ("evaluation", "ratslam", "registration", "views")
+_PACKAGES = ("evaluation", "mapping", "ratslam", "registration", "views")
 
 __all__ = sorted([*_HOME_OF, *_PACKAGES])
 

@@ -57,7 +57,7 @@ EXTRAS = {
     "tune": Extra(_same("pymoo"), ("tune",)),
     "live": Extra({"rerun-sdk": "rerun"}, ("ratslam --live",)),
     "map": Extra(
-        _KISS_MATCHER | _same("small_gicp", "pyproj"),
+        _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         ("fusionslam.registration", "fusionslam.mapping"),
     ),
     "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Edges of a pose graph: what they measure, and whether they are believed."""
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.geometry.rigid import is_rigid
+from fusionslam.registration.result import Refusal
+from fusionslam.storage.arrays import Floats, Matrix, read_numbers
+
+Kind = Literal["odometry", "loop", "merge"]
+State = Literal["believed", "refused", "pending"]
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A measured pose of one node in the frame of another.
+
+    Attributes:
+        number: of the edge, from 0 in the order of ``PoseGraph.add_edge``.
+        kind: "odometry", "loop" within a session, or "merge" between sessions.
+        a, b: numbers of the nodes.
+        pose: float64 (4, 4), a_from_b.
+        covariance: float64 (6, 6) of the pose's error, as that of ``Registration``: x, y, z in
+            metres, rotations about x, y, z in radians, as small motions in b's frame
+            (``a_from_b @ exp(error)``).
+        state: "believed", "refused", or "pending" until the graph is solved next.
+        reason: why it is refused; None if it is not. Its ``code`` is "contradicts-odometry"
+            (number: by how many times it exceeds what the gate allows), "contradicts-graph" (its
+            chi square), or "few-merges" (edges between these sessions that agree with each other).
+    """
+
+    number: int
+    kind: Kind
+    a: int
+    b: int
+    pose: Matrix
+    covariance: Floats
+    state: State
+    reason: Refusal | None = None
+
+
+def check_kind(kind: str) -> None:
+    """Raise ConfigError for a kind of edge that does not exist."""
+    if kind not in get_args(Kind):
+        raise ConfigError(
+            f"kind {kind!r}: expected {', '.join(get_args(Kind))}",
+            code="unknown-kind",
+            fields=("kind", str(kind)),
+        )
+
+
+def check_pose(name: str, pose: Any) -> Matrix:
+    """Return a pose as float64 (4, 4), its rotation made exact.
+
+    Raises:
+        ShapeError: it is not (4, 4) numbers.
+        DataError: a value is not finite (code "not-finite"), or it is no rotation and translation
+            ("not-a-rotation"); the first field is the name.
+    """
+    matrix = _check_finite(name, pose, (4, 4))
+    if not is_rigid(matrix):
+        raise DataError(
+            f"{name} is no rotation and translation: {matrix.tolist()}",
+            code="not-a-rotation",
+            fields=(name,),
+        )
+    u, _, v = np.linalg.svd(matrix[:3, :3])
+    matrix[:3, :3] = u @ v
+    return matrix
+
+
+def check_covariance(name: str, covariance: Any) -> Floats:
+    """Return a covariance as float64 (6, 6), exactly symmetric.
+
+    Raises:
+        ShapeError: it is not (6, 6) numbers.
+        DataError: a value is not finite (code "not-finite"), or it is not symmetric and positive
+            definite ("not-positive-definite"); the first field is the name.
+    """
+    matrix = _check_finite(name, covariance, (6, 6))
+    scale = np.abs(matrix).max()
+    symmetric = np.abs(matrix - matrix.T).max() <= 1e-6 * scale
+    matrix = (matrix + matrix.T) / 2
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    if not symmetric or least <= 1e-15 * scale:
+        found = f"its smallest eigenvalue is {least:.3g}" if symmetric else "it is not symmetric"
+        raise DataError(
+            f"{name}: expected a covariance, positive definite; {found}",
+            code="not-positive-definite",
+            fields=(name,),
+        )
+    return matrix
+
+
+def _check_finite(name: str, values: Any, shape: tuple[int, int]) -> Floats:
+    matrix = read_numbers(name, values, str(shape))
+    if matrix.shape != shape:
+        raise ShapeError(f"{name} has shape {matrix.shape}, expected {shape}", fields=(name,))
+    if not np.isfinite(matrix).all():
+        raise DataError(
+            f"{name}: NaN or infinity, expected numbers", code="not-finite", fields=(name,)
+        )
+    return matrix

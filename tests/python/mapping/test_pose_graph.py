@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pose graphs: what they believe, and where they put the nodes."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from fusionslam import PoseGraph
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.geometry.se3 import exp, inverse
+from fusionslam.storage.arrays import Floats
+
+gtsam = pytest.importorskip("gtsam", exc_type=ImportError)
+
+LAP = 20
+STEP = exp(np.array([1.0, 0, 0, 0, 0, 2 * np.pi / LAP]))
+ODOMETRY = np.array([0.02, 0.02, 0.02, 0.003, 0.003, 0.003])
+LOOP = np.full(6, 0.01)
+
+
+def drive(graph: PoseGraph, rng: np.random.Generator, nodes: int) -> tuple[int, Floats]:
+    """Add laps of a circle: the first node and the true poses."""
+    first = graph.add_node()
+    true = [np.eye(4)]
+    for _ in range(1, nodes):
+        node = graph.add_node()
+        measured = STEP @ exp(rng.normal(size=6) * ODOMETRY)
+        graph.add_edge(node - 1, node, measured, np.diag(ODOMETRY**2), "odometry")
+        true.append(true[-1] @ STEP)
+    return first, np.array(true)
+
+
+def close(graph: PoseGraph, rng: np.random.Generator, a: int, b: int, kind: str = "loop") -> int:
+    """Add a right loop between nodes at one place."""
+    return graph.add_edge(a, b, exp(rng.normal(size=6) * LOOP), np.diag(LOOP**2), kind).number
+
+
+def errors_m(poses: Floats, true: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(poses[:, :3, 3] - true[:, :3, 3], axis=1))
+
+
+def test_right_loops_are_believed_and_false_ones_refused() -> None:
+    rng = np.random.default_rng(1)
+    graph = PoseGraph()
+    _, true = drive(graph, rng, 2 * LAP)
+    alone = graph.solve()
+    right = [close(graph, rng, k - LAP, k) for k in range(LAP, 2 * LAP)]
+    far = graph.add_edge(3, 30, np.eye(4), np.diag(LOOP**2), "loop").number
+    aside = exp(np.array([0.2, 0, 0, 0, 0, 0]))
+    near = graph.add_edge(4, LAP + 4, aside, np.diag(LOOP**2), "loop").number
+    solution = graph.solve()
+    assert [edge.number for edge in solution.believed] == right
+    codes = {edge.number: edge.reason.code for edge in solution.refused}
+    assert codes == {far: "contradicts-odometry", near: "contradicts-graph"}
+    assert graph.edges[far].state == "refused" and graph.edges[right[0]].state == "believed"
+    assert errors_m(solution.poses, true).max() < 0.5 * errors_m(alone.poses, true).max()
+
+
+def test_a_refused_loop_is_asked_again() -> None:
+    rng = np.random.default_rng(2)
+    graph = PoseGraph()
+    drive(graph, rng, LAP)
+    other = graph.add_node(exp(np.array([0, 5.0, 0, 0, 0, 0])))
+    waits = close(graph, rng, 0, other)
+    assert [edge.reason.code for edge in graph.solve().refused] == ["few-merges"]
+    assert graph.edges[waits].state == "refused"
+    graph.add_edge(LAP - 1, other, STEP, np.diag(ODOMETRY**2), "odometry")
+    assert [edge.number for edge in graph.solve().believed] == [waits]
+
+
+def test_sessions_are_joined_by_three_edges_that_agree() -> None:
+    rng = np.random.default_rng(3)
+    graph = PoseGraph()
+    drive(graph, rng, LAP)
+    start, true = drive(graph, rng, LAP)
+    merges = [close(graph, rng, k, start + k, "merge") for k in (2, 9)]
+    apart = graph.solve()
+    assert set(apart.parts) == {0, start}
+    assert [edge.number for edge in apart.refused] == merges
+    assert np.array_equal(apart.poses[start], np.eye(4))
+    wrong = graph.add_edge(5, start + 15, np.eye(4), np.diag(LOOP**2), "merge").number
+    assert len(graph.solve().believed) == 0
+    merges.append(close(graph, rng, 15, start + 15, "merge"))
+    joined = graph.solve()
+    assert set(joined.parts) == {0}
+    assert [edge.number for edge in joined.believed] == merges
+    assert [edge.number for edge in joined.refused] == [wrong]
+    assert errors_m(joined.poses[start:], true).max() < 0.4
+
+
+def test_a_session_may_be_joined_backwards_and_keeps_its_measurement() -> None:
+    rng = np.random.default_rng(3)
+    graph, turned = PoseGraph(), PoseGraph()
+    for each in (graph, turned):
+        rng = np.random.default_rng(3)
+        drive(each, rng, LAP)
+        start, _ = drive(each, rng, LAP)
+    covariance = np.diag(LOOP**2)
+    for k in (2, 9, 15):
+        error = exp(rng.normal(size=6) * LOOP)
+        graph.add_edge(k, start + k, error, covariance, "merge")
+        turned.add_edge(start + k, k, inverse(error), covariance, "merge")
+    one, other = graph.solve(), turned.solve()
+    assert len(one.believed) == len(other.believed) == 3
+    assert np.abs(one.poses - other.poses).max() < 1e-3
+
+
+def test_the_optimum_is_that_of_gtsams_own_graph() -> None:
+    rng = np.random.default_rng(4)
+    graph = PoseGraph()
+    drive(graph, rng, 2 * LAP)
+    for k in range(LAP, 2 * LAP):
+        close(graph, rng, k - LAP, k)
+    solution = graph.solve()
+    theirs = gtsam.NonlinearFactorGraph()
+    theirs.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
+    values = gtsam.Values()
+    for node in range(len(graph)):
+        values.insert(node, gtsam.Pose3(solution.poses[node]))
+    for edge in graph.edges:
+        sd = np.sqrt(np.diag(edge.covariance))
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.concatenate([sd[3:], sd[:3]]))
+        theirs.add(gtsam.BetweenFactorPose3(edge.a, edge.b, gtsam.Pose3(edge.pose), noise))
+    best = gtsam.GaussNewtonOptimizer(theirs, values).optimize()
+    assert len(solution.believed) == LAP
+    for node in range(len(graph)):
+        assert np.abs(best.atPose3(node).matrix() - solution.poses[node]).max() < 1e-4
+
+
+def test_odometry_in_any_order_and_direction_gives_the_same_poses() -> None:
+    rng = np.random.default_rng(5)
+    steps = [STEP @ exp(rng.normal(size=6) * ODOMETRY) for _ in range(9)]
+    plain, turned = PoseGraph(), PoseGraph()
+    for graph in (plain, turned):
+        for _ in range(10):
+            graph.add_node()
+    covariance = np.diag(ODOMETRY**2)
+    for k, step in enumerate(steps):
+        plain.add_edge(k, k + 1, step, covariance, "odometry")
+    for k in (8, 0, 5, 2, 3, 1, 7, 4, 6):
+        turned.add_edge(k + 1, k, inverse(steps[k]), covariance, "odometry")
+    assert np.allclose(plain.solve().poses, turned.solve().poses, atol=1e-9)
+
+
+def test_without_gtsam_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    with pytest.raises(FusionSlamError, match=r"fusionslam\[map\]") as caught:
+        PoseGraph()
+    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("map",))
+
+
+def _mirrored() -> Floats:
+    return np.diag([1.0, 1, -1, 1])
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "code", "field"),
+    [
+        ({"a": 7}, DataError, "unknown-node", "a"),
+        ({"b": -1}, DataError, "unknown-node", "b"),
+        ({"b": 0}, DataError, "same-node", "b"),
+        ({"pose": np.full((4, 4), np.nan)}, DataError, "not-finite", "pose"),
+        ({"pose": _mirrored()}, DataError, "not-a-rotation", "pose"),
+        ({"pose": np.eye(3)}, ShapeError, "shape", "pose"),
+        ({"covariance": np.zeros((6, 6))}, DataError, "not-positive-definite", "covariance"),
+        (
+            {"covariance": np.diag([1.0, 1, 1, 1, 1, -1])},
+            DataError,
+            "not-positive-definite",
+            "covariance",
+        ),
+        ({"covariance": np.tri(6)}, DataError, "not-positive-definite", "covariance"),
+        ({"covariance": np.full((6, 6), np.inf)}, DataError, "not-finite", "covariance"),
+        ({"covariance": np.eye(3)}, ShapeError, "shape", "covariance"),
+        ({"kind": "guess"}, ConfigError, "unknown-kind", "kind"),
+    ],
+)
+def test_wrong_edges_are_refused(
+    change: dict[str, object], error: type[FusionSlamError], code: str, field: str
+) -> None:
+    graph = PoseGraph()
+    graph.add_node()
+    graph.add_node()
+    values = {"a": 0, "b": 1, "pose": np.eye(4), "covariance": np.eye(6), "kind": "odometry"}
+    with pytest.raises(error) as caught:
+        graph.add_edge(**values | change)
+    assert (caught.value.code, caught.value.fields[0]) == (code, field)
+    assert graph.edges == ()
+
+
+def test_an_isolated_node_is_named() -> None:
+    graph = PoseGraph()
+    for _ in range(3):
+        graph.add_node()
+    graph.add_edge(0, 1, np.eye(4), np.eye(6), "odometry")
+    with pytest.raises(DataError) as caught:
+        graph.solve()
+    assert (caught.value.code, caught.value.fields) == ("isolated-node", ("node", "2"))
+
+
+def test_an_empty_graph_has_an_empty_solution() -> None:
+    assert PoseGraph().solve().poses.shape == (0, 4, 4)
