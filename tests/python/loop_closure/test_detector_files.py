@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""LoopDetector: goes on after it was saved or pickled, refuses damaged files."""
+
+import json
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from detector_places import DRIVE, SECOND
+from fusionslam import DataError, LoopDetector
+from refusals import refuses
+from stored import change_archive, write_as_former_detector
+
+
+@pytest.mark.parametrize(
+    "descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"]
+)
+@pytest.mark.parametrize("pause", [1, 6, 13])
+def test_a_saved_detector_goes_on_exactly(tmp_path: Path, descriptor: str, pause: int) -> None:
+    whole = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
+    part = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
+    for number, cloud in enumerate(DRIVE):
+        if number == pause:
+            part.save(tmp_path / "loops")
+            part = LoopDetector.load(tmp_path / "loops")
+        stamp = number * SECOND
+        assert part.add(cloud, stamp_ns=stamp) == whole.add(cloud, stamp_ns=stamp)
+        assert part.nearest == whole.nearest
+    assert len(part) == len(whole) == len(DRIVE)
+    assert part.config == whole.config and part.fusion_config == whole.fusion_config
+    assert part.describe_config == whole.describe_config
+
+
+def save_detector(folder: Path) -> Path:
+    detector = LoopDetector("m2dp", window=2)
+    for cloud in DRIVE[:5]:
+        detector.add(cloud)
+    detector.save(folder)
+    return folder
+
+
+def test_saving_again_replaces_the_file_and_leaves_nothing_else(tmp_path: Path) -> None:
+    folder = save_detector(tmp_path / "loops")
+    save_detector(folder)
+    assert os.listdir(folder) == ["detector.npz"]
+
+
+def test_a_detector_of_an_earlier_version_goes_on_and_is_saved_in_the_new_one(
+    tmp_path: Path,
+) -> None:
+    def new_detector() -> LoopDetector:
+        return LoopDetector("m2dp", threshold=0.5, window=2, window_seconds=3.5)
+
+    whole = new_detector()
+    wanted = [whole.add(cloud, stamp_ns=k * SECOND) for k, cloud in enumerate(DRIVE)]
+    part = new_detector()
+    for k, cloud in enumerate(DRIVE[:13]):
+        part.add(cloud, stamp_ns=k * SECOND)
+    part.save(tmp_path)
+    write_as_former_detector(tmp_path)
+    (tmp_path / ".descriptors-killed.index.0xyz").write_bytes(b"left by a killed writer")
+    for _ in range(2):  # from the former files, then from the new one
+        part = LoopDetector.load(tmp_path)
+        assert len(part) == 13 and part.frames.tolist() == list(range(13))
+        part.save(tmp_path)
+        assert os.listdir(tmp_path) == ["detector.npz"]
+        found = [part.add(cloud, stamp_ns=(13 + k) * SECOND) for k, cloud in enumerate(DRIVE[13:])]
+        assert found == wanted[13:]
+
+
+def test_a_save_that_is_cut_off_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = save_detector(tmp_path / "loops")
+    before = LoopDetector.load(folder)
+    before.add(DRIVE[7])
+
+    def cut_off(*_: object, **__: object) -> str:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fusionslam.storage.archive.json.dumps", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            before.save(folder)
+    after = LoopDetector.load(folder)
+    assert len(after) == len(before) - 1
+    before.save(folder)
+    assert len(LoopDetector.load(folder)) == len(before)
+
+
+@pytest.mark.parametrize(
+    "descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"]
+)
+def test_a_pickled_detector_goes_on_exactly(descriptor: str) -> None:
+    whole = LoopDetector(descriptor, threshold=0.5, window=2)
+    empty = pickle.loads(pickle.dumps(whole))
+    assert len(empty) == 0 and empty.config == whole.config
+    for cloud in DRIVE[:9]:
+        assert empty.add(cloud) == whole.add(cloud)
+    copy = pickle.loads(pickle.dumps(whole))
+    assert copy.nearest == whole.nearest and len(copy) == 9
+    assert [copy.add(cloud) for cloud in DRIVE[9:]] == [whole.add(cloud) for cloud in DRIVE[9:]]
+
+
+def test_an_empty_detector_has_nothing_to_save(tmp_path: Path) -> None:
+    with refuses("empty"):
+        LoopDetector().save(tmp_path)
+
+
+def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(DataError):
+        save_detector(tmp_path / "file" / "loops")
+
+
+def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
+    with refuses("missing-file", str(tmp_path / "nowhere/detector.npz")):
+        LoopDetector.load(tmp_path / "nowhere")
+    (tmp_path / "detector.json").write_text("[1, 2]")
+    with refuses("damaged-file", str(tmp_path / "detector.json")):
+        LoopDetector.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": "fusionslam.loop_detector.99"},
+        {"descriptor": "m3dp"},
+        {"loop_closure": {"windw": 3}},
+        {"loop_closure": {"window": -1}},
+        {"loop_closure": None},
+        {"fusion": 3},
+        {"frames": 4},
+    ],
+)
+def test_a_detector_of_another_version_or_kind_is_refused(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    path = save_detector(tmp_path) / "detector.npz"
+    change_archive(path, lambda about, _: about.update(changes))
+    with pytest.raises(DataError, match=r"detector\.npz"):
+        LoopDetector.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"numbers": np.array([0, 1, 2, 2, 3])},
+        {"numbers": np.array([-1, 1, 2, 3, 4])},
+        {"stamps_ns": np.zeros(4, np.int64)},
+        {"descriptors": np.zeros((4, 192), np.float32)},
+        {"descriptors": np.full((5, 192), np.nan, np.float32)},
+    ],
+)
+def test_arrays_that_do_not_belong_together_are_refused(
+    tmp_path: Path, arrays: dict[str, Any]
+) -> None:
+    change_archive(save_detector(tmp_path) / "detector.npz", **arrays)
+    with pytest.raises(DataError, match=r"detector\.npz"):
+        LoopDetector.load(tmp_path)
+
+
+def test_a_file_cut_in_half_is_refused(tmp_path: Path) -> None:
+    path = save_detector(tmp_path) / "detector.npz"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with refuses("damaged-file", str(path)):
+        LoopDetector.load(tmp_path)
+
+
+def test_former_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
+    write_as_former_detector(save_detector(tmp_path))
+    about = json.loads((tmp_path / "detector.json").read_text())
+    (tmp_path / "detector.json").write_text(json.dumps(about | {"frames": 4}))
+    with pytest.raises(DataError, match=r"5 .*4"):
+        LoopDetector.load(tmp_path)
