@@ -7,7 +7,8 @@ worker.py INPUT.npz OUTPUT.npz
 INPUT: points float32 (P, 3) of all clouds and where each ends, ends int64 (N,); poses float64
 (N, 4, 4), world_from_cloud, by which ``scans`` clouds are joined to the local map of the last one;
 window, frames before the query that are no candidates; closer, whether KISS-SLAM judges the loop.
-OUTPUT: of each cloud the candidate with the most inliers, its pose and whether it was accepted.
+OUTPUT: of each cloud the candidate with the most inliers, its pose, score and whether it was
+accepted. The score is the number of inliers; loops that KISS-SLAM accepts come before all others.
 """
 
 import sys
@@ -34,12 +35,12 @@ def local_map(clouds: list[Any], poses: Any, row: int, scans: int, size: float) 
 
 
 def find_loops(given: Any) -> dict[str, Any]:
-    """Return match, match_from_query, inliers, accepted and seconds of each cloud."""
+    """Return match, match_from_query, score, accepted and seconds of each cloud."""
     clouds = np.split(given["points"], given["ends"][:-1])
     count, window, scans = len(clouds), int(given["window"]), int(given["scans"])
     config, closer = MapClosuresConfig(), LoopCloser(LoopCloserConfig())
     detector, maps = MapClosures(config), []
-    match, inliers, accepted = np.full(count, -1), np.zeros(count), np.zeros(count, np.bool_)
+    match, score, accepted = np.full(count, -1), np.zeros(count), np.zeros(count, np.bool_)
     poses, seconds = np.full((count, 4, 4), np.nan), np.zeros(count)
     for row, cloud in enumerate(clouds):
         points = cloud.astype(np.float64)
@@ -47,12 +48,12 @@ def find_loops(given: Any) -> dict[str, Any]:
             joined = local_map(clouds, given["poses"], row, scans, config.density_map_resolution)
             points = joined.point_cloud()
             maps.append(joined.open3d_pcd_with_normals() if given["closer"] else None)
-        start = time.perf_counter()
+        start = time.process_time()
         found = detector.get_top_k_closures(row, points, CANDIDATES)
         older = [each for each in found if each.source_id < row - window]
         if older:
             best = max(older, key=lambda each: each.number_of_inliers)
-            match[row], inliers[row] = best.source_id, best.number_of_inliers
+            match[row], score[row] = best.source_id, best.number_of_inliers
             accepted[row] = best.number_of_inliers >= config.inliers_threshold
             query_from_match = best.pose
             if given["closer"] and accepted[row]:
@@ -60,11 +61,13 @@ def find_loops(given: Any) -> dict[str, Any]:
                     maps[best.source_id], maps[row], best.pose
                 )
             poses[row] = np.linalg.inv(query_from_match)
-        seconds[row] = time.perf_counter() - start
+        seconds[row] = time.process_time() - start
+    if given["closer"]:
+        score[accepted] += score.max()
     return {
         "match": match,
         "match_from_query": poses,
-        "inliers": inliers,
+        "score": score,
         "accepted": accepted,
         "seconds": seconds,
     }

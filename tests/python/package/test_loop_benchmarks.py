@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import loop_peers, recorded_loops
-from benchmarks.accuracy.verified_loops import ALL, HEADER, figures_of, rows
+from benchmarks.accuracy import loop_peers, recorded_loops, verified_loops
+from benchmarks.accuracy.loop_peers import FIGURES, HEADER, PROTOCOLS, rows
+from benchmarks.accuracy.verified_loops import ALL, figures_of
+from fusionslam import Cloud
 from fusionslam.evaluation import Evaluation, evaluate_verified
 from verified import verified_run
 
@@ -22,7 +24,10 @@ def test_figures_are_the_mean_and_range_over_towns_by_direction() -> None:
     poses[8, 0, 3] += 3
     other = verified_run(match_from_query=poses).only(town.run.frames[[0, 1, 2, 3, 4, 5, 6, 8]])
     towns = [[town], [evaluate_verified(other, window=0)]]
-    shown = {(row[2], row[3]): dict(zip(HEADER[4:], row[4:], strict=True)) for row in rows(towns)}
+    shown = {
+        (row[2], row[3]): dict(zip(verified_loops.HEADER[4:], row[4:], strict=True))
+        for row in verified_loops.rows(towns)
+    }
     full = shown["pose-2m-5deg", "recall at 100 % precision"]
     assert full[ALL] == "0.250 (0.000 to 0.500)"
     assert full["opposite"] == "0.500 (0.000 to 1.000)"
@@ -57,35 +62,54 @@ def test_a_revisit_of_a_recording_looks_the_same_way_and_is_old_enough() -> None
     assert not recorded_loops.find_revisits(recent, 2.5, 180).any()
 
 
-def test_times_of_peers_are_medians_over_the_frames_and_ratios_to_the_first() -> None:
-    def town(*milliseconds: float) -> list[Evaluation]:
+def test_a_row_of_a_peer_has_its_figures_and_times_and_their_ratio_to_ours() -> None:
+    def town(**milliseconds: float) -> list[Evaluation]:
         run = verified_run()
         timed = [
-            replace(
-                run, descriptors=(str(column),), seconds={"match": np.full(len(run), each / 1e3)}
-            )
-            for column, each in enumerate(milliseconds)
+            replace(run, descriptors=(name,), seconds={"match": np.full(len(run), each / 1e3)})
+            for name, each in milliseconds.items()
         ]
-        return [evaluate_verified(each, window=0) for each in timed]
+        return [evaluate_verified(each, window=0, protocols=PROTOCOLS) for each in timed]
 
-    lines = loop_peers.time_table([town(2, 10), town(4, 8)]).splitlines()[2:]
-    assert lines == [
-        "| 0 | 3.000 (2.000 to 4.000) | 1.000 (1.000 to 1.000) |",
-        "| 1 | 9.000 (8.000 to 10.000) | 3.500 (2.000 to 5.000) |",
-    ]
+    towns = [town(fusionslam=2, steady=10, fails=1), town(fusionslam=4, steady=8)]
+    found = {tuple(row[:2]): dict(zip(HEADER, row, strict=True)) for row in rows(towns)}
+    assert len(found) == 3 * len(PROTOCOLS)
+    steady = found["steady", "pose-1m-5deg"]
+    assert steady["ms a frame"] == "9.000 (8.000 to 10.000)"
+    assert steady["times ours"] == "3.500 (2.000 to 5.000)"
+    assert found["fails", "revisit"]["times ours"] == "0.500"
+    known = figures_of(town(fusionslam=1)[0])
+    for figure in FIGURES:
+        value = known["pose-1m-5deg", figure][ALL]
+        assert steady[figure] == f"{value:.3f} ({value:.3f} to {value:.3f})"
 
 
 def test_peers_that_cannot_be_installed_are_left_out_with_the_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(command: list[str], **options: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.CompletedProcess(command, 1, "", "ERROR: no network\n")
+    def fail(command: list[str], **options: object) -> None:
+        raise subprocess.CalledProcessError(1, command, "", "ERROR: no network\n")
 
     monkeypatch.setattr(loop_peers, "cache_folder", lambda: tmp_path)
-    monkeypatch.setattr(loop_peers.venv, "create", lambda folder, **options: folder.mkdir())
     monkeypatch.setattr(loop_peers.subprocess, "run", fail)
+    monkeypatch.setattr(loop_peers.venv, "create", lambda folder, **options: folder.mkdir())
     for _ in range(2):  # it is tried again
         assert loop_peers.peers_python() is None
         assert "no network" in capsys.readouterr().err
         (folder,) = tmp_path.iterdir()
         folder.rmdir()
+    monkeypatch.setattr(loop_peers.venv, "create", fail)  # Debian without python3-venv
+    assert loop_peers.peers_python() is None
+    assert "no network" in capsys.readouterr().err
+
+
+def test_a_peer_that_fails_is_left_out_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho Traceback >&2\necho libX.so is missing >&2\nexit 1\n")
+    python.chmod(0o755)
+    clouds = [Cloud(np.zeros((3, 3), np.float32))]
+    names = list(loop_peers.PEERS)[:2]
+    assert not list(loop_peers.run_peers(python, names, clouds, np.eye(4)[None]))
+    assert capsys.readouterr().err.count("libX.so is missing") == len(names)
