@@ -78,6 +78,9 @@ def test_loops_are_those_of_the_detector(driven: Driven) -> None:
     assert len(wanted) > 3
     assert [(each.query, each.match) for each in found] == [(w.query, w.match) for w in wanted]
     np.testing.assert_array_equal([e.distance for e in found], [w.distance for w in wanted])
+    assert [(each.probability, each.overlap) for each in found] == [
+        (loop.probability, loop.overlap) for loop in wanted
+    ]
     for each in found:
         assert stamp_of(each.match_stamp) == scans[each.match].stamp_ns
     assert len(LoopDetector.load(driven.folder / "loops")) == len(scans)

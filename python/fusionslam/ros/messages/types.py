@@ -13,6 +13,7 @@ from fusionslam.datasets.bags.messages import MessageBuilder, plain_type
 from fusionslam.errors import DataError
 from fusionslam.ros.environment import PACKAGE
 from fusionslam.sensors.messages import NANOSECONDS
+from fusionslam.storage.arrays import Matrix
 
 VIEW_DESCRIPTION = f"{PACKAGE}/LVDescription"
 VIEW_TEMPLATE = f"{PACKAGE}/ViewTemplate"
@@ -99,6 +100,30 @@ def ground_pose(place: Ground) -> Any:
     x, y, heading = (float(value) for value in place)
     position = make("geometry_msgs/Point", x=x, y=y, z=0.0)
     return make("geometry_msgs/Pose", position=position, orientation=_quaternion_of(heading))
+
+
+def pose_with_covariance(pose: Matrix, covariance: Matrix) -> Any:
+    """Return a geometry_msgs/PoseWithCovariance.
+
+    Args:
+        pose: float64 (4, 4), a_from_b.
+        covariance: float64 (6, 6), of the error as a small motion in b: x, y, z in metres and
+            rotations in radians. The message's is of positions in a and rotations about its axes.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn = np.kron(np.eye(2), pose[:3, :3])
+    x, y, z = pose[:3, 3].tolist()
+    qx, qy, qz, qw = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+    return make(
+        "geometry_msgs/PoseWithCovariance",
+        pose=make(
+            "geometry_msgs/Pose",
+            position=make("geometry_msgs/Point", x=x, y=y, z=z),
+            orientation=make("geometry_msgs/Quaternion", x=qx, y=qy, z=qz, w=qw),
+        ),
+        covariance=(turn @ covariance @ turn.T).ravel().tolist(),
+    )
 
 
 def ground_transform(place: Ground) -> Any:

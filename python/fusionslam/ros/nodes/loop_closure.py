@@ -13,7 +13,15 @@ from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.se2 import places_of
 from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
-from fusionslam.ros.messages.types import CLOUD, LOOP_CLOSURE, ground_pose, header, make, ros_time
+from fusionslam.ros.messages.types import (
+    CLOUD,
+    LOOP_CLOSURE,
+    ground_pose,
+    header,
+    make,
+    pose_with_covariance,
+    ros_time,
+)
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.view_config import EMPTY, cloud_of
 from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
@@ -94,15 +102,21 @@ class LoopClosure(Node[LoopClosureConfig]):
         self.counts["clouds"] += 1
         if loop is not None:
             self.counts["loops"] += 1
-            self.outlet.publish(LOOPS, _message(scan, loop))
+            self.outlet.publish(LOOPS, _message(scan, loop, len(self._loops.rejected)))
         self._saver.note_change()
 
 
-def _message(scan: Scan, loop: Loop) -> Any:
-    place = (0.0, 0.0, 0.0)
-    if loop.match_from_query is not None:
-        x, y, yaw = places_of(loop.match_from_query[None])[0].tolist()
-        place = (x, y, yaw)
+def _message(scan: Scan, loop: Loop, rejected: int) -> Any:
+    found: dict[str, Any] = {"probability": -1.0, "overlap": -1.0}
+    pose = loop.match_from_query
+    if pose is not None and loop.covariance is not None:
+        x, y, yaw = places_of(pose[None])[0].tolist()
+        found = {
+            "probability": loop.probability,
+            "overlap": loop.overlap,
+            "match_from_query": pose_with_covariance(pose, loop.covariance),
+            "pose": ground_pose((x, y, yaw)),
+        }
     return make(
         LOOP_CLOSURE,
         header=header(scan.stamp_ns, scan.frame_id),
@@ -110,6 +124,6 @@ def _message(scan: Scan, loop: Loop) -> Any:
         match=loop.match,
         match_stamp=ros_time(loop.match_stamp_ns or 0),
         distance=loop.distance,
-        probability=-1.0 if loop.probability is None else loop.probability,
-        pose=ground_pose(place),
+        rejected=rejected,
+        **found,
     )
