@@ -21,7 +21,7 @@ import arrays
 import drives
 import maps
 import scenes
-from fusionslam import DescriptorIndex
+from fusionslam import DescriptorIndex, LoopDetector
 from fusionslam.evaluation import (
     DescriptorRun,
     MapReport,
@@ -36,7 +36,9 @@ from fusionslam.evaluation import (
     precision_recall,
     sweep_pairs,
 )
+from fusionslam.loop_closure.detector import FILE
 from fusionslam.ratslam import Motion, RatSlam, Sighting, Step
+from fusionslam.registration import RegistrationConfig
 from fusionslam.storage.archive import load_arrays, save_archive, save_json
 from fusionslam.views import SceneSet, ViewMatcher, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates
@@ -158,6 +160,35 @@ def _drive_on(slam: RatSlam) -> list[Step]:
     return steps
 
 
+def _loop_detector(path: Path) -> None:
+    planar = RegistrationConfig(method="planar")  # needs no other library
+    detector = LoopDetector("cm2dp", window=1, registration=planar)
+    for visit, number in enumerate((0, 1, 2, 0)):
+        detector.add(scenes.place(number, visit), stamp_ns=visit * 10**9)
+    _save_detector(detector, path)
+
+
+def _save_detector(detector: LoopDetector, path: Path) -> None:
+    detector.save(scratch())
+    (scratch() / FILE).replace(path)
+
+
+def _load_detector(path: Path) -> LoopDetector:
+    """Read it from the folder of a file's own name, as a detector has it."""
+    folder = scratch() / "loop_detector"
+    folder.mkdir(exist_ok=True)
+    (folder / FILE).write_bytes(path.read_bytes())
+    return LoopDetector.load(folder)
+
+
+def _close_loops(detector: LoopDetector) -> list[Any]:
+    answers: list[Any] = []
+    for visit, number in enumerate((1, 2), start=9):
+        answers.append(detector.add(scenes.place(number, visit), stamp_ns=visit * 10**9))
+        answers += [detector.nearest, detector.rejected, detector.candidates(2)]
+    return answers
+
+
 def _index_again(index: DescriptorIndex, path: Path) -> None:
     index.save(str(path))
 
@@ -173,6 +204,7 @@ FORMATS: dict[str, Format] = {
         _ask,
         _index_again,
     ),
+    "loop_detector": Format(_loop_detector, _load_detector, _close_loops, _save_detector),
     "descriptor_run": Format(_descriptor_run, DescriptorRun.load),
     "verified_run": Format(
         lambda path: verified_run().save(path),
