@@ -40,6 +40,10 @@ LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 # File names that end in this many digits or more are stamps in nanoseconds.
 STAMP_DIGITS = 16
+_BELONG = (
+    "; a folder has scans in clouds/ or points/, images in left/ or images/, and those of a second "
+    "camera in right/, under the same names"
+)
 MAX_STAMP_NS = np.iinfo(np.int64).max
 
 
@@ -119,7 +123,9 @@ def _streams(
     """The files by number; ``ranked`` numbers are ranks of the names, not part of them."""
     stems = {number: stem for stem, number in numbers.items()} if ranked else {}
     return {
-        sensor: Stream(unique(paths, lambda path: numbers[path.stem]), stems) if paths else None
+        sensor: Stream(unique(paths, lambda path: numbers[path.stem], _BELONG), stems)
+        if paths
+        else None
         for sensor, paths in files.items()
     }
 

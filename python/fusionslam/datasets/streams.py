@@ -166,8 +166,12 @@ def entries(folder: Path) -> list[Path]:
     return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
-def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]:
+def unique(paths: Sequence[Path], key: Callable[[Path], Key], layout: str = "") -> dict[Key, Path]:
     """Map each path's key to the path.
+
+    Args:
+        paths, key: the files, and what tells the frame of each.
+        layout: where files belong, for the message.
 
     Raises:
         DataError: two paths have the same key.
@@ -177,7 +181,7 @@ def unique(paths: Sequence[Path], key: Callable[[Path], Key]) -> dict[Key, Path]
         if (other := files.setdefault(key(path), path)) is not path:
             message = (
                 f"{other} and {path} are both frame {key(path)}: expected one file of each number, "
-                "which are the digits at the end of the name"
+                f"which are the digits at the end of the name{layout}"
             )
             raise DataError(message, code="two-files", fields=(str(other), str(path)))
     return files

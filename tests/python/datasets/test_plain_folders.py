@@ -118,6 +118,26 @@ def test_two_files_of_one_frame_are_refused(tmp_path: Path) -> None:
         open_dataset(tmp_path)
 
 
+def test_two_cameras_in_one_folder_are_refused_with_where_they_belong(tmp_path: Path) -> None:
+    stamps = (1403715273262142976, 1403715280562142976)
+    files = [tmp_path / f"images/{stamp}_{camera}.png" for stamp in stamps for camera in (0, 1)]
+    for path in files:
+        put_image(path)
+    with pytest.raises(DataError, check=has_code("two-files", files[0], files[2])) as error:
+        open_dataset(tmp_path)
+    assert "right/" in str(error.value)
+
+
+def test_the_tree_of_an_asl_recording_is_no_recording(tmp_path: Path) -> None:
+    for camera in ("cam0", "cam1"):
+        put_image(tmp_path / f"mav0/{camera}/data/1403715273262142976.png")
+        put_text(tmp_path / f"mav0/{camera}/data.csv", "1403715273262142976,a.png\n")
+    for path in (tmp_path, tmp_path / "mav0", tmp_path / "mav0/cam0", tmp_path / "mav0/cam0/data"):
+        with pytest.raises(DataError, match="files in clouds/, points/, images/ or left/") as error:
+            open_dataset(path)
+        assert error.value.code == "no-recording"
+
+
 def test_tum_poses_give_a_folder_its_times(tmp_path: Path) -> None:
     stamps = np.array([1_317_354_879_229_752_001, 1_317_354_879_329_752_002, 1 << 60])
     poses = np.tile(np.eye(4), (3, 1, 1))
