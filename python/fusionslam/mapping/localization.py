@@ -1,0 +1,243 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Finds a robot on a map that is known, from what it sees now and the motion since."""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from fusionslam.config import Section, option
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
+from fusionslam.registration import PreparedCloud, Refusal, Registration, register
+from fusionslam.storage.arrays import Matrix
+
+
+class LocalizationConfig(Section):
+    """When a pose on a map is believed."""
+
+    min_probability: float = option(0.5, "less probable poses are not even asked about", ge=0, le=1)
+    neighborhood: float = option(
+        10.0, "keyframes this near confirm a pose", unit="m", gt=0, allow_inf_nan=False
+    )
+    confirmations: int = option(3, "keyframes asked for a second opinion", ge=1)
+    memory: float = option(
+        10.0, "poses of this time confirm each other by odometry", unit="s", ge=0
+    )
+    agreement: float = option(0.3, "agreeing poses are this near", unit="m", gt=0)
+    angle_agreement: float = option(2.0, "agreeing poses are turned this little", unit="deg", gt=0)
+
+
+@dataclass(frozen=True)
+class Localization:
+    """Where a robot is on a map.
+
+    Attributes:
+        map_from_robot: float64 (4, 4); None if it is not known.
+        covariance: float64 (6, 6) of the pose's error against the keyframe, as
+            ``Registration.covariance``; None without a pose.
+        keyframe: number of the keyframe that the pose was found by; of the best one that was not
+            believed if there is a reason; None without any.
+        reason: why there is no pose; None if there is one.
+    """
+
+    map_from_robot: Matrix | None
+    covariance: Matrix | None = None
+    keyframe: int | None = None
+    reason: Refusal | None = None
+
+    @property
+    def pose(self) -> Matrix | None:
+        """``map_from_robot``."""
+        return self.map_from_robot
+
+
+class Keyframes(Protocol):
+    """What localisation asks a map for."""
+
+    def stored(self, number: int) -> StoredFrame:
+        """The cloud of a keyframe."""
+
+    def map_from_cloud(self, number: int) -> Matrix:
+        """The pose of a keyframe's cloud on the map, float64 (4, 4)."""
+
+    def near(self, place: Matrix, radius: float) -> Sequence[int]:
+        """Keyframes whose clouds lie this near to those of a pose, the nearest first."""
+
+
+class Sight(NamedTuple):
+    """What a robot sees at one moment.
+
+    Attributes:
+        cloud: prepared as the map's.
+        candidates: descriptor distances by number of the keyframe, in the order of trust.
+        odometry: odom_from_cloud, float64 (4, 4); None if unknown.
+        stamp_ns: time; None if unknown.
+    """
+
+    cloud: PreparedCloud
+    candidates: Mapping[int, float]
+    odometry: Matrix | None = None
+    stamp_ns: int | None = None
+
+
+class _Guess(NamedTuple):
+    """A pose on the map by one keyframe, map_from_cloud."""
+
+    pose: Matrix
+    covariance: Matrix
+    keyframe: int
+    probability: float
+
+
+class _Past(NamedTuple):
+    """A pose of an earlier moment."""
+
+    pose: Matrix
+    odometry: Matrix
+    stamp_ns: int | None
+
+
+class Localizer:
+    """Finds a robot on a map: without any guess first, then by its motion.
+
+    A pose counts if a second keyframe of the neighbourhood says the same, or if a pose of the last
+    seconds, moved by odometry, does.
+
+    Args:
+        keyframes: of the map.
+        loops: which candidates are tried.
+        config: when a pose is believed.
+    """
+
+    def __init__(
+        self,
+        keyframes: Keyframes,
+        loops: LoopConfig | None = None,
+        config: LocalizationConfig | None = None,
+    ) -> None:
+        self._keyframes = keyframes
+        self._loops = loops or LoopConfig()
+        self._config = config or LocalizationConfig()
+        self._past: deque[_Past] = deque(maxlen=100)
+        self._fix: _Past | None = None
+
+    def localize(self, sight: Sight) -> Localization:
+        """Return map_from_cloud of what the robot sees, or why it is not known."""
+        tracked = self._track(sight)
+        if tracked is not None:
+            return self._accept(sight, tracked)
+        found, reason, nearest = self._search(sight)
+        if found is None:
+            return Localization(None, keyframe=nearest, reason=reason)
+        if self._is_confirmed(sight, found):
+            return self._accept(sight, found)
+        self._remember(sight, found)
+        text = (
+            f"keyframe {found.keyframe} fits with probability {found.probability:.2f}, and "
+            "neither another keyframe nor odometry confirms it"
+        )
+        return Localization(
+            None, keyframe=found.keyframe, reason=Refusal("alone", found.probability, text)
+        )
+
+    def forget(self) -> None:
+        """Forget where the robot was, as after it was carried."""
+        self._past.clear()
+        self._fix = None
+
+    def _track(self, sight: Sight) -> _Guess | None:
+        """Return the pose near the one that odometry predicts; None if nothing confirms it."""
+        if self._fix is None or sight.odometry is None or self._is_old(self._fix, sight):
+            return None
+        expected = _move(self._fix, sight.odometry)
+        guesses = self._ask(sight, expected, exclude=None)
+        for one in guesses:
+            if _differ(one.pose, expected, 2.0, 10.0):
+                continue
+            if any(self._agree(one.pose, other.pose) for other in guesses if other is not one):
+                return one
+            if self._agree(one.pose, expected):
+                return one
+        return None
+
+    def _search(self, sight: Sight) -> tuple[_Guess | None, Refusal | None, int | None]:
+        """Return the best pose without a guess, or the reason and the best keyframe."""
+        best, _ = verify_candidates(
+            -1, sight.cloud, sight.candidates, self._keyframes.stored, self._loops
+        )
+        if best is None:
+            return None, Refusal("no-candidates", 0, "no keyframe shows a similar place"), None
+        if best.match_from_query is None or best.covariance is None:
+            return None, best.reason, best.match
+        probability = best.probability or 0.0
+        if probability < self._config.min_probability:
+            return None, best.reason, best.match
+        pose = self._keyframes.map_from_cloud(best.match) @ best.match_from_query
+        return _Guess(pose, best.covariance, best.match, probability), None, best.match
+
+    def _is_confirmed(self, sight: Sight, found: _Guess) -> bool:
+        guesses = self._ask(sight, found.pose, exclude=found.keyframe)
+        if any(self._agree(found.pose, other.pose) for other in guesses):
+            return True
+        if sight.odometry is None:
+            return False
+        recent = [past for past in self._past if not self._is_old(past, sight)]
+        return any(self._agree(found.pose, _move(past, sight.odometry)) for past in recent)
+
+    def _ask(self, sight: Sight, pose: Matrix, exclude: int | None) -> list[_Guess]:
+        """Register the cloud with keyframes near a pose, starting there."""
+        guesses = []
+        near = self._keyframes.near(pose, self._config.neighborhood)
+        for number in [each for each in near if each != exclude][: self._config.confirmations]:
+            there = self._keyframes.map_from_cloud(number)
+            start = np.linalg.inv(there) @ pose
+            cloud = self._keyframes.stored(number).unpack()
+            found = register(sight.cloud, cloud, start, search=False)
+            guess = self._guess_of(there, number, found)
+            if guess is not None:
+                guesses.append(guess)
+        return guesses
+
+    def _guess_of(self, there: Matrix, number: int, found: Registration) -> _Guess | None:
+        probability = found.probability or 0.0
+        if found.target_from_source is None or found.covariance is None:
+            return None
+        if probability < self._config.min_probability:
+            return None
+        return _Guess(there @ found.target_from_source, found.covariance, number, probability)
+
+    def _agree(self, one: Matrix, other: Matrix) -> bool:
+        return not _differ(one, other, self._config.agreement, self._config.angle_agreement)
+
+    def _is_old(self, past: _Past, sight: Sight) -> bool:
+        if past.stamp_ns is None or sight.stamp_ns is None:
+            return False
+        return abs(sight.stamp_ns - past.stamp_ns) > self._config.memory * 1e9
+
+    def _remember(self, sight: Sight, found: _Guess) -> None:
+        if sight.odometry is not None:
+            self._past.append(_Past(found.pose, sight.odometry, sight.stamp_ns))
+
+    def _accept(self, sight: Sight, found: _Guess) -> Localization:
+        self._remember(sight, found)
+        if sight.odometry is not None:
+            self._fix = _Past(found.pose, sight.odometry, sight.stamp_ns)
+        return Localization(found.pose, found.covariance, found.keyframe)
+
+
+def _move(past: _Past, odometry: Matrix) -> Matrix:
+    moved: Matrix = past.pose @ np.linalg.inv(past.odometry) @ odometry
+    return moved
+
+
+def _differ(one: Matrix, other: Matrix, metres: float, degrees: float) -> bool:
+    """Whether two poses are farther apart, or turned more against each other."""
+    from scipy.spatial.transform import Rotation
+
+    off = np.linalg.inv(one) @ other
+    turn = np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude())
+    return bool(np.linalg.norm(off[:3, 3]) > metres or turn > degrees)

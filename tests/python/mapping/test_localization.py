@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot on a map of nine keyframes along a street, whose true poses are known."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from clouds import scan_blocks
+from fusionslam.loop_closure.verification import StoredFrame
+from fusionslam.mapping.localization import (
+    Localization,
+    LocalizationConfig,
+    Localizer,
+    Sight,
+)
+from fusionslam.registration import PreparedCloud
+from fusionslam.storage.arrays import Matrix
+
+pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+
+
+def at(x: float, y: float, yaw_deg: float) -> Matrix:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    pose[:3, 3] = x, y, 1.7
+    return pose
+
+
+def seen_at(pose: Matrix, seed: int) -> PreparedCloud:
+    return PreparedCloud(scan_blocks(pose, seed))
+
+
+WAY = [at(4.0 * step, 0, 0) for step in range(-4, 5)]
+CLOUDS = [seen_at(pose, seed) for seed, pose in enumerate(WAY)]
+EVERY = dict.fromkeys(range(len(WAY)), 0.1)
+
+
+class Street:
+    """The map; asks of each keyframe are counted."""
+
+    def __init__(self, keyframes: Sequence[int] = range(len(WAY))) -> None:
+        self.known = list(keyframes)
+        self.asked: list[int] = []
+
+    def stored(self, number: int) -> StoredFrame:
+        def unpack() -> PreparedCloud:
+            self.asked.append(number)
+            return CLOUDS[number]
+
+        return StoredFrame(0, None, CLOUDS[number].search_image, unpack)
+
+    def map_from_cloud(self, number: int) -> Matrix:
+        return WAY[number]
+
+    def near(self, place: Matrix, radius: float) -> list[int]:
+        apart = {k: float(np.linalg.norm(WAY[k][:3, 3] - place[:3, 3])) for k in self.known}
+        return [k for k in sorted(apart, key=apart.__getitem__) if apart[k] <= radius]
+
+
+def assert_at(found: Localization, truth: Matrix) -> None:
+    assert found.reason is None and found.pose is not None and found.covariance is not None
+    off = np.linalg.inv(truth) @ found.pose
+    assert np.linalg.norm(off[:3, 3]) < 0.1
+    assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 0.5
+
+
+@pytest.mark.parametrize("truth", [at(1.0, 0.5, 10), at(-7.0, 1.5, 180), at(9.0, -1.0, -95)])
+def test_a_robot_is_found_without_a_guess_in_any_direction(truth: Matrix) -> None:
+    assert_at(Localizer(Street()).localize(Sight(seen_at(truth, 50), EVERY)), truth)
+
+
+def test_another_place_has_no_pose_but_a_reason() -> None:
+    points = scan_blocks(at(1.0, 0.5, 10), 50)
+    points[:, 1] *= -1  # a mirror image of the street is another place
+    found = Localizer(Street()).localize(Sight(PreparedCloud(points), EVERY))
+    assert found.pose is None and found.covariance is None
+    assert found.reason is not None and found.reason.code
+
+
+def test_a_place_that_is_like_no_keyframe_has_no_candidates() -> None:
+    found = Localizer(Street()).localize(Sight(seen_at(WAY[0], 50), {}))
+    assert found.pose is None and found.keyframe is None
+    assert found.reason is not None and found.reason.code == "no-candidates"
+
+
+def test_one_keyframe_alone_is_believed_once_odometry_confirms_it() -> None:
+    way = [at(0.5 * step, 0.5, 0) for step in range(4)]
+    localizer = Localizer(Street([4]))
+    found = [
+        localizer.localize(Sight(seen_at(pose, 60 + k), {4: 0.1}, pose, k * 10**9))
+        for k, pose in enumerate(way)
+    ]
+    assert found[0].reason is not None and found[0].reason.code == "alone"
+    assert found[0].keyframe == 4
+    for pose, each in zip(way[1:], found[1:], strict=True):
+        assert_at(each, pose)
+
+
+def test_odometry_that_contradicts_confirms_nothing() -> None:
+    localizer = Localizer(Street([4]))
+    for k in range(3):
+        wrong = at(3.0 * k, 0, 0)  # the robot stands still
+        found = localizer.localize(Sight(seen_at(WAY[4], 60 + k), {4: 0.1}, wrong, k * 10**9))
+        assert found.reason is not None and found.reason.code == "alone"
+
+
+def test_poses_of_long_ago_confirm_nothing() -> None:
+    localizer = Localizer(Street([4]), config=LocalizationConfig(memory=5.0))
+    for k in range(3):
+        sight = Sight(seen_at(WAY[4], 60 + k), {4: 0.1}, WAY[4], 6 * k * 10**9)
+        reason = localizer.localize(sight).reason
+        assert reason is not None and reason.code == "alone"
+
+
+def test_a_tracked_robot_needs_no_candidates() -> None:
+    street = Street()
+    localizer = Localizer(street)
+    assert_at(localizer.localize(Sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
+    drifted = WAY[1] @ at(0.3, 0.2, 1.0) @ np.linalg.inv(at(0, 0, 0))
+    found = localizer.localize(Sight(seen_at(WAY[1], 51), {}, drifted, 10**9))
+    assert_at(found, WAY[1])
+
+
+def test_a_robot_that_was_carried_is_found_again() -> None:
+    localizer = Localizer(Street())
+    assert_at(localizer.localize(Sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
+    # Odometry, switched off meanwhile, says that it has not moved.
+    truth = at(12.0, 1.0, 90)
+    found = localizer.localize(Sight(seen_at(truth, 51), EVERY, WAY[0], 10**9))
+    assert_at(found, truth)
+
+
+def test_a_robot_whose_odometry_began_anew_is_found_again() -> None:
+    localizer = Localizer(Street())
+    localizer.localize(Sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0))
+    localizer.forget()
+    found = localizer.localize(Sight(seen_at(WAY[8], 51), EVERY, np.eye(4), 10**9))
+    assert_at(found, WAY[8])
