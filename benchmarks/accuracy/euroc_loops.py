@@ -79,6 +79,32 @@ class Rig:
         return Cloud(points, colors)
 
 
+class Flight:
+    """The keyframes of the flight.
+
+    Attributes:
+        stamps: int64 (N), nanoseconds.
+        poses: float64 (N, 4, 4), world_from_cloud, by Vicon.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._images, self._rig = folder / "images", Rig(folder)
+        lines = [row.split() for row in (folder / "poses.txt").read_text().splitlines()]
+        rows = [row for row in lines if row and not row[0].startswith("#")]
+        self.stamps = np.array([int(row[0]) for row in rows])
+        places = np.array([[float(value) for value in row[1:]] for row in rows])
+        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses[:, :3, :3] = Rotation.from_quat(places[:, 3:]).as_matrix()
+        poses[:, :3, 3] = places[:, :3]
+        self.poses: Floats = poses @ self._rig.imu_from_cloud
+
+    def cloud(self, number: int) -> Cloud:
+        """Cloud of a keyframe."""
+        stamp = self.stamps[number]
+        left, right = (self._images / f"{stamp}_{camera}.jpg" for camera in (0, 1))
+        return self._rig.cloud(left, right)
+
+
 def differences(one: Floats, other: Floats) -> tuple[float, float]:
     """Metres and degrees between two poses."""
     off = np.linalg.inv(one) @ other
@@ -90,16 +116,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--candidates", type=int, default=10)
     candidates = parser.parse_args().candidates
-    folder = data_folder() / "euroc_v101"
-    rig = Rig(folder)
-    lines = [row.split() for row in (folder / "poses.txt").read_text().splitlines()]
-    rows = [row for row in lines if row and not row[0].startswith("#")]
-    stamps = np.array([int(row[0]) for row in rows])
-    places = np.array([[float(value) for value in row[1:]] for row in rows])
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(places[:, 3:]).as_matrix()
-    poses[:, :3, 3] = places[:, :3]
-    poses = poses @ rig.imu_from_cloud
+    flight = Flight(data_folder() / "euroc_v101")
+    stamps, poses = flight.stamps, flight.poses
     detector = LoopDetector(
         "cm2dp",
         window=0,
@@ -110,9 +128,7 @@ def main() -> None:
     revisits: set[int] = set()
     loops: dict[int, Loop] = {}
     for number, stamp in enumerate(stamps.tolist()):
-        images = folder / "images"
-        cloud = rig.cloud(images / f"{stamp}_0.jpg", images / f"{stamp}_1.jpg")
-        found = detector.add(cloud, stamp_ns=stamp)
+        found = detector.add(flight.cloud(number), stamp_ns=stamp)
         if found is not None:
             loops[number] = found
         for earlier in np.flatnonzero(stamps < stamp - APART_S * 1e9):

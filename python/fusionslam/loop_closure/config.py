@@ -37,7 +37,10 @@ class LoopConfig(Section):
         "own; of the whole scan where there is one",
     )
     refined: int = option(
-        3, "verified: candidates that are registered, of those whose images correlate most", ge=1
+        3,
+        "verified: candidates that are registered, of those whose images correlate most; without "
+        "registration.gravity all are, and this many, the nearest, thoroughly",
+        ge=1,
     )
     max_distance: float = option(
         9.0, "verified: poses of one place are at most this far apart", unit="m", gt=0

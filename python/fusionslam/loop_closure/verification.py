@@ -61,7 +61,7 @@ def verify_candidates(
     """Register a frame's cloud with its candidates.
 
     Where images from above can be compared, only those candidates whose images correlate most are
-    registered; it ends with the first pose that counts.
+    registered; else all, the first ones thoroughly. It ends with the first pose that counts.
 
     Args:
         query: number of the frame.
@@ -74,7 +74,13 @@ def verify_candidates(
     best: Loop | None = None
     rejected: list[Rejected] = []
     for done, (match, guess) in enumerate(tries):
-        found = register(cloud, stored(match).unpack(), guess, search=guess is None)
+        found = register(
+            cloud,
+            stored(match).unpack(),
+            guess,
+            search=guess is None,
+            thorough=done < config.refined,
+        )
         loop = _judge(query, match, candidates[match], found, config)
         if best is None or _rank(loop) > _rank(best):
             best, loop = loop, best

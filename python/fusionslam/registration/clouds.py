@@ -6,7 +6,7 @@ import io
 import zipfile
 import zlib
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,13 @@ from fusionslam.views.scenes import Scene
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
+
+
+class SearchedCloud(NamedTuple):
+    """Points, float32 (N, 3), and how many of them surely have features."""
+
+    points: Points
+    features: int
 
 
 class PreparedCloud:
@@ -209,9 +216,14 @@ class PreparedCloud:
         return draw_turned(self.above_ground, self.ground_level, self.config.search_cell)
 
     @cached_property
-    def features(self) -> int:
-        """Number of search points that surely have features."""
-        return count_features(self.search_points, self.config.search_voxel)
+    def searched_clouds(self) -> tuple[SearchedCloud, SearchedCloud]:
+        """Its points with features, without ``gravity``: the search points, then all."""
+        voxel = self.config.search_voxel
+        few, all_points = self.search_points, self.points
+        return (
+            SearchedCloud(few, count_features(few, voxel)),
+            SearchedCloud(all_points, count_features(all_points, voxel)),
+        )
 
     @cached_property
     def refined(self) -> RefinedCloud:

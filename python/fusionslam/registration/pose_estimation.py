@@ -24,7 +24,7 @@ from fusionslam.registration.birds_eye import (
     find_height,
     find_hypotheses,
 )
-from fusionslam.registration.clouds import PreparedCloud
+from fusionslam.registration.clouds import PreparedCloud, SearchedCloud
 from fusionslam.registration.colors import ColorDifference, compare_colors
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
@@ -55,13 +55,15 @@ def register(
     guess: Matrix | None = None,
     *,
     search: bool = True,
+    thorough: bool = True,
     config: RegistrationConfig | None = None,
 ) -> Registration:
     """Find the pose of a cloud in the frame of another one.
 
     Method "global": a guess is refined by GICP; without one, or if its overlap is too small, a pose
     is searched and refined. Where z points up in both clouds (``gravity``) the search correlates
-    images from above (``search_poses``); else KISS-Matcher matches features, and where it is not
+    images from above (``search_poses``); else KISS-Matcher matches features, and both clouds are
+    tried as if taken from one pose, as views that look alike may be. Where KISS-Matcher is not
     installed, as on Python 3.13 and later, a guess is judged alone. Method "planar", for robots on
     a floor: range images are aligned in x, y and yaw. Equal input gives equal bits.
 
@@ -72,6 +74,8 @@ def register(
         guess: float64 (4, 4), target_from_source, such as a turn about z from a descriptor; up to
             some metres and degrees off. "planar" uses its turn alone.
         search: whether a pose is searched if the guess is refused.
+        thorough: without ``gravity``, whether a search that fails is repeated with the features of
+            more points, which takes some five times as long.
         config: that of prepared clouds if None.
 
     Returns:
@@ -93,11 +97,7 @@ def register(
     start = None if guess is None else _check_rigid(guess)
     one, other = _prepared(source, config), _prepared(target, config)
     if one.scene is None or other.scene is None:
-        result = _register_globally(one, other, start, search, config)
-        colors = _color_difference(one, other, result.estimate, config.overlap_distance)
-        result = replace(result, color_difference=colors)
-        if result.estimate is not None:
-            result = _weigh(result, pose_probability(result.overlap, colors), config)
+        result = _register_globally(one, other, start, search, thorough, config)
     else:
         result = register_planar(one.scene, other.scene, start, config)
     return replace(result, seconds=time.perf_counter() - started)
@@ -141,6 +141,7 @@ def _register_globally(
     target: PreparedCloud,
     guess: Matrix | None,
     search: bool,
+    thorough: bool,
     config: RegistrationConfig,
 ) -> Registration:
     fewest = min(len(source), len(target))
@@ -148,30 +149,28 @@ def _register_globally(
         text = f"{fewest} voxels of {config.voxel:g} m in a cloud, fewer than {FEWEST_POINTS}"
         return _refused(Refusal("few-points", fewest, text))
     best: _Candidate | None = None
-    for candidate in _candidates(source, target, guess, search, config):
+    for candidate in _candidates(source, target, guess, search, thorough, config):
         if best is None or candidate.rank(config) > best.rank(config):
             best = candidate
-        if best.refusal(config) is None and pose_probability(best.overlap, None) >= _LEAST:
+        if best.refusal(config) is None:
             break
     if best is None:
         return _refused(_without_candidate(source, target, config))
     covariance, degenerate = pose_uncertainty(best.information, config)
-    judged = Registration(None, None, best.overlap, best.tilt, degenerate, estimate=best.pose)
-    reason = best.refusal(config) or _too_degenerate(len(degenerate))
+    judged = Registration(
+        None,
+        None,
+        best.overlap,
+        best.tilt,
+        degenerate,
+        probability=best.probability,
+        estimate=best.pose,
+        color_difference=best.colors,
+    )
+    reason = best.misfit(config) or _too_degenerate(len(degenerate)) or best.doubt(config)
     if reason is not None:
         return replace(judged, reason=reason)
     return replace(judged, target_from_source=best.pose, covariance=covariance)
-
-
-def _weigh(result: Registration, probability: float, config: RegistrationConfig) -> Registration:
-    """Add the probability of the estimate, and refuse an improbable one."""
-    result = replace(result, probability=probability)
-    least = _LEAST if config.min_probability is None else config.min_probability
-    if result.reason is not None or probability >= least:
-        return result
-    text = f"probability {probability:.2f}, less than {least:g} (overlap {result.overlap:.2f})"
-    reason = Refusal("improbable", probability, text)
-    return replace(result, target_from_source=None, covariance=None, reason=reason)
 
 
 def _refused(reason: Refusal) -> Registration:
@@ -191,14 +190,12 @@ def _without_candidate(
 ) -> Refusal:
     if config.gravity:
         return Refusal("no-match", 0, "a cloud shows nothing above the ground nearby")
-    features = min(source.features, target.features)
-    if features < FEWEST_FEATURES:
-        text = (
-            f"{features} points of a cloud have neighbours within {config.search_voxel:g} m, "
-            f"fewer than {FEWEST_FEATURES}: too sparse for a search"
-        )
-        return Refusal("no-features", features, text)
-    return Refusal("no-match", 0, "fewer than three features of the clouds match")
+    features = min(source.searched_clouds[0].features, target.searched_clouds[0].features)
+    text = (
+        f"{features} points of a cloud have neighbours within {config.search_voxel:g} m, "
+        f"fewer than {FEWEST_FEATURES}: too sparse for a search"
+    )
+    return Refusal("no-features", features, text)
 
 
 class _Candidate(NamedTuple):
@@ -208,13 +205,23 @@ class _Candidate(NamedTuple):
     information: Floats
     overlap: float
     tilt: float
+    colors: ColorDifference | None
+
+    @property
+    def probability(self) -> float:
+        """That it is right."""
+        return pose_probability(self.overlap, self.colors)
 
     def rank(self, config: RegistrationConfig) -> tuple[bool, float]:
-        """Upright poses first, then by overlap."""
-        return self._upright(config), self.overlap
+        """Upright poses first, then by probability."""
+        return self._upright(config), self.probability
 
     def refusal(self, config: RegistrationConfig) -> Refusal | None:
         """Return why the pose is refused; None if it is not."""
+        return self.misfit(config) or self.doubt(config)
+
+    def misfit(self, config: RegistrationConfig) -> Refusal | None:
+        """Return why the pose cannot be right."""
         if not self._upright(config):
             text = f"tilted by {self.tilt:.1f} deg, more than {config.max_tilt:g}"
             return Refusal("tilted", self.tilt, text)
@@ -222,6 +229,16 @@ class _Candidate(NamedTuple):
             text = f"overlap {self.overlap:.2f}, less than {config.min_overlap:g}"
             return Refusal("low-overlap", self.overlap, text)
         return None
+
+    def doubt(self, config: RegistrationConfig) -> Refusal | None:
+        """Return that the pose is too improbable."""
+        least = _LEAST if config.min_probability is None else config.min_probability
+        if self.probability >= least:
+            return None
+        text = (
+            f"probability {self.probability:.2f}, less than {least:g} (overlap {self.overlap:.2f})"
+        )
+        return Refusal("improbable", self.probability, text)
 
     def _upright(self, config: RegistrationConfig) -> bool:
         return not config.gravity or self.tilt <= config.max_tilt
@@ -232,6 +249,7 @@ def _candidates(
     target: PreparedCloud,
     guess: Matrix | None,
     search: bool,
+    thorough: bool,
     config: RegistrationConfig,
 ) -> Iterator[_Candidate]:
     """Refined poses, the cheaper first."""
@@ -239,9 +257,12 @@ def _candidates(
     def refined(start: Matrix, distance: float) -> tuple[Matrix, Floats]:
         return refine(source.refined, target.refined, start, distance, config.iterations)
 
+    def refined_once(start: Matrix) -> _Candidate:
+        return _judged(source, target, *refined(start, config.distance), config)
+
     def refined_twice(start: Matrix) -> _Candidate:
         near, _ = refined(start, config.guess_distance)
-        return _judged(source, target, *refined(near, config.distance), config)
+        return refined_once(near)
 
     if guess is not None:
         yield refined_twice(guess)
@@ -250,10 +271,22 @@ def _candidates(
     if config.gravity:
         for found in search_poses(source, target):
             yield refined_twice(found.pose)
-    elif min(source.features, target.features) >= FEWEST_FEATURES:
-        pose = search_pose(source.search_points, target.search_points, config.search_voxel)
-        if pose is not None:
-            yield _judged(source, target, *refined(pose, config.distance), config)
+        return
+    (few, its_few), (dense, its_dense) = zip(
+        source.searched_clouds, target.searched_clouds, strict=True
+    )
+    if min(few.features, its_few.features) < FEWEST_FEATURES:
+        return
+    yield from map(refined_once, _search(few, its_few, config))
+    if guess is None:
+        yield refined_twice(np.eye(4))
+    if thorough and min(dense.features, its_dense.features) >= FEWEST_FEATURES:
+        yield from map(refined_once, _search(dense, its_dense, config))
+
+
+def _search(one: SearchedCloud, other: SearchedCloud, config: RegistrationConfig) -> list[Matrix]:
+    pose = search_pose(one.points, other.points, config.search_voxel)
+    return [] if pose is None else [pose]
 
 
 def _judged(
@@ -267,7 +300,8 @@ def _judged(
     distance = config.overlap_distance
     there = _overlap(source, target, pose, distance)
     back = _overlap(target, source, np.linalg.inv(pose).astype(np.float64), distance)
-    return _Candidate(pose, information, min(there, back), tilt)
+    colors = _color_difference(source, target, pose, distance)
+    return _Candidate(pose, information, min(there, back), tilt, colors)
 
 
 def _overlap(
@@ -282,10 +316,10 @@ def _overlap(
 
 
 def _color_difference(
-    source: PreparedCloud, target: PreparedCloud, pose: Matrix | None, distance: float
+    source: PreparedCloud, target: PreparedCloud, pose: Matrix, distance: float
 ) -> ColorDifference | None:
     """Compare the colours of a cloud's points and of their neighbours in the other."""
-    if pose is None or source.colors is None or target.colors is None:
+    if source.colors is None or target.colors is None:
         return None
     points, colors = source.colored_above
     some = slice(None, None, 1 + len(points) // _MOST_COMPARED)

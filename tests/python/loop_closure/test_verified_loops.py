@@ -22,8 +22,9 @@ from fusionslam import (
     LoopConfig,
     LoopDetector,
 )
+from fusionslam.loop_closure import verification
 from fusionslam.loop_closure.sequence_gate import SequenceGate
-from fusionslam.registration import Refusal, RegistrationConfig
+from fusionslam.registration import Refusal, Registration, RegistrationConfig
 from fusionslam.storage.arrays import Matrix
 from worlds import AHEAD, room, scan, seen_from
 
@@ -77,6 +78,22 @@ def test_places_are_found_in_the_opposite_direction_with_their_poses(
         assert loop.covariance.shape == (6, 6)
         assert loop.overlap is not None and loop.overlap > 0.6
         assert loop.probability is not None and loop.probability >= 0.95
+
+
+def test_without_gravity_the_nearest_candidates_are_searched_thoroughly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    thorough: list[bool] = []
+
+    def no_pose(*_: Any, **options: Any) -> Registration:
+        thorough.append(options["thorough"])
+        return Registration(None, None, reason=Refusal("no-match", 0, ""))
+
+    monkeypatch.setattr(verification, "register", no_pose)
+    free = RegistrationConfig(gravity=False)
+    detector = new_detector(registration=free, config=LoopConfig(refined=2))
+    drive(detector, 0, 9)
+    assert thorough[-5:] == [True, True, False, False, False]
 
 
 def test_the_nearest_and_the_rejected_are_known_of_the_last_frame() -> None:

@@ -18,7 +18,14 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from fusionslam import Cloud
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
-from fusionslam.registration import PreparedCloud, Registration, RegistrationConfig, register
+from fusionslam.registration import (
+    PreparedCloud,
+    Registration,
+    RegistrationConfig,
+    pose_estimation,
+    register,
+)
+from fusionslam.registration.map_extra import search_pose
 from fusionslam.storage.arrays import Floats, Matrix, Points
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
@@ -266,6 +273,59 @@ def test_few_points_are_a_reason(count: int, scans: tuple[Points, Points]) -> No
         assert (refused.reason.code, refused.reason.number) == ("few-points", count)
         assert refused.estimate is None
         assert refused.overlap == 0
+
+
+NEAR = HERE @ pose_of(0.6, -0.4, 0.1, 1, -2, 4)
+"""A pose from which a view looks like that from HERE."""
+
+
+def test_views_from_nearly_one_pose_are_registered_though_no_features_match(
+    scans: tuple[Points, Points], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pose_estimation, "search_pose", lambda *_: None)
+    found = register(scan_blocks(NEAR, 3), scans[1], thorough=False, config=FREE)
+    assert np.abs(error_between(found.target_from_source, np.linalg.inv(HERE) @ NEAR)).max() < 0.05
+    assert not register(*scans, thorough=False, config=FREE).accepted
+
+
+def test_a_thorough_search_matches_the_features_of_all_voxels(
+    scans: tuple[Points, Points], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, target = (PreparedCloud(cloud, FREE) for cloud in scans)
+    searched: list[tuple[int, int]] = []
+
+    def search(one: Points, other: Points, voxel: float) -> Matrix | None:
+        searched.append((len(one), len(other)))
+        return search_pose(one, other, voxel) if len(searched) % 2 == 0 else None
+
+    monkeypatch.setattr(pose_estimation, "search_pose", search)
+    quick = register(source, target, thorough=False)
+    searched.clear()
+    found = register(source, target)
+    assert not quick.accepted
+    assert np.abs(error_between(found.target_from_source, TRUTH)).max() < 0.05
+    few = len(source.search_points), len(target.search_points)
+    assert searched == [few, (len(source), len(target))]
+    assert len(source) > few[0] > 0
+
+
+def test_the_pose_with_the_right_colours_wins_over_one_with_as_much_overlap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(5)
+    half = rng.uniform([-20, 8, -2], [20, 9, 6], (4000, 3))
+    half[::4] = rng.uniform([10, -8, -2], [11, 8, 6], (1000, 3))
+    turn = pose_of(0, 0, 0, 0, 0, 180)
+    points = np.concatenate([half, half @ turn[:3, :3].T]).astype(np.float32)
+    colors = rng.integers(0, 80, (40, 8, 3), dtype=np.uint8)  # of patches, 1 m wide
+    shades = colors[(points[:, 0] + 20).astype(int) % 40, (points[:, 2] + 2).astype(int) % 8]
+    shades[4000:] += np.uint8(150)
+    cloud = Cloud(points, shades)
+    monkeypatch.setattr(pose_estimation, "search_pose", lambda *_: turn)
+    found = register(cloud, cloud, thorough=False, config=FREE)
+    assert np.abs(error_between(found.target_from_source, np.eye(4))).max() < 0.01
+    bare = register(points, points, thorough=False, config=FREE)
+    assert np.abs(error_between(bare.target_from_source, turn)).max() < 0.01
 
 
 def test_scattered_points_have_no_features() -> None:
