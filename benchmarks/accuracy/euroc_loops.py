@@ -125,16 +125,19 @@ def main() -> None:
         candidates=candidates,
         registration=RegistrationConfig(gravity=False),
     )
-    revisits: set[int] = set()
+    revisits: dict[int, set[int]] = {}
+    proposed: dict[int, set[int]] = {}
     loops: dict[int, Loop] = {}
     for number, stamp in enumerate(stamps.tolist()):
         found = detector.add(flight.cloud(number), stamp_ns=stamp)
         if found is not None:
             loops[number] = found
-        for earlier in np.flatnonzero(stamps < stamp - APART_S * 1e9):
+        best = detector.nearest
+        proposed[number] = {each.match for each in (best, *detector.rejected) if each is not None}
+        for earlier in np.flatnonzero(stamps < stamp - APART_S * 1e9).tolist():
             metres, degrees = differences(poses[earlier], poses[number])
             if metres <= NEAR_M and degrees <= NEAR_DEG:
-                revisits.add(number)
+                revisits.setdefault(number, set()).add(earlier)
     errors: dict[int, tuple[float, float]] = {}
     for number, loop in loops.items():
         assert loop.match_from_query is not None
@@ -144,7 +147,10 @@ def main() -> None:
     off = [errors[number][0] for number in right]
     print(f"{len(stamps)} keyframes, {len(revisits)} revisits; {detector!r}")
     print(f"{len(loops)} loops, {len(loops) - len(right)} wrong (> {RIGHT_M} m, {RIGHT_DEG} deg)")
-    print(f"recall of the revisits {len(right & revisits) / len(revisits):.2f}")
+    missed = revisits.keys() - right
+    print(f"recall of the revisits {1 - len(missed) / len(revisits):.2f}")
+    unseen = sum(revisits[number].isdisjoint(proposed[number]) for number in missed)
+    print(f"missed: {unseen} without a candidate of the place, {len(missed) - unseen} not proven")
     if off:
         print(f"error: median {np.median(off):.3f} m, most {max(off):.3f} m")
 
