@@ -201,10 +201,12 @@ struct NumbersArg {
 inline constexpr char projection_name[] = "projection";
 inline constexpr char transform_name[] = "transform";
 inline constexpr char camera_matrix_name[] = "camera_matrix";
+inline constexpr char covariance_name[] = "covariance";
 inline constexpr char rectification_name[] = "rectification";
 using ProjectionArg = MatrixArg<3, 4, projection_name>;
 using TransformArg = MatrixArg<4, 4, transform_name>;
 using CameraMatrixArg = MatrixArg<3, 3, camera_matrix_name>;
+using CovarianceArg = MatrixArg<6, 6, covariance_name>;
 using RectificationArg = MatrixArg<3, 3, rectification_name>;
 
 /// float (D,), or (N, D) for a table.
@@ -283,6 +285,7 @@ Value part_of_state(const py::object& state, std::size_t i, std::size_t parts, c
 
 void bind_descriptors(py::module_& module);
 void bind_fusion(py::module_& module);
+void bind_mapping(py::module_& module);
 void bind_matching(py::module_& module);
 void bind_ratslam_experience_map(py::module_& module);
 void bind_ratslam_pose_cells(py::module_& module);
@@ -331,6 +334,7 @@ FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::RangesArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ProjectionArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::TransformArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::CameraMatrixArg, "numpy.float64");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::CovarianceArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::RectificationArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DistortionArg, "numpy.float64");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::NumbersArg, "numpy.float64");

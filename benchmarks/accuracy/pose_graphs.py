@@ -10,7 +10,6 @@ looks like another one. Times are those of one thread.
 """
 
 import argparse
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'OdometryTree', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -339,6 +339,94 @@ class BevSpectrumConfig:
     def height(self) -> float:
         """
         height of the cloud's origin above the ground [m]
+        """
+class DriftConfig:
+    """
+    How the error of odometry grows with motion.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def drift_heading(self) -> float:
+        """
+        standard deviation of its heading after one metre [rad/sqrt(m)]
+        """
+    @property
+    def drift_height(self) -> float:
+        """
+        standard deviation of its position along z after one metre [m/sqrt(m)]
+        """
+    @property
+    def drift_m(self) -> float:
+        """
+        standard deviation of odometry's position after one metre, along x and y [m/sqrt(m)]
+        """
+    @property
+    def drift_tilt(self) -> float:
+        """
+        standard deviation of its roll and pitch after one metre [rad/sqrt(m)]
+        """
+    @property
+    def drift_turn(self) -> float:
+        """
+        standard deviation of its rotation after a turn of one radian [rad/sqrt(rad)]
+        """
+class OdometryTree:
+    """
+    Poses of nodes by odometry alone, and the drift between any two that it connects.
+    """
+    def __getstate__(self) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]:
+        ...
+    def __init__(self) -> None:
+        ...
+    def __len__(self) -> int:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    def add(self, parent: typing.SupportsInt | typing.SupportsIndex, step: numpy.typing.NDArray[numpy.float64], covariance: numpy.typing.NDArray[numpy.float64], *, backwards: bool = False) -> int:
+        """
+        Adds the node at the other end of a step parent_from_node (backwards: node_from_parent); returns its number.
+        """
+    def add_root(self, pose: numpy.typing.NDArray[numpy.float64]) -> int:
+        """
+        Adds a node at which odometry begins; returns its number.
+        """
+    def drift(self, a: typing.SupportsInt | typing.SupportsIndex, b: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        float64 (6, 6), covariance of the error of a_from_b by odometry.
+        """
+    def fit(self, a: typing.SupportsInt | typing.SupportsIndex, b: typing.SupportsInt | typing.SupportsIndex, error: typing.Annotated[collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(6)"], covariance: numpy.typing.NDArray[numpy.float64], sigmas: typing.SupportsFloat | typing.SupportsIndex) -> tuple[float, float, float, float]:
+        """
+        Compares a measured pose a_from_b with odometry: the values of DriftFit. The error is the small motion from where the measurement has b to where odometry has it.
+        """
+    def pose(self, node: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        float64 (4, 4), of a node.
+        """
+    def root(self, node: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        The node at which its odometry begins.
+        """
+    @property
+    def poses(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        float64 (n, 4, 4), of all nodes.
+        """
+    @property
+    def roots(self) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        int64 (n), of all nodes.
         """
 class DescriptorIndex:
     """
@@ -1339,6 +1427,17 @@ def depth_image(points: numpy.typing.NDArray[numpy.float32], projection: numpy.t
     """
     Depth along the optical axis of the nearest point in each pixel: float32 (height, width),
     metres, 0 where there is none. Arguments and errors as colorize.
+    """
+def drift_covariance(config: DriftConfig, motion: numpy.typing.NDArray[numpy.float64]) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Covariance of odometry's error over a motion.
+    
+    Args:
+        config: how the error grows.
+        motion: float64 (4, 4), rigid: from where the robot was to where it is.
+    
+    Returns:
+        float64 (6, 6), as that of an ``Edge``.
     """
 def drop_invalid(points: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.NDArray[numpy.int64]:
     """

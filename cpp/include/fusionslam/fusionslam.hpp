@@ -7,6 +7,7 @@
 #include "fusionslam/errors.hpp"
 #include "fusionslam/fusion.hpp"
 #include "fusionslam/interrupt.hpp"
+#include "fusionslam/mapping.hpp"
 #include "fusionslam/matching.hpp"
 #include "fusionslam/ratslam/experience_map.hpp"
 #include "fusionslam/ratslam/pose_cells.hpp"

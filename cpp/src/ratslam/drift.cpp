@@ -3,18 +3,10 @@
 #include "drift.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "../detail/interrupt.hpp"
 
 namespace fusionslam::detail {
-
-double Drift::largest() const { return (xx + yy) / 2 + std::hypot((xx - yy) / 2, xy); }
-
-double Drift::along(double x, double y) const {
-  const double square = x * x + y * y;
-  return square > 0 ? (xx * x * x + 2 * xy * x * y + yy * y * y) / square : largest();
-}
 
 DriftSearch::DriftSearch(const MapArrays& map, std::int64_t from, double limit)
     : map_(map), from_(from), limit_(limit), waiting_{{0, from}} {
@@ -51,12 +43,8 @@ Drift DriftSearch::drift(std::int64_t node, const Pose2& pose) const {
   while (node != from_) {
     const Link& link = map_.links[reached_.at(node).link];
     const Pose2& end = map_.nodes[node];
-    const double dx = pose.x - end.x, dy = pose.y - end.y;
-    const double m = link.measure.variance_m, rad = link.measure.variance_rad;
-    drift.xx += m + rad * dy * dy;
-    drift.xy -= rad * dx * dy;
-    drift.yy += m + rad * dx * dx;
-    drift.rotation += rad;
+    drift.add(Drift::isotropic(link.measure.variance_m, link.measure.variance_rad),
+              {pose.x - end.x, pose.y - end.y});
     node = link.source == node ? link.target : link.source;
   }
   return drift;

@@ -11,15 +11,8 @@
 
 namespace fusionslam::detail {
 
-/// Uncertainty of a place relative to another one, along links.
-struct Drift {
-  double xx = 0, xy = 0, yy = 0;  ///< m^2, in the frame of the map
-  double rotation = 0;            ///< rad^2
-
-  /// Variance in a direction; of no direction, the largest.
-  double along(double x, double y) const;
-  double largest() const;
-};
+/// Uncertainty of a place relative to another one, along links, in the frame of the map.
+using Drift = PoseDrift<2, 1>;
 
 /// Paths of least drift from one node to others (Dijkstra; a radian counts as a metre). Searches no
 /// farther than necessary.

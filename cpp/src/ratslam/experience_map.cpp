@@ -49,11 +49,11 @@ Measure measure_odometry(const MapArrays& map, const Pose2& node) {
   measure.heading = wrap_angle(std::atan2(map.dy, map.dx) - node.heading);
   measure.facing = wrap_angle(map.facing - node.heading);
   measure.duration = map.seconds;
-  // On a path of length d, a heading error that grows as a random walk moves the end by d / sqrt(3)
-  // times its final deviation; one present from the start, by d times.
+  // A heading error that is present from the start moves the end by all of the distance.
   const double square = measure.distance * measure.distance;
   measure.variance_m = least_variance + map.variance_m + map.arrived_m +
-                       (map.variance_rad / 3 + map.arrived_rad) * square;
+                       swing_variance(map.variance_rad, measure.distance) +
+                       map.arrived_rad * square;
   measure.variance_rad = least_variance + map.variance_rad + map.arrived_rad;
   return measure;
 }
@@ -213,9 +213,9 @@ void ExperienceMap::on_odometry(double v, double w, double dt) {
                     " s: expected finite values, no way, turn or time beyond 1e12, and a time that "
                     "is not negative");
   map.dx = dx, map.dy = dy, map.facing = facing, map.seconds = seconds;
-  map.variance_m += config.drift_m * config.drift_m * std::abs(way);
-  map.variance_rad += config.drift_turn * config.drift_turn * std::abs(turn) +
-                      config.drift_heading * config.drift_heading * std::abs(way);
+  map.variance_m += place_variance(config.drift_m, std::abs(way));
+  map.variance_rad +=
+      turn_variance(config.drift_turn, std::abs(turn), config.drift_heading, std::abs(way));
 }
 
 LoopCheck ExperienceMap::check(const MapAction& action) {

@@ -49,7 +49,7 @@ class Companion {
     const double turn = wrap_angle(own.between.heading - seen.between.heading);
     const double sigmas = map_.config.sigmas;
     return std::hypot(x, y) <= sigmas * std::sqrt(largest + 2 * place_m * place_m) &&
-           std::abs(turn) <= sigmas * std::sqrt(own.drift.rotation + seen.drift.rotation +
+           std::abs(turn) <= sigmas * std::sqrt(own.drift.turn(0, 0) + seen.drift.turn(0, 0) +
                                                 2 * place_rad * place_rad);
   }
 
@@ -102,13 +102,17 @@ void remember(MapArrays& map, const Pending& loop) {
 
 LoopCheck compare_with_map(const MapArrays& map, const Pending& loop, const Drift& drift) {
   const Pose2 robot = map.pose(), claimed = compose(map.nodes[loop.target], loop.place);
-  const double x = claimed.x - robot.x, y = claimed.y - robot.y;
-  LoopCheck check;
-  check.error_m = std::hypot(x, y);
-  check.error_rad = std::abs(wrap_angle(claimed.heading - robot.heading));
   // With the variances of the motion since the current node and of the view.
-  check.allowed_m = map.config.sigmas * std::sqrt(drift.along(x, y) + loop.measure.variance_m);
-  check.allowed_rad = map.config.sigmas * std::sqrt(drift.rotation + loop.measure.variance_rad);
+  Drift total = drift;
+  total.add(Drift::isotropic(loop.measure.variance_m, loop.measure.variance_rad), {0, 0});
+  const DriftFit fit =
+      total.fit({claimed.x - robot.x, claimed.y - robot.y},
+                Drift::Turn(wrap_angle(claimed.heading - robot.heading)), map.config.sigmas);
+  LoopCheck check;
+  check.error_m = fit.error_m;
+  check.error_rad = fit.error_rad;
+  check.allowed_m = fit.allowed_m;
+  check.allowed_rad = fit.allowed_rad;
   check.accepted = check.error_m <= check.allowed_m && check.error_rad <= check.allowed_rad;
   return check;
 }
@@ -132,7 +136,7 @@ Arrival arrival_by(const MapArrays& map, const Pending& loop) {
     return {loop.place, place_m, place_rad};
   // The variances of the link hold those of the motion since the current node and of the view.
   const double m = drift->largest() + loop.measure.variance_m - place_m;
-  const double rad = drift->rotation + loop.measure.variance_rad - place_rad;
+  const double rad = drift->turn(0, 0) + loop.measure.variance_rad - place_rad;
   const double share_m = m / (m + place_m), share_rad = rad / (rad + place_rad);
   const Pose2 seen = relative_pose(map.nodes[loop.target], map.pose());
   return {{seen.x + share_m * (loop.place.x - seen.x), seen.y + share_m * (loop.place.y - seen.y),
@@ -154,7 +158,7 @@ LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   const Pending loop = build_loop(map, action);
   // A target without a path to it may be anywhere.
   const Drift drift = drift_since(map, loop.target, without_limit)
-                          .value_or(Drift{without_limit, 0, without_limit, without_limit});
+                          .value_or(Drift::isotropic(without_limit, without_limit));
   LoopCheck check = compare_with_map(map, loop, drift);
   if (!map.robust()) {
     check.accepted = true;

@@ -8,15 +8,13 @@
 #include <numbers>
 #include <vector>
 
+#include "../mapping/pose_drift.hpp"
 #include "fusionslam/ratslam/experience_map.hpp"
 
 namespace fusionslam::detail {
 
 /// No length, angle, time or variance of a map is larger; squares and sums of such are finite.
 constexpr double largest_value = 1e12;
-
-/// Variance that every measure has at least: 0 would give a link unlimited weight.
-constexpr double least_variance = 1e-6;
 
 /// Share of a measure's variance below which more measures do not lower that of their mean,
 /// because systematic errors of odometry do not average out.

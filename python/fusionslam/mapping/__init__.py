@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the poses that loops prove."""
 
+from fusionslam.mapping.drift import DriftModel
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.pose_graph import PoseGraph, Solution
 
-__all__ = ["Edge", "PoseGraph", "Solution"]
+__all__ = ["DriftModel", "Edge", "PoseGraph", "Solution"]

@@ -53,43 +53,65 @@ def load() -> Any:
     return gtsam
 
 
-def optimize(poses: Floats, measurements: Sequence[Measurement], fixed: Integers) -> Floats:
-    """Move poses until measurements fit best: Levenberg and Marquardt, on one thread.
+class Solver:
+    """Moves poses until measurements fit best: Levenberg and Marquardt, on one thread.
 
     Args:
         poses: float64 (n, 4, 4), where to begin.
-        measurements: between rows of ``poses``.
+        measurements: between rows of ``poses``, part of every solution.
         fixed: int64 (k), rows that stay; at least one of each part that measurements connect.
-
-    Returns:
-        float64 (n, 4, 4).
+        scale: factor on the stated deviations of these measurements.
 
     Raises:
-        FusionSlamError: GTSAM is not installed (code "missing-extra"), or the measurements do not
-            determine the poses ("not-solvable").
+        FusionSlamError: GTSAM is not installed (code "missing-extra").
     """
-    gtsam = load()
-    graph = gtsam.NonlinearFactorGraph()
-    hold = gtsam.noiseModel.Isotropic.Sigma(6, _FIXED)
-    for row in fixed.tolist():
-        graph.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(poses[row]), hold))
-    order = np.ix_(_THEIRS, _THEIRS)
-    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(_CAUCHY_WIDTH)
-    for a, b, pose, covariance, robust in measurements:
-        noise = gtsam.noiseModel.Gaussian.Covariance(covariance[order])
-        if robust:
-            noise = gtsam.noiseModel.Robust.Create(cauchy, noise)
-        graph.add(gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(pose), noise))
-    start = gtsam.Values()
-    for row, pose in enumerate(poses):
-        start.insert(row, gtsam.Pose3(pose))
-    try:
-        solved = gtsam.LevenbergMarquardtOptimizer(graph, start).optimize()
-    except RuntimeError as error:
-        raise FusionSlamError(
-            f"the pose graph cannot be solved: {error}", code="not-solvable"
-        ) from error
-    return _rows(gtsam.utilities.extractPose3(solved))
+
+    def __init__(
+        self,
+        poses: Floats,
+        measurements: Sequence[Measurement],
+        fixed: Integers,
+        scale: float = 1.0,
+    ) -> None:
+        self._gtsam = load()
+        self._base = self._gtsam.NonlinearFactorGraph()
+        hold = self._gtsam.noiseModel.Isotropic.Sigma(6, _FIXED)
+        for row in fixed.tolist():
+            pose = self._gtsam.Pose3(poses[row])
+            self._base.add(self._gtsam.PriorFactorPose3(row, pose, hold))
+        self._add(self._base, measurements, scale)
+        self._values = self._gtsam.Values()
+        for row, pose in enumerate(poses):
+            self._values.insert(row, self._gtsam.Pose3(pose))
+
+    def solve(self, measurements: Sequence[Measurement]) -> Floats:
+        """Solve with further measurements, from where the last solution was.
+
+        Returns:
+            float64 (n, 4, 4).
+
+        Raises:
+            FusionSlamError: the measurements do not determine the poses (code "not-solvable").
+        """
+        graph = self._gtsam.NonlinearFactorGraph(self._base)
+        self._add(graph, measurements)
+        try:
+            optimizer = self._gtsam.LevenbergMarquardtOptimizer(graph, self._values)
+            self._values = optimizer.optimize()
+        except RuntimeError as error:
+            raise FusionSlamError(
+                f"the pose graph cannot be solved: {error}", code="not-solvable"
+            ) from error
+        return _rows(self._gtsam.utilities.extractPose3(self._values))
+
+    def _add(self, graph: Any, measurements: Sequence[Measurement], scale: float = 1.0) -> None:
+        gtsam, order = self._gtsam, np.ix_(_THEIRS, _THEIRS)
+        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(_CAUCHY_WIDTH)
+        for a, b, pose, covariance, robust in measurements:
+            noise = gtsam.noiseModel.Gaussian.Covariance(scale**2 * covariance[order])
+            if robust:
+                noise = gtsam.noiseModel.Robust.Create(cauchy, noise)
+            graph.add(gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(pose), noise))
 
 
 def _rows(values: Floats) -> Floats:

@@ -4,27 +4,22 @@
 
 import time
 from collections import defaultdict, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from fusionslam._core import OdometryTree
 from fusionslam.errors import DataError
-from fusionslam.geometry.se3 import adjoint, inverse, log
-from fusionslam.mapping.drift import OdometryTree
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance, check_kind, check_pose
-from fusionslam.mapping.gtsam_extra import Measurement, load, optimize
+from fusionslam.mapping.edge_errors import CHI2_999, chi_squares, edge_errors
+from fusionslam.mapping.gtsam_extra import Measurement, Solver, load
+from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
-FEWEST_MERGES = 3
-"""Edges between two sessions that must agree with each other before these are joined."""
-
-_MOST_MERGES = 100  # compared between two sessions; spread over all of them
 _MOST_ROUNDS = 4  # of solving with the loops that fit
-_CHI2_6_99 = 16.811893829770927  # scipy.stats.chi2.ppf(.99, 6), without its import
-_CHI2_6_999 = 22.457744484825323
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +148,23 @@ class PoseGraph:
         loops = [edge for edge in self._edges if edge.kind != "odometry"]
         within = [edge for edge in loops if sessions[edge.a] == sessions[edge.b]]
         across = [edge for edge in loops if sessions[edge.a] != sessions[edge.b]]
-        refusals = self._gate(within)
+        refusals = self._gate(poses, within)
         if within:
             poses, refusals = self._solve_robustly(poses, within, refusals, sessions)
         parts = sessions
         if across:
-            joined, poses, parts = self._join(poses, sessions, across)
-            if joined:
-                poses, refusals = self._solve_robustly(poses, within + joined, refusals, parts)
-            refusals |= self._refuse_merges(across, joined, sessions)
+            joined = join_sessions(poses, sessions, across, self._drift)
+            parts = joined.parts
+            asked = [edge for edge in across if parts[edge.a] == parts[edge.b]]
+            if asked:
+                poses, refusals = self._solve_robustly(
+                    joined.poses, within + asked, refusals, parts
+                )
+            refusals |= {
+                edge.number: _refuse_merge(joined.agreeing[session_pair(edge, sessions)])
+                for edge in across
+                if parts[edge.a] != parts[edge.b]
+            }
         for edge in loops:
             reason = refusals.get(edge.number)
             state: State = "believed" if reason is None else "refused"
@@ -201,7 +204,7 @@ class PoseGraph:
         known = [node in places for node in (edge.a, edge.b)]
         if all(known):
             a, b = places[edge.a], places[edge.b]
-            return self._tree.roots[a] == self._tree.roots[b]
+            return self._tree.root(a) == self._tree.root(b)
         parent, node = (edge.a, edge.b) if known[0] else (edge.b, edge.a)
         self._put(node)
         self._tree.add(places[parent], edge.pose, edge.covariance, backwards=not known[0])
@@ -248,7 +251,7 @@ class PoseGraph:
 
     def _sessions(self) -> Integers:
         """int64 (n): the first node of each node's session."""
-        roots = np.array(self._tree.roots, np.int64)
+        roots = self._tree.roots
         placed = np.array(self._placed, np.int64)
         sessions = np.empty(len(self), np.int64)
         sessions[placed] = placed[roots] if len(self) else placed
@@ -257,22 +260,24 @@ class PoseGraph:
     def _odometry_poses(self) -> Floats:
         poses = np.empty((len(self), 4, 4))
         if len(self):
-            poses[self._placed] = np.array(self._tree.poses)
+            poses[self._placed] = self._tree.poses
         return poses
 
-    def _gate(self, loops: Iterable[Edge]) -> dict[int, Refusal]:
-        """Refuse the loops that odometry contradicts."""
+    def _gate(self, poses: Floats, loops: Sequence[Edge]) -> dict[int, Refusal]:
+        """Refuse the loops that contradict odometry, which has the nodes at ``poses``."""
         refusals = {}
-        for edge in loops:
+        for edge, error in zip(loops, edge_errors(poses, loops), strict=True):
             a, b = self._place[edge.a], self._place[edge.b]
-            fit = self._tree.fit(a, b, edge.pose, edge.covariance, self._sigmas)
-            if fit.excess > 1:
+            fit = self._tree.fit(a, b, error, edge.covariance, self._sigmas)
+            error_m, error_rad, allowed_m, allowed_rad = fit
+            excess = max(error_m / allowed_m, error_rad / allowed_rad)
+            if excess > 1:
                 refusals[edge.number] = Refusal(
                     "contradicts-odometry",
-                    float(fit.excess),
-                    f"{fit.error_m:.3g} m and {np.degrees(fit.error_rad):.3g} degrees from where "
-                    f"odometry has the node, {fit.allowed_m:.3g} m and "
-                    f"{np.degrees(fit.allowed_rad):.3g} degrees are to be expected",
+                    excess,
+                    f"{error_m:.3g} m and {np.degrees(error_rad):.3g} degrees from where odometry "
+                    f"has the node, {allowed_m:.3g} m and {np.degrees(allowed_rad):.3g} degrees "
+                    "are to be expected",
                 )
         return refusals
 
@@ -284,136 +289,43 @@ class PoseGraph:
         Returns:
             The poses, and why the remaining ones are refused.
         """
-        fixed = np.unique(parts)
-        odometry = [_measure(edge) for edge in self._edges if edge.kind == "odometry"]
+        solver = Solver(poses, self._odometry(), np.unique(parts))
         robust = [_measure(edge, robust=True) for edge in loops if edge.number not in refused]
         if robust:
-            poses = optimize(poses, odometry + robust, fixed)
-        squares = _chi_squares(poses, loops)
+            poses = solver.solve(robust)
+        squares = chi_squares(poses, loops)
         for _ in range(_MOST_ROUNDS if robust else 0):
-            kept = squares <= _CHI2_6_999
-            believed = [_measure(edge) for edge, keep in zip(loops, kept, strict=True) if keep]
-            poses = optimize(poses, odometry + believed, fixed)
-            squares = _chi_squares(poses, loops)
-            if np.array_equal(kept, squares <= _CHI2_6_999):
+            kept = squares <= CHI2_999
+            poses = solver.solve([_measure(loops[k]) for k in np.flatnonzero(kept)])
+            squares = chi_squares(poses, loops)
+            if np.array_equal(kept, squares <= CHI2_999):
                 break
         refusals = {}
         for edge, square in zip(loops, squares.tolist(), strict=True):
-            if square > _CHI2_6_999:
+            if square > CHI2_999:
                 refusals[edge.number] = refused.get(edge.number) or Refusal(
                     "contradicts-graph",
                     square,
                     f"its chi square is {square:.3g} where the other edges have the nodes, "
-                    f"{_CHI2_6_999:.3g} is to be expected",
+                    f"{CHI2_999:.3g} is to be expected",
                 )
         return poses, refusals
 
-    def _join(
-        self, poses: Floats, sessions: Integers, across: Sequence[Edge]
-    ) -> tuple[list[Edge], Floats, Integers]:
-        """Move sessions that enough edges connect to each other.
+    def _odometry(self) -> list[Measurement]:
+        return [_measure(edge) for edge in self._edges if edge.kind == "odometry"]
 
-        Returns:
-            The edges between joined sessions, the moved poses, and the parts of the nodes.
-        """
-        parts, poses = sessions.copy(), poses.copy()
-        groups = self._agreeing_merges(poses, sessions, across)
-        for group in sorted(groups.values(), key=len, reverse=True):
-            if len(group) < FEWEST_MERGES:
-                continue
-            edge = min(group, key=lambda each: float(np.trace(each.covariance)))
-            first, other = parts[edge.a], parts[edge.b]
-            if first == other:
-                continue
-            move = poses[edge.a] @ edge.pose @ inverse(poses[edge.b])
-            if other < first:
-                first, other, move = other, first, inverse(move)
-            poses[parts == other] = move @ poses[parts == other]
-            parts[parts == other] = first
-        joined = [edge for edge in across if parts[edge.a] == parts[edge.b]]
-        return joined, poses, parts
+    def _drift(self, a: int, b: int) -> Floats:
+        return self._tree.drift(self._place[a], self._place[b])
 
-    def _agreeing_merges(
-        self, poses: Floats, sessions: Integers, across: Iterable[Edge]
-    ) -> dict[tuple[int, int], list[Edge]]:
-        """The largest group of edges that agree with each other, for each two sessions."""
-        between = defaultdict(list)
-        for edge in across:
-            ends = int(sessions[edge.a]), int(sessions[edge.b])
-            between[min(ends), max(ends)].append(edge)
-        groups = {}
-        for pair, edges in between.items():
-            spread = np.unique(np.linspace(0, len(edges) - 1, _MOST_MERGES).astype(int))
-            groups[pair] = self._largest_group([edges[k] for k in spread], poses, sessions)
-        return groups
 
-    def _largest_group(self, edges: list[Edge], poses: Floats, sessions: Integers) -> list[Edge]:
-        """Found greedily from each of them. Edges with a common node are no two witnesses."""
-        ends = [self._ends(edge, sessions) for edge in edges]
-        agree = np.zeros((len(edges), len(edges)), np.bool_)
-        for i, one in enumerate(ends):
-            for j, other in enumerate(ends[:i]):
-                agree[i, j] = agree[j, i] = self._agree(poses, one, other)
-        best: list[int] = []
-        for first in range(len(edges)):
-            group = [first]
-            for i in np.argsort(-agree.sum(axis=1), kind="stable").tolist():
-                if i not in group and agree[i, group].all():
-                    group.append(i)
-            best = max(best, group, key=len)
-        return [edges[i] for i in best]
-
-    def _ends(self, edge: Edge, sessions: Integers) -> tuple[int, int, Matrix, Floats]:
-        """An edge as if it led from the earlier session to the later one."""
-        if sessions[edge.a] < sessions[edge.b]:
-            return edge.a, edge.b, edge.pose, edge.covariance
-        carry = adjoint(edge.pose)
-        return edge.b, edge.a, inverse(edge.pose), carry @ edge.covariance @ carry.T
-
-    def _agree(
-        self,
-        poses: Floats,
-        one: tuple[int, int, Matrix, Floats],
-        other: tuple[int, int, Matrix, Floats],
-    ) -> bool:
-        """Whether the way around two edges closes (Mangelson et al. 2018)."""
-        (a, b, pose, covariance), (c, d, pose2, covariance2) = one, other
-        if a == c or b == d:
-            return False
-        place = self._place
-        back = inverse(poses[d]) @ poses[b]
-        error = log(inverse(pose) @ inverse(poses[a]) @ poses[c] @ pose2 @ back)
-        far, near = adjoint(inverse(pose2 @ back)), adjoint(inverse(back))
-        spread = covariance + near @ covariance2 @ near.T
-        spread += far @ self._tree.drift(place[a], place[c]) @ far.T
-        spread += self._tree.drift(place[d], place[b])
-        return bool(error @ np.linalg.solve(spread, error) <= _CHI2_6_99)
-
-    def _refuse_merges(
-        self, across: Sequence[Edge], joined: Sequence[Edge], sessions: Integers
-    ) -> dict[int, Refusal]:
-        believed = {edge.number for edge in joined}
-        return {
-            edge.number: Refusal(
-                "few-merges",
-                0.0,
-                f"fewer than {FEWEST_MERGES} edges between the sessions of nodes "
-                f"{sessions[edge.a]} and {sessions[edge.b]} agree with each other",
-            )
-            for edge in across
-            if edge.number not in believed
-        }
+def _refuse_merge(agreeing: int) -> Refusal:
+    return Refusal(
+        "few-merges",
+        agreeing,
+        f"{agreeing} of the edges between these sessions agree with each other, expected "
+        f"{FEWEST_MERGES}",
+    )
 
 
 def _measure(edge: Edge, *, robust: bool = False) -> Measurement:
     return Measurement(edge.a, edge.b, edge.pose, edge.covariance, robust)
-
-
-def _chi_squares(poses: Floats, edges: Sequence[Edge]) -> Floats:
-    """float64 (m): squared errors of edges in units of their covariances."""
-    a, b = (np.array([getattr(edge, end) for edge in edges]) for end in "ab")
-    measured = np.array([edge.pose for edge in edges])
-    errors = log(inverse(measured) @ inverse(poses[a]) @ poses[b])
-    covariances = np.array([edge.covariance for edge in edges])
-    weighted = np.linalg.solve(covariances, errors[..., None])[..., 0]
-    return np.asarray(np.einsum("ni,ni->n", errors, weighted))

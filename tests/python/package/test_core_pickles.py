@@ -56,6 +56,16 @@ def experience_map() -> Any:
     return graph
 
 
+def odometry_tree() -> Any:
+    tree = _core.OdometryTree()
+    for _ in range(2):
+        parent = tree.add_root(np.eye(4))
+        for _ in range(9):
+            step = np.array([[0, -1, 0, 2], [1, 0, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+            parent = tree.add(parent, step, np.eye(6) * 0.01)
+    return tree
+
+
 def alignment_values(alignment: Any) -> Any:
     names = ("x", "y", "yaw", "probability", "evidence")
     return [alignment.information.tobytes(), *(getattr(alignment, name) for name in names)]
@@ -99,6 +109,10 @@ OBJECTS: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
     "ExperienceMap": (
         experience_map,
         lambda graph: {name: values.tobytes() for name, values in graph.state().items()},
+    ),
+    "OdometryTree": (
+        odometry_tree,
+        lambda tree: (tree.poses.tolist(), tree.drift(2, 9).tolist(), tree.roots.tolist()),
     ),
     "Scene": (lambda: SCENE, lambda scene: scene.to_json()),
     "RangeImage": (lambda: SCENE.image, lambda image: image.cells.tobytes()),

@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Edges between sessions: which of them agree with each other."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fusionslam.geometry.se3 import adjoint, inverse, log
+from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.edge_errors import CHI2_99
+from fusionslam.storage.arrays import Floats, Integers, Matrix
+
+FEWEST_MERGES = 3
+"""Edges between two sessions that must agree with each other before these are joined."""
+
+_MOST_COMPARED = 100  # edges between two sessions; spread over all of them
+
+Drift = Callable[[int, int], Floats]
+"""Covariance (6, 6) of odometry between two nodes of one session."""
+
+
+class Joined(NamedTuple):
+    """Sessions that were moved to each other.
+
+    Attributes:
+        poses: float64 (n, 4, 4), of all nodes.
+        parts: int64 (n), the first node of each node's part.
+        agreeing: for two sessions, by their first nodes: how many edges agree with each other.
+    """
+
+    poses: Floats
+    parts: Integers
+    agreeing: dict[tuple[int, int], int]
+
+
+def join_sessions(poses: Floats, sessions: Integers, edges: Iterable[Edge], drift: Drift) -> Joined:
+    """Move sessions to each other that ``FEWEST_MERGES`` edges connect that agree."""
+    between = defaultdict(list)
+    for edge in edges:
+        between[session_pair(edge, sessions)].append(edge)
+    groups = {pair: _largest_group(some, poses, sessions, drift) for pair, some in between.items()}
+    parts, poses = sessions.copy(), poses.copy()
+    for group in sorted(groups.values(), key=len, reverse=True):
+        edge = min(group, key=lambda each: float(np.trace(each.covariance)))
+        first, other = parts[edge.a], parts[edge.b]
+        if len(group) < FEWEST_MERGES or first == other:
+            continue
+        move = poses[edge.a] @ edge.pose @ inverse(poses[edge.b])
+        if other < first:
+            first, other, move = other, first, inverse(move)
+        poses[parts == other] = move @ poses[parts == other]
+        parts[parts == other] = first
+    return Joined(poses, parts, {pair: len(group) for pair, group in groups.items()})
+
+
+def session_pair(edge: Edge, sessions: Integers) -> tuple[int, int]:
+    """The sessions of an edge's nodes, the earlier one first."""
+    ends = int(sessions[edge.a]), int(sessions[edge.b])
+    return min(ends), max(ends)
+
+
+class _Witness(NamedTuple):
+    """An edge as if it led from the earlier session to the later one."""
+
+    a: int
+    b: int
+    pose: Matrix
+    covariance: Floats
+
+
+def _largest_group(
+    edges: Sequence[Edge], poses: Floats, sessions: Integers, drift: Drift
+) -> list[Edge]:
+    """The largest group of edges that agree with one another, found greedily from each of them."""
+    spread = np.unique(np.linspace(0, len(edges) - 1, _MOST_COMPARED).astype(int))
+    some = [edges[k] for k in spread]
+    witnesses = [_witness(edge, sessions) for edge in some]
+    agree = np.zeros((len(some), len(some)), np.bool_)
+    for i, one in enumerate(witnesses):
+        for j, other in enumerate(witnesses[:i]):
+            agree[i, j] = agree[j, i] = _agree(poses, one, other, drift)
+    order = np.argsort(-agree.sum(axis=1), kind="stable").tolist()
+    best: list[int] = []
+    for first in order:
+        group = [first]
+        for i in order:
+            if i != first and agree[i, group].all():
+                group.append(i)
+        best = max(best, group, key=len)
+    return [some[i] for i in best]
+
+
+def _witness(edge: Edge, sessions: Integers) -> _Witness:
+    if sessions[edge.a] < sessions[edge.b]:
+        return _Witness(edge.a, edge.b, edge.pose, edge.covariance)
+    carry = adjoint(edge.pose)
+    turned = carry @ edge.covariance @ carry.T
+    return _Witness(edge.b, edge.a, inverse(edge.pose), turned)
+
+
+def _agree(poses: Floats, one: _Witness, other: _Witness, drift: Drift) -> bool:
+    """Whether the way around two edges closes (pairwise consistency, Mangelson et al. 2018).
+
+    Edges with a common node are no two witnesses.
+    """
+    if one.a == other.a or one.b == other.b:
+        return False
+    back = inverse(poses[other.b]) @ poses[one.b]
+    along = inverse(poses[one.a]) @ poses[other.a]
+    error = log(inverse(one.pose) @ along @ other.pose @ back)
+    far, near = adjoint(inverse(other.pose @ back)), adjoint(inverse(back))
+    spread = one.covariance + near @ other.covariance @ near.T
+    spread += far @ drift(one.a, other.a) @ far.T + drift(other.b, one.b)
+    return bool(error @ np.linalg.solve(spread, error) <= CHI2_99)

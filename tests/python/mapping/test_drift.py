@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The drift of odometry in space: against sampling, and against RatSLAM's check of loops."""
+
+import numpy as np
+import pytest
+
+from fusionslam._core import OdometryTree
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.geometry.se3 import adjoint, exp, inverse, log
+from fusionslam.mapping import DriftModel
+from fusionslam.ratslam import Action, ActionKind, ExperienceMap
+from fusionslam.storage.arrays import Floats
+
+
+def random_steps(rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
+    """Motions (n, 4, 4) in all directions, and covariances (n, 6, 6) with correlations."""
+    steps = exp(rng.normal(size=(count, 6)) * [1, 1, 1, 0.3, 0.3, 0.3])
+    roots = rng.normal(size=(count, 6, 6)) * 0.003
+    return steps, roots @ roots.transpose(0, 2, 1) + 1e-6 * np.eye(6)
+
+
+def chain(steps: Floats, covariances: Floats) -> OdometryTree:
+    tree = OdometryTree()
+    tree.add_root(exp(np.array([100.0, -50, 3, 0.2, 0.1, 2])))
+    for parent, (step, covariance) in enumerate(zip(steps, covariances, strict=True)):
+        tree.add(parent, step, covariance)
+    return tree
+
+
+def test_drift_is_the_covariance_of_sampled_odometry() -> None:
+    rng = np.random.default_rng(1)
+    steps, covariances = random_steps(rng, 12)
+    tree = chain(steps, covariances)
+    roots = np.linalg.cholesky(covariances)
+    errors = []
+    for _ in range(4000):
+        noise = exp(np.einsum("nij,nj->ni", roots, rng.normal(size=(12, 6))))
+        drawn, true = np.eye(4), np.eye(4)
+        for k in range(3, 10):
+            drawn, true = drawn @ steps[k] @ noise[k], true @ steps[k]
+        errors.append(log(inverse(true) @ drawn))
+    expected, found = np.cov(np.array(errors).T), tree.drift(3, 10)
+    assert np.abs(found - expected).max() < 0.08 * np.abs(expected).max()
+
+
+def test_drift_adds_up_along_the_way_between_nodes_of_a_tree() -> None:
+    rng = np.random.default_rng(2)
+    steps, covariances = random_steps(rng, 3)
+    tree = chain(steps[:1], covariances[:1])
+    left = tree.add(1, steps[1], covariances[1])
+    right = tree.add(1, inverse(steps[2]), covariances[2], backwards=True)
+    # From the left to the fork backwards, and on to the right; a step's error is at its own end.
+    back, on = inverse(steps[1]), steps[2]
+    carry = adjoint(inverse(on))
+    at_fork = carry @ adjoint(steps[1]) @ covariances[1] @ (carry @ adjoint(steps[1])).T
+    at_right = carry @ covariances[2] @ carry.T
+    assert np.allclose(inverse(tree.pose(left)) @ tree.pose(right), back @ on)
+    assert np.allclose(tree.drift(left, right), at_fork + at_right, atol=1e-12)
+
+
+def test_the_drift_of_long_ways_is_exact() -> None:
+    rng = np.random.default_rng(3)
+    steps, covariances = random_steps(rng, 700)
+    tree = chain(steps, covariances)
+    total, pose = np.zeros((6, 6)), np.eye(4)
+    for k in range(123, 700):
+        carry = adjoint(inverse(steps[k]))
+        total = carry @ total @ carry.T + covariances[k]
+        pose = pose @ steps[k]
+    assert np.allclose(tree.drift(123, 700), total, rtol=1e-6, atol=1e-7)
+    there = adjoint(pose)
+    assert np.allclose(tree.drift(700, 123), there @ total @ there.T, rtol=1e-6, atol=1e-6)
+
+
+def test_a_loop_in_the_plane_is_judged_as_ratslam_judges_it() -> None:
+    """Same drive, same deviations: same errors, same allowance."""
+    options = {"drift_m": 0.05, "drift_turn": 0.02, "drift_heading": 0.01}
+    place_m, place_rad = 0.4, 0.2
+    ratslam = ExperienceMap(**options, place_m=place_m, place_rad=place_rad)
+    model = DriftModel(**options, drift_height=1e-4, drift_tilt=1e-5)
+    tree = OdometryTree()
+    tree.add_root(np.eye(4))
+    ratslam.apply(Action(ActionKind.CREATE_NODE))
+    turns = [0.3, -0.2, 0.5, 0.7, 0.1, -0.9]
+    for node, turn in enumerate(turns):
+        ratslam.on_odometry(2.0, turn, 1.0)
+        ratslam.apply(Action(ActionKind.CREATE_NODE, node, node + 1))
+        # RatSLAM turns first; its drift counts the error of the rotation from the step's end on.
+        step = exp(np.array([0, 0, 0, 0, 0, turn])) @ exp(np.array([2.0, 0, 0, 0, 0, 0]))
+        tree.add(node, step, model.covariance(step))
+    claimed = exp(np.array([0, 0, 0, 0, 0, 0.4])).copy()
+    claimed[:2, 3] = 1.5, -0.7
+    action = Action(ActionKind.CREATE_EDGE, len(turns), 0, 0.4, (1.5, -0.7))
+    expected = ratslam.check(action)
+    least = 1e-6  # that RatSLAM adds to each variance
+    measured = np.diag([place_m**2 + least] * 2 + [least] * 3 + [place_rad**2 + least])
+    odometry = tree.pose(len(turns))
+    # In axes of the node, as small translation and rotation.
+    error = np.zeros(6)
+    error[:3] = odometry[:3, :3].T @ (claimed[:3, 3] - odometry[:3, 3])
+    error[5] = log(inverse(odometry) @ claimed)[5]
+    found = tree.fit(0, len(turns), error, measured, 3.0)
+    values = expected.error_m, expected.error_rad, expected.allowed_m, expected.allowed_rad
+    assert found == pytest.approx(values, rel=1e-6)
+
+
+def test_a_model_states_the_deviations_of_a_motion() -> None:
+    model = DriftModel(
+        drift_m=0.1, drift_height=0.2, drift_heading=0.03, drift_tilt=0.04, drift_turn=0.05
+    )
+    motion = exp(np.array([0, 0, 0, 0, 0, 0.5])).copy()
+    motion[:3, 3] = 0, 4, 0
+    tilt, heading = (0.05**2 * 0.5 + sd**2 * 4 for sd in (0.04, 0.03))
+    # A rotation that grows on the way moves the end: by 4 m / sqrt(3) times its deviation.
+    flat, height = 0.1**2 * 4 + heading * 16 / 3, 0.2**2 * 4 + tilt * 16 / 3
+    expected = np.diag([flat, flat, height, tilt, tilt, heading])
+    assert np.allclose(model.covariance(motion), expected, atol=1.1e-6)
+    assert np.linalg.eigvalsh(model.covariance(np.eye(4)))[0] > 0
+
+
+def test_wrong_models_motions_and_nodes_are_refused() -> None:
+    with pytest.raises(ConfigError):
+        DriftModel(drift_m=-1)
+    with pytest.raises(DataError) as caught:
+        DriftModel().covariance(np.full((4, 4), np.nan))
+    assert caught.value.fields == ("motion",)
+    tree = OdometryTree()
+    tree.add_root(np.eye(4))
+    tree.add_root(np.eye(4))
+    for a, b in ((0, 1), (0, 2), (-1, 0)):
+        with pytest.raises(DataError):
+            tree.drift(a, b)
