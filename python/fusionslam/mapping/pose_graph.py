@@ -296,7 +296,7 @@ class PoseGraph:
         squares = chi_squares(poses, loops)
         for _ in range(_MOST_ROUNDS if robust else 0):
             kept = squares <= CHI2_999
-            poses = solver.solve([_measure(loops[k]) for k in np.flatnonzero(kept)])
+            poses = solver.solve([_measure(loops[k]) for k in np.flatnonzero(kept).tolist()])
             squares = chi_squares(poses, loops)
             if np.array_equal(kept, squares <= CHI2_999):
                 break
