@@ -31,7 +31,9 @@ from fusionslam.registration import PreparedCloud, RegistrationConfig
 from fusionslam.report import write_report
 from fusionslam.report.loops.frame_pairs import ScanReader, draw_overlay
 from fusionslam.report.loops.outcomes import judge_queries, telling_loops, telling_pairs
+from fusionslam.report.loops.plots import draw_curves
 from fusionslam.report.loops.stored import write_stored_report
+from fusionslam.report.loops.tables import summary_table
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Points
@@ -351,6 +353,42 @@ def test_clouds_of_a_loop_lie_over_each_other_after_registration_only() -> None:
     assert np.allclose(after[0], corner[:, :2]) and np.allclose(after[1], corner[:, :2], atol=1e-5)
     assert draw_overlay(run, 4, lambda source, frame: None) is None
     assert draw_overlay(run, 4, lambda source, frame: corner[:0]) is None
+
+
+@pytest.mark.parametrize("extent", [(9, 1), (1.2, 1), (1, 1), (1, 1.2), (1, 9)])
+def test_the_titles_of_registered_clouds_lie_within_the_picture(
+    extent: tuple[float, float],
+) -> None:
+    run = verified_run()
+    points = np.random.default_rng(0).uniform(-9, 9, (200, 3)) * (*extent, 0.01)
+    figure = draw_overlay(run, 4, lambda *_: points.astype(np.float32))
+    assert figure is not None
+    figure.canvas.draw()
+    for axis in figure.axes:
+        (left, low), (right, high) = axis.title.get_window_extent().get_points()
+        assert 0 <= left < right <= figure.bbox.width and 0 <= low < high <= figure.bbox.height
+
+
+def test_more_curves_than_colours_are_told_apart() -> None:
+    curve = evaluate_verified(verified_run(), radius=10, window=0).curves["revisit"]
+    figure = draw_curves({f"descriptor {number}": curve for number in range(20)})
+    handles, _ = figure.axes[0].get_legend_handles_labels()
+    assert len({(line.get_color(), line.get_linestyle()) for line in handles}) == 20
+
+
+def test_the_summary_names_verified_loops_in_short_where_that_tells_them_apart() -> None:
+    runs = [verified_run(), verified_run(source="cloud")]
+    judged = [evaluate_verified(run, radius=10, window=0) for run in runs]
+    table = summary_table(judged, "revisit")
+    assert [label for label, _ in table.rows] == [
+        "LiDAR-camera, verified",
+        "LiDAR, full circle, verified",
+    ]
+    assert "match" not in [name for name, _ in table.heads]  # a row fits the page
+    twice = [*judged, evaluate_verified(verified_run(descriptors=("cm2dp",)), radius=10, window=0)]
+    labels = [label for label, _ in summary_table(twice, "revisit").rows]
+    assert labels[0] == "LiDAR-camera, verified m2dp+scan_context"
+    assert labels[2] == "LiDAR-camera, verified cm2dp"
 
 
 def test_the_page_shows_registered_clouds_and_the_reasons_of_the_others(tmp_path: Path) -> None:

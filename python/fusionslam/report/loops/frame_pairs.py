@@ -70,10 +70,8 @@ def draw_overlay(run: VerifiedRun, query: int, scans: ScanReader) -> "Figure | N
     moved = later @ pose[:3, :3].T + pose[:3, 3]
     view = _common_view([earlier, later, moved])
     assert view is not None, "there are points"
-    figure = new_figure(2 * _COLUMN + 0.2, 0.8 + view.height)
-    apart = f"{np.linalg.norm(pose[:3, 3]):.1f} m apart"
-    judged = f"overlap {run.overlap[query]:.2f}, probability {run.probability[query]:.4g}"
-    titles = "before registration", f"after registration: {judged}, {apart}"
+    figure = new_figure(2 * _COLUMN + 0.2, 1.0 + view.height)
+    titles = "before registration", "after registration"
     for axis, title, shown in zip(figure.subplots(1, 2), titles, (later, moved), strict=True):
         _show_view(axis, view)
         axis.set_title(title)

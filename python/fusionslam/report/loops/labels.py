@@ -26,6 +26,14 @@ def run_label(run: LoopRun, *, short: bool = False) -> str:
     return f"{run.descriptor} {run.preset}" if run.preset else run.name
 
 
+def short_labels(runs: Sequence[LoopRun]) -> list[str]:
+    """Return the short label of each run; the long ones where two runs of a source share one."""
+    labels = [run_label(run, short=True) for run in runs]
+    if len({(run.source, label) for run, label in zip(runs, labels, strict=True)}) < len(runs):
+        return [run_label(run) for run in runs]
+    return labels
+
+
 def run_file(run: LoopRun) -> str:
     """Return the part of a file's name that stands for a run: lidar_cm2dp_author."""
     return f"{run.source}_{run.name}".replace(":", "_").replace(" ", "_")

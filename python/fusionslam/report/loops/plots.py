@@ -3,7 +3,7 @@
 """Plots of results: curves, trajectories, distance matrices."""
 
 from collections.abc import Mapping
-from itertools import cycle
+from itertools import cycle, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,12 +34,13 @@ def draw_curves(curves: Mapping[str, PrecisionRecall]) -> "Figure":
     figure = new_figure(7.4, 4.6)
     axis = figure.add_subplot()
     _iso_f1(axis)
-    for (name, curve), color in zip(curves.items(), cycle(CURVE_COLORS), strict=False):
+    styles = product(("-", "--", ":"), CURVE_COLORS)
+    for (name, curve), (line, color) in zip(curves.items(), cycle(styles), strict=False):
         label = (
             f"{name}: AP {curve.average_precision:.3f}\n"
             f"R@100P {curve.recall_at_full_precision:.3f}, F1 {curve.max_f1:.3f}"
         )
-        curve.plot(axis, color=color, lw=1.8, label=label)
+        curve.plot(axis, color=color, ls=line, lw=1.8, label=label)
     axis.legend(loc="upper left", bbox_to_anchor=(1.02, 1), borderaxespad=0)
     return figure
 

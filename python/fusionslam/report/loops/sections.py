@@ -18,7 +18,7 @@ from fusionslam.report.loops.frame_pairs import (
     draw_overlay,
     draw_pair,
 )
-from fusionslam.report.loops.labels import best_of, run_file, run_label
+from fusionslam.report.loops.labels import best_of, run_file, run_label, short_labels
 from fusionslam.report.loops.outcomes import nearest_of, telling_loops, telling_pairs
 from fusionslam.report.loops.plots import draw_curves, draw_distances, draw_trajectory
 from fusionslam.report.loops.tables import reasons_table, time_table
@@ -68,7 +68,8 @@ def source_part(context: Context, name: str, evaluations: Sequence[Evaluation]) 
 def _draw_curves(
     context: Context, source: str, evaluations: Sequence[Evaluation]
 ) -> Picture | None:
-    curves = {e.run.name: e.curves.get(context.protocol) for e in evaluations}
+    labels = short_labels([e.run for e in evaluations])
+    curves = {n: e.curves.get(context.protocol) for n, e in zip(labels, evaluations, strict=True)}
     defined = {name: c for name, c in curves.items() if c and c.average_precision is not None}
     if not defined:
         return None

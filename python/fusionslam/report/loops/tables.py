@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import Evaluation, VerifiedRun
-from fusionslam.report.loops.labels import run_label, source_name
+from fusionslam.report.loops.labels import short_labels, source_name
 from fusionslam.report.page.tables import Column, Table, build_table
 
 PUBLISHED_PROTOCOL = "perdomo2019"
@@ -34,14 +34,16 @@ Columns = list[Column[Evaluation]]
 
 
 def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
-    """One row per source and descriptor: accuracy, time, memory."""
+    """One row per source and descriptor: accuracy, time of a frame, memory."""
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
     if any(e.accepted for e in evaluations):
         accuracy += _accepted_columns(protocol)
-    columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns(evaluations)
-    sources = {e.run.source for e in evaluations}
-    labels = [f"{source_name(e.run.source, sources)}, {run_label(e.run)}" for e in evaluations]
-    return build_table(columns, evaluations, labels)
+    columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns()
+    runs = [e.run for e in evaluations]
+    sources = {run.source for run in runs}
+    labels = zip(runs, short_labels(runs), strict=True)
+    named = [f"{source_name(run.source, sources)}, {label}" for run, label in labels]
+    return build_table(columns, evaluations, named)
 
 
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
@@ -57,7 +59,7 @@ def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 
 def cost_table(evaluations: Sequence[Evaluation]) -> Table:
     """One row per run: median times and memory, in few columns: registration is a match, too."""
-    columns = [column for column in _cost_columns(evaluations) if column.title != "p95"]
+    columns = [column for column in _cost_columns(_stages(evaluations)) if column.title != "p95"]
     titles = [column.title for column in columns]
     if "match" in titles and "register" in titles:
         del columns[titles.index("register")]
@@ -107,7 +109,7 @@ def _typical_number(rejected: NDArray[np.void]) -> float | None:
 
 
 def _table_of_runs(columns: Columns, evaluations: Sequence[Evaluation]) -> Table:
-    return build_table(columns, evaluations, [run_label(e.run, short=True) for e in evaluations])
+    return build_table(columns, evaluations, short_labels([e.run for e in evaluations]))
 
 
 def _accuracy_columns(protocol: str) -> Columns:
@@ -158,12 +160,12 @@ def _published_column(figure: str, title: str, show: str, scale: float = 1) -> C
     return Column(title, hint, f"published.{figure}", show, scale=scale)
 
 
-def _cost_columns(evaluations: Sequence[Evaluation]) -> Columns:
+def _cost_columns(stages: Sequence[str] = ()) -> Columns:
     peak = "memory that describing the largest cloud took on top of what was in use"
     return [
         _frame_column("median_ms", "ms a frame"),
         _frame_column("p95_ms", "p95"),
-        *(_stage_column(stage, "median_ms", stage) for stage in _stages(evaluations)),
+        *(_stage_column(stage, "median_ms", stage) for stage in stages),
         Column("bytes", "of one descriptor", "costs.bytes_per_descriptor", "{:,.0f}", min),
         Column("peak MiB", peak, "costs.peak_memory_bytes", "{:,.0f}", min, scale=2**-20),
     ]
