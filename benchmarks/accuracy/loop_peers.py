@@ -4,7 +4,6 @@
 
 python -m benchmarks.accuracy.loop_peers              # the first town
 python -m benchmarks.accuracy.loop_peers 1 2 3        # towns of these seeds
-python -m benchmarks.accuracy.loop_peers --peers MapClosures
 python -m benchmarks.accuracy.loop_peers 1 2 --write  # and put the table into the docs
 
 All get the full circle of the LiDAR, are judged by the same protocols and are timed in the same
@@ -12,7 +11,9 @@ run, by the processor time of all their threads, which other load of the machine
 peers run in an environment of their own, which is installed into the user's cache (1.6 GB, from the
 network). Where that or a peer fails, the program says so and goes on without it. MapClosures is
 made for local maps: there it gets the last ten scans, joined by the true poses, as does KISS-SLAM,
-whose odometry cannot follow scans 2 m apart. A town takes about 15 minutes.
+whose odometry cannot follow scans 2 m apart. Maps of one place overlap though their last scans lie
+far apart, so candidates whose poses are farther from the query than ``LoopConfig.max_distance`` are
+left out, of ours and the peers. A town takes about ten minutes of processor time.
 """
 
 import argparse
@@ -23,7 +24,6 @@ import tempfile
 import time
 import venv
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 
@@ -32,7 +32,7 @@ import numpy as np
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import ROOT, mean_and_range, record_towns
 from benchmarks.accuracy.verified_loops import ALL, PAGE, figures_of
-from fusionslam import Cloud, FusionConfig, LoopDetector, fuse
+from fusionslam import Cloud, FusionConfig, LoopConfig, LoopDetector, fuse
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import (
     DescriptorRun,
@@ -55,19 +55,12 @@ FIGURES = ("top-1", "recall at 100 % precision", "recall of the accepted", "wron
 HEADER = ("found by", "protocol", *FIGURES, "ms a frame", "times ours")
 
 
-@dataclass(frozen=True)
-class Peer:
-    """A library and its input: scans joined to a local map; whether KISS-SLAM judges the loop."""
-
-    scans: int
-    closer: bool = False
-
-
-PEERS: Mapping[str, Peer] = {
-    "MapClosures": Peer(scans=1),
-    "MapClosures, local maps": Peer(scans=10),
-    "KISS-SLAM's closer, local maps": Peer(scans=10, closer=True),
+FARTHEST = LoopConfig().max_distance
+PEERS: Mapping[int, tuple[str, ...]] = {
+    1: ("MapClosures",),
+    10: ("MapClosures, local maps", "KISS-SLAM's closer, local maps"),
 }
+"""Peers that find the same candidates, by the number of scans joined to a local map."""
 
 
 def peers_python() -> Path | None:
@@ -101,9 +94,11 @@ def note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def run_peer(python: Path, name: str, clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
-    """Find the loops of clouds; ``poses`` are float64 (N, 4, 4), world_from_cloud."""
-    peer = PEERS[name]
+def run_peer(python: Path, scans: int, clouds: Sequence[Cloud], poses: Floats) -> list[VerifiedRun]:
+    """Find the loops of clouds joined to local maps, by the peers of ``scans``.
+
+    ``poses`` are float64 (N, 4, 4), world_from_cloud.
+    """
     with tempfile.TemporaryDirectory() as folder:
         given, found = Path(folder) / "given.npz", Path(folder) / "found.npz"
         np.savez(
@@ -112,28 +107,29 @@ def run_peer(python: Path, name: str, clouds: Sequence[Cloud], poses: Floats) ->
             ends=np.cumsum([len(cloud) for cloud in clouds]),
             poses=poses,
             window=WINDOW,
-            scans=peer.scans,
-            closer=peer.closer,
+            scans=scans,
+            farthest=FARTHEST,
         )
         command = [str(python), str(FOLDER / "worker.py"), str(given), str(found)]
         subprocess.run(command, check=True, capture_output=True, text=True)
         with np.load(found) as stored:
             result = dict(stored)
     score = result.pop("score")
-    probability = score / (1 + score)  # only their order counts
-    return as_run(name, clouds, poses, probability=probability, **result)
+    result["probability"] = score / (1 + score)  # only their order counts
+    return [
+        as_run(name, clouds, poses, **{key: values[row] for key, values in result.items()})
+        for row, name in enumerate(PEERS[scans])
+    ]
 
 
-def run_peers(
-    python: Path, names: Sequence[str], clouds: Sequence[Cloud], poses: Floats
-) -> Iterator[VerifiedRun]:
-    """Run the peers; one that fails is left out, with the reason on stderr."""
-    for name in names:
-        note(name)
+def run_peers(python: Path, clouds: Sequence[Cloud], poses: Floats) -> Iterator[VerifiedRun]:
+    """Run the peers; those that fail are left out, with the reason on stderr."""
+    for scans, names in PEERS.items():
+        note("; ".join(names))
         try:
-            yield run_peer(python, name, clouds, poses)
+            yield from run_peer(python, scans, clouds, poses)
         except (OSError, subprocess.CalledProcessError) as error:
-            note(f"without {name}, which failed: {last_line(error)}")
+            note(f"without {'; '.join(names)}: {last_line(error)}")
 
 
 def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
@@ -200,8 +196,14 @@ def as_run(
     accepted: Mask,
     seconds: Floats,
 ) -> VerifiedRun:
-    """Make a run of the matches of each cloud, with the clouds' frames as body of the poses."""
+    """Make a run of the matches of each cloud, with the clouds' frames as body of the poses.
+
+    Matches without a pose, or too far from the query by their pose, are left out.
+    """
     count = len(clouds)
+    near = np.linalg.norm(match_from_query[:, :3, 3], axis=1) <= FARTHEST
+    match, accepted = np.where(near, match, -1), accepted & near
+    match_from_query = np.where(near[:, None, None], match_from_query, np.nan)
     return VerifiedRun(
         source="cloud",
         descriptors=(name,),
@@ -224,7 +226,7 @@ def as_run(
     )
 
 
-def compare(seed: int, python: Path | None, names: Sequence[str]) -> list[Evaluation]:
+def compare(seed: int, python: Path | None) -> list[Evaluation]:
     """Evaluate ours and the peers on the town of a seed, the peers only with their ``python``."""
     (drive,) = record_towns([seed])
     dataset = open_dataset(drive)
@@ -234,9 +236,11 @@ def compare(seed: int, python: Path | None, names: Sequence[str]) -> list[Evalua
     note(f"town of seed {seed}, {len(clouds)} scans: {OURS}")
     runs = [run_ours(clouds, poses)]
     if python is not None:
-        runs += run_peers(python, names, clouds, poses)
+        runs += run_peers(python, clouds, poses)
     plain = evaluate(run_plain(clouds, poses), protocols=PROTOCOLS, window=WINDOW)
-    return [*(evaluate_verified(run, protocols=PROTOCOLS, window=WINDOW) for run in runs), plain]
+    found = [*(evaluate_verified(run, protocols=PROTOCOLS, window=WINDOW) for run in runs), plain]
+    note(table(HEADER, list(rows([found]))))
+    return found
 
 
 def rows(towns: Sequence[Sequence[Evaluation]]) -> Iterator[list[str]]:
@@ -255,7 +259,7 @@ def rows(towns: Sequence[Sequence[Evaluation]]) -> Iterator[list[str]]:
         known = [figures_of(evaluation) for evaluation, _ in evaluations]
         times = [_median_ms(evaluation) for evaluation, _ in evaluations]
         ratios = [ratio for _, ratio in evaluations]
-        for protocol in PROTOCOLS:
+        for protocol in (each for each in PROTOCOLS if any((each, FIGURES[0]) in k for k in known)):
             values = [[each.get((protocol, figure), {}) for each in known] for figure in FIGURES]
             cells = [[value[ALL] for value in column if ALL in value] for column in values]
             figures = [mean_and_range(np.array(cell, float)) if cell else "" for cell in cells]
@@ -271,17 +275,17 @@ def _median_ms(evaluation: Evaluation) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seeds", nargs="*", type=int, default=[1])
-    parser.add_argument("--peers", nargs="+", choices=PEERS, default=list(PEERS))
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
     seeds = arguments.seeds
     python = peers_python()
-    towns = [compare(seed, python, arguments.peers) for seed in seeds]
+    towns = [compare(seed, python) for seed in seeds]
     command = f"`python -m benchmarks.accuracy.loop_peers {' '.join(map(str, seeds))} --write`: "
     about = (
         f"full circle, towns of seeds {', '.join(map(str, seeds))}, radius 10 m, window {WINDOW} "
         "frames. Milliseconds are processor time of all threads, median over the frames. Local "
-        "maps: the last ten scans, joined by the true poses; joining them is not timed."
+        "maps: the last ten scans, joined by the true poses; joining them is not timed. Candidates "
+        f"whose poses are more than {FARTHEST:g} m from the query are left out, of all."
     )
     text = f"{fill(command + about, 100)}\n\n{table(HEADER, list(rows(towns)))}"
     if arguments.write:

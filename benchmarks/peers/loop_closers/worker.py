@@ -6,9 +6,12 @@ worker.py INPUT.npz OUTPUT.npz
 
 INPUT: points float32 (P, 3) of all clouds and where each ends, ends int64 (N,); poses float64
 (N, 4, 4), world_from_cloud, by which ``scans`` clouds are joined to the local map of the last one;
-window, frames before the query that are no candidates; closer, whether KISS-SLAM judges the loop.
+window, frames before the query that are no candidates; farthest, metres from the query beyond which
+a candidate is left out, by its pose.
 OUTPUT: of each cloud the candidate with the most inliers, its pose, score and whether it was
-accepted. The score is the number of inliers; loops that KISS-SLAM accepts come before all others.
+accepted. Arrays (1, N, ...) of what MapClosures says; (2, N, ...) where there are local maps, of
+which KISS-SLAM's closer judges those that MapClosures accepts. The score is the number of inliers;
+loops that the closer accepts come before all others.
 """
 
 import sys
@@ -40,30 +43,39 @@ def find_loops(given: Any) -> dict[str, Any]:
     count, window, scans = len(clouds), int(given["window"]), int(given["scans"])
     config, closer = MapClosuresConfig(), LoopCloser(LoopCloserConfig())
     detector, maps = MapClosures(config), []
-    match, score, accepted = np.full(count, -1), np.zeros(count), np.zeros(count, np.bool_)
-    poses, seconds = np.full((count, 4, 4), np.nan), np.zeros(count)
+    judges = 2 if scans > 1 else 1
+    match, score = np.full((judges, count), -1), np.zeros((judges, count))
+    accepted, seconds = np.zeros((judges, count), np.bool_), np.zeros((judges, count))
+    poses = np.full((judges, count, 4, 4), np.nan)
     for row, cloud in enumerate(clouds):
         points = cloud.astype(np.float64)
         if scans > 1:
             joined = local_map(clouds, given["poses"], row, scans, config.density_map_resolution)
             points = joined.point_cloud()
-            maps.append(joined.open3d_pcd_with_normals() if given["closer"] else None)
+            maps.append(joined.open3d_pcd_with_normals())
         start = time.process_time()
         found = detector.get_top_k_closures(row, points, CANDIDATES)
-        older = [each for each in found if each.source_id < row - window]
+        older = [
+            each
+            for each in found
+            if each.source_id < row - window
+            and np.linalg.norm(np.linalg.inv(each.pose)[:3, 3]) <= given["farthest"]
+        ]
         if older:
             best = max(older, key=lambda each: each.number_of_inliers)
-            match[row], score[row] = best.source_id, best.number_of_inliers
-            accepted[row] = best.number_of_inliers >= config.inliers_threshold
-            query_from_match = best.pose
-            if given["closer"] and accepted[row]:
-                accepted[row], query_from_match = closer.validate_closure(
-                    maps[best.source_id], maps[row], best.pose
-                )
-            poses[row] = np.linalg.inv(query_from_match)
-        seconds[row] = time.process_time() - start
-    if given["closer"]:
-        score[accepted] += score.max()
+            match[:, row], score[:, row] = best.source_id, best.number_of_inliers
+            accepted[:, row] = best.number_of_inliers >= config.inliers_threshold
+            poses[:, row] = np.linalg.inv(best.pose)
+        seconds[:, row] = time.process_time() - start
+        if maps and accepted[1, row]:
+            start = time.process_time()
+            accepted[1, row], query_from_match = closer.validate_closure(
+                maps[best.source_id], maps[row], best.pose
+            )
+            poses[1, row] = np.linalg.inv(query_from_match)
+            seconds[1, row] += time.process_time() - start
+    if maps:
+        score[1, accepted[1]] += score.max()
     return {
         "match": match,
         "match_from_query": poses,
