@@ -1,56 +1,101 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fits how probable it is that a registered pose is right, on simulated towns.
+"""Fits how probable it is that a registered pose is right, on simulated towns and rooms.
 
 python -m benchmarks.accuracy.registration_probability           # poses from the cache, or made
 python -m benchmarks.accuracy.registration_probability --write   # and store the model and the table
 
 The poses are those of the candidates that correlate most, of every fourth frame: what a detector
 registers. Full circles with the camera's colours and stereo clouds are fitted together. The
-overlaps of full circles alone make the model of poses for which there are no colours to compare. A
-town takes about a minute of processor time.
+overlaps of full circles alone make the model of poses for which there are no colours to compare,
+unless a cloud shows less than half of the circle or a room: for these a LiDAR's sector of 63
+degrees in towns, and sectors and full circles in made houses and warehouses are fitted. The table
+is of other seeds, and of the two recordings of the test data, which FUSIONSLAM_TEST_DATA names. A
+town takes about a minute of processor time, a room 10 to 20 seconds.
 """
 
 import argparse
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from benchmarks.accuracy.data import WORLDS, data_folder
 from benchmarks.accuracy.loop_thresholds import FITTED
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import ROOT, record_towns
-from fusionslam import FusionConfig, LoopConfig, LoopDetector
+from fusionslam import Cloud, DescriptorConfig, FusionConfig, LoopConfig, LoopDetector
+from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
+from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.descriptors import find_descriptor
 from fusionslam.evaluation.loops.nearest_matches import find_matches
 from fusionslam.loop_closure import Observation
-from fusionslam.registration import register, search_poses
+from fusionslam.registration import fit_lengths, register, search_poses
+from fusionslam.sensors.messages import NANOSECONDS, Scan
+from fusionslam.sim.catalogue import MADE, drive_through
+from fusionslam.sim.motion.planner import PlanConfig
+from fusionslam.sim.robot import base_from, robot_named
+from fusionslam.sim.simulator import SimulationConfig, simulate
 from fusionslam.storage.arrays import Floats, Mask, Matrix
 from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "registration.md"
 MODEL = ROOT / "python" / "fusionslam" / "registration" / "probability.yaml"
-SOURCES = ("lidar", "stereo")
-FEATURES = ("overlap", "color_ratio")
-KINDS = {
-    "full circle": ("lidar", False),
-    "full circle, LiDAR and camera": ("lidar", True),
-    "stereo": ("stereo", True),
+FEATURES = ("overlap", "color_ratio", "log_agreeing", "degenerate")
+MODELS = {
+    "plain": ("overlap",),
+    "colored": ("overlap", "color_ratio"),
+    "small": ("overlap", "log_agreeing", "degenerate"),
 }
-"""Source, and whether colours are compared, of each row of the table."""
+"""Features of each model, as ``pose_probability`` takes them."""
+ROBOT = "turtlebot3_waffle_pi"
+CIRCLE_ROBOT = "turtlebot3_vlp16"
+SECTOR_RAD = 0.55
+"""To either side, of the robot's LiDAR, and of the scans of towns that are cut to it."""
+ROOMS = ("house", "warehouse")
+RECORDED = tuple(f"recorded-{name}" for name in WORLDS)
+CIRCLES = tuple(f"{name}-circle" for name in ROOMS)
+FITTED_TO = {
+    **dict.fromkeys(("lidar", "stereo"), FITTED),
+    **dict.fromkeys(("sector", *ROOMS), FITTED[:3]),
+    **dict.fromkeys(CIRCLES, FITTED[:1]),
+}
+"""Seeds by source."""
+REPORTED = (1, 2)
+KINDS = {
+    "full circle, towns": (("lidar",), ("plain",)),
+    "full circle, towns, LiDAR and camera": (("lidar",), ("colored", "plain")),
+    "full circle, made houses and warehouses": (CIRCLES, ("small",)),
+    "stereo, towns": (("stereo",), ("colored", "small")),
+    "sector, towns": (("sector",), ("small",)),
+    "sector, made houses": (("house",), ("small",)),
+    "sector, made warehouses": (("warehouse",), ("small",)),
+    "sector, recorded small_house and warehouse": (RECORDED, ("small",)),
+    "sector with colours, the same": (RECORDED, ("colored", "small")),
+}
+"""Sources, and the model, of each row of the table; after it that of poses without colours."""
 STEP = 4
 """Of the frames whose candidates are registered."""
 REGISTERED = 3
 """Of a frame's candidates."""
-METRES, DEGREES = 2.0, 5.0
+METRES, ROOM_METRES, DEGREES = 2.0, 0.3, 5.0
 """Poses less far off are right."""
-LIMITS = ((1.0, 5.0), (METRES, DEGREES), (3.0, 10.0))
+LIMITS = ((0.5, 1), (1, 1), (1.5, 2))
+"""Factors of metres and degrees."""
+INDOORS = DescriptorConfig.model_validate(
+    {
+        "scan_context": {"max_range": 20, "height": 0.3},
+        "bev_spectrum": {"cell": 0.4, "height": 0.3},
+    }
+)
+"""Of candidates in rooms."""
 RIDGE = 1e-3
 """Keeps the slopes finite where right and wrong poses do not overlap."""
 BINS = (0, 0.05, 0.5, 0.95, 0.99, 1.01)
@@ -64,8 +109,9 @@ class Poses(NamedTuple):
     """Registered poses of some drives.
 
     Attributes:
-        features: float64 (N, 2), of ``FEATURES``; the ratio is NaN where no colours are compared.
-        errors: float64 (N, 2), metres and degrees.
+        features: float64 (N, 4), ``FEATURES``; the ratio is NaN where no colours are compared.
+        errors: float64 (N, 2), as shares of the metres and degrees that a right pose is off at
+            most.
         weights: float64 (N,).
     """
 
@@ -75,13 +121,17 @@ class Poses(NamedTuple):
 
     @property
     def right(self) -> Mask:
-        return within(self.errors, METRES, DEGREES)
+        return within(self.errors, 1, 1)
+
+    def of(self, names: Iterable[str]) -> Floats:
+        """float64 (N, F), some features."""
+        return self.features[:, [FEATURES.index(name) for name in names]]
 
 
-def joined(towns: Sequence[Poses]) -> Poses:
-    """All poses; each town counts alike."""
-    weights = [each.weights / each.weights.sum() for each in towns if len(each.weights)]
-    features, errors, _ = zip(*towns, strict=True)
+def joined(drives: Sequence[Poses]) -> Poses:
+    """All poses; each drive counts alike."""
+    weights = [each.weights / each.weights.sum() for each in drives if len(each.weights)]
+    features, errors, _ = zip(*drives, strict=True)
     return Poses(np.concatenate(features), np.concatenate(errors), np.concatenate(weights))
 
 
@@ -89,25 +139,118 @@ def within(errors: Floats, metres: float, degrees: float) -> Mask:
     return np.asarray((errors < (metres, degrees)).all(axis=1), np.bool_)
 
 
-def register_town(seed: int, source: str, folder: Path) -> Poses:
-    """Register the candidates of a town's drive; ``folder`` keeps the poses."""
+def register_drive(seed: int, source: str, folder: Path) -> Poses:
+    """Register the candidates of a drive; ``folder`` keeps the poses.
+
+    Args:
+        seed: of the town or room; of a recording it means nothing.
+        source: "lidar", "stereo" or "sector" of a town; "house", "warehouse", "house-circle" or
+            "warehouse-circle", made; or one of ``RECORDED``.
+        folder: for ``seed-source.npz``.
+    """
     path = folder / f"{seed}-{source}.npz"
     if not path.exists():
-        (drive,) = record_towns([seed])
-        frames = open_dataset(drive)
-        detector = LoopDetector("cm2dp", fusion=FusionConfig.model_validate({"source": source}))
-        seen = [detector.observe(frame) for frame in frames]
-        assert frames.poses is not None  # the simulator knows them
-        world_from_cloud = [pose @ frames.body_from_points for pose in frames.poses]
+        if source in ("lidar", "stereo"):
+            seen, world_from_cloud = observe_town(seed, source)
+        else:
+            seen, world_from_cloud = observe_clouds(clouds_of(seed, source), source)
         rows = np.array(list(_register(seen, world_from_cloud)))
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez(path, features=rows[:, :2], errors=rows[:, 2:])
+        count = len(FEATURES)
+        np.savez(path, features=rows[:, :count], errors=rows[:, count:])
     with np.load(path) as stored:
-        return Poses(stored["features"], stored["errors"], np.ones(len(stored["errors"])))
+        metres = METRES if source in ("lidar", "stereo", "sector") else ROOM_METRES
+        errors = stored["errors"] / (metres, DEGREES)
+        return Poses(stored["features"], errors, np.ones(len(errors)))
+
+
+def observe_town(seed: int, source: str) -> tuple[list[Observation], list[Matrix]]:
+    """Observe the frames of a town's drive; return the poses of their clouds, too."""
+    (drive,) = record_towns([seed])
+    frames = open_dataset(drive)
+    detector = LoopDetector("cm2dp", fusion=FusionConfig.model_validate({"source": source}))
+    assert frames.poses is not None  # the simulator knows them
+    seen = [detector.observe(frame) for frame in frames]
+    return seen, [pose @ frames.body_from_points for pose in frames.poses]
+
+
+def observe_clouds(
+    clouds: Iterable[tuple[Cloud, Matrix]], source: str
+) -> tuple[list[Observation], list[Matrix]]:
+    """Observe clouds; return their poses, too. Those of hardly any points are left out."""
+    known = [(cloud, pose) for cloud, pose in clouds if len(cloud) >= _FEWEST]
+    detector = LoopDetector(
+        "m2dp",
+        fusion=FusionConfig(source="cloud"),
+        describe=None if source == "sector" else INDOORS,
+        registration=fit_lengths([known[0][0]]),
+    )
+    return [detector.observe(cloud) for cloud, _ in known], [pose for _, pose in known]
+
+
+_FEWEST = 10
+
+
+def clouds_of(seed: int, source: str) -> Iterator[tuple[Cloud, Matrix]]:
+    """Yield clouds and their poses, world_from_cloud: of a town's sector, a room or a recording."""
+    if source == "sector":
+        return cut_town(seed)
+    if source in RECORDED:
+        return read_recording(source.removeprefix("recorded-"))
+    world, _, circle = source.partition("-")
+    return scan_room(world, seed, CIRCLE_ROBOT if circle else ROBOT)
+
+
+def cut_town(seed: int) -> Iterator[tuple[Cloud, Matrix]]:
+    (drive,) = record_towns([seed])
+    frames = open_dataset(drive)
+    assert frames.poses is not None  # the simulator knows them
+    for frame, pose in zip(frames, frames.poses, strict=True):
+        points = frame.points
+        assert points is not None
+        ahead = np.abs(np.arctan2(points[:, 1], points[:, 0])) < SECTOR_RAD
+        yield Cloud(np.ascontiguousarray(points[ahead])), pose @ frames.body_from_points
+
+
+def scan_room(name: str, seed: int, robot_name: str) -> Iterator[tuple[Cloud, Matrix]]:
+    """Drive through a made world, and scan it once a second, standing still."""
+    robot = robot_named(robot_name)
+    still = {"rate_hz": 1.0, "scan_motion": False}
+    robot = merged(robot, {"lidars": {"velodyne": still}})
+    lidar = robot.lidars["velodyne"]
+    world = MADE[name].make(merged(MADE[name].settings, {"seed": seed}))
+    plan = PlanConfig(seed=seed, spacing_m=8.0, again=0.2, back=0.2)
+    world, drive = drive_through(world, robot, plan)
+    config = SimulationConfig(seed=seed)
+    events = simulate(
+        world,
+        robot,
+        drive,
+        config,
+        select=lambda tasks: (task for task in tasks if task.topic == lidar.topic),
+    )
+    for event in events:
+        assert isinstance(event.message, Scan)
+        seconds = drive.seconds[0] + event.message.stamp_ns / NANOSECONDS - config.start_s
+        (base,) = drive.at(np.array([seconds]))
+        points = np.ascontiguousarray(event.message.points, np.float32)
+        yield Cloud(points), base @ base_from(robot, lidar.frame_id)
+
+
+def read_recording(name: str) -> Iterator[tuple[Cloud, Matrix]]:
+    """Yield the coloured clouds of a recording, with the scanner at their origin."""
+    recording = RangeRecording.open(data_folder() / "recordings" / f"{name}.npz")
+    assert recording.poses is not None
+    robot = robot_named(ROBOT)
+    mounted = base_from(robot, robot.lidars["velodyne"].frame_id)
+    for number, pose in enumerate(recording.poses):
+        cloud = recording.whole_cloud(number)
+        points = (cloud.points - mounted[:3, 3]).astype(np.float32)
+        yield Cloud(points, cloud.colors), pose @ mounted
 
 
 def _register(seen: Sequence[Observation], world_from_cloud: Sequence[Matrix]) -> Iterator[Floats]:
-    """Yield overlap, ratio of colours, metres and degrees off of each registered pose."""
+    """Yield features, metres and degrees off of each registered pose."""
     clouds = [each.evidence.cloud for each in seen if each.evidence is not None]
     for query, matches in enumerate(_candidates(seen)):
         if query % STEP:
@@ -124,7 +267,9 @@ def _register(seen: Sequence[Observation], world_from_cloud: Sequence[Matrix]) -
             turn = np.degrees(Rotation.from_matrix(error[:3, :3]).magnitude())
             colors = result.color_difference
             ratio = np.nan if colors is None else colors.ratio
-            yield np.array([result.overlap, ratio, np.linalg.norm(error[:3, 3]), turn])
+            log_agreeing, degenerate = np.log(max(result.agreeing, 1)), len(result.degenerate)
+            features = result.overlap, ratio, log_agreeing, degenerate
+            yield np.array([*features, np.linalg.norm(error[:3, 3]), turn])
 
 
 def _candidates(seen: Sequence[Observation]) -> list[set[int]]:
@@ -168,29 +313,32 @@ def fit(features: Floats, right: Mask, weights: Floats) -> Floats:
     return model
 
 
-def fit_models(towns: Sequence[Mapping[str, Poses]]) -> Models:
-    """Fit one model to the overlaps of full circles, and one to those poses that have colours."""
-    circles = joined([town["lidar"] for town in towns])
-    every = joined([poses for town in towns for poses in town.values()])
-    known = np.isfinite(every.features[:, 1])
+def fit_models(drives: Mapping[str, Sequence[Poses]]) -> Models:
+    """Fit each model.
+
+    Overlaps of full circles make the plain one, poses that have colours the coloured one, and
+    sectors and rooms the one of small views.
+    """
+    towns = [*drives["lidar"], *drives["stereo"]]
+    colored = joined(towns)
+    known = np.isfinite(colored.of(["color_ratio"])[:, 0])
+    colored = Poses(*(values[known] for values in colored))
+    small = [poses for source in ("sector", *ROOMS, *CIRCLES) for poses in drives[source]]
+    sets = {"plain": joined(drives["lidar"]), "colored": colored, "small": joined(small)}
     return {
-        "plain": fit(circles.features[:, :1], circles.right, circles.weights),
-        "colored": fit(every.features[known], every.right[known], every.weights[known]),
+        kind: fit(poses.of(MODELS[kind]), poses.right, poses.weights)
+        for kind, poses in sets.items()
     }
 
 
-def predict(models: Models, poses: Poses) -> Floats:
-    """The probability of each pose, by the model of its kind."""
-    found: Floats = np.empty(len(poses.errors))
-    known = np.isfinite(poses.features[:, 1])
-    for rows, kind, count in ((~known, "plain", 1), (known, "colored", 2)):
-        model = models[kind]
-        found[rows] = 1 / (1 + np.exp(-model[0] - poses.features[rows, :count] @ model[1:]))
+def predict(models: Models, poses: Poses, kinds: Sequence[str]) -> Floats:
+    """The probability of each pose, by the first of some models that has all its features."""
+    found: Floats = np.full(len(poses.errors), np.nan)
+    for kind in kinds:
+        model, features = models[kind], poses.of(MODELS[kind])
+        rows = np.isnan(found) & np.isfinite(features).all(axis=1)
+        found[rows] = 1 / (1 + np.exp(-model[0] - features[rows] @ model[1:]))
     return found
-
-
-def without_colors(poses: Poses) -> Poses:
-    return poses._replace(features=poses.features * (1, np.nan))
 
 
 def model_yaml(models: Models) -> str:
@@ -202,61 +350,77 @@ def model_yaml(models: Models) -> str:
         "# python -m benchmarks.accuracy.registration_probability --write",
     ]
     for kind, model in models.items():
-        names = ("intercept", *FEATURES)[: len(model)]
+        names = ("intercept", *MODELS[kind])
         lines += [f"{kind}:"]
         lines += [f"  {name}: {value:.2f}" for name, value in zip(names, model, strict=True)]
     return "\n".join(lines) + "\n"
 
 
-def predict_held_out(towns: Sequence[Mapping[str, Poses]], kind: str) -> tuple[Floats, Poses]:
-    """Predict each town's poses by the fit to the other towns."""
-    source, colored = KINDS[kind]
-    said, seen = [], []
-    for k, town in enumerate(towns):
-        poses = town[source] if colored else without_colors(town[source])
-        said.append(predict(fit_models([*towns[:k], *towns[k + 1 :]]), poses))
-        seen.append(poses)
-    return np.concatenate(said), joined(seen)
+def calibration_row(said: Floats, poses: Poses) -> list[str]:
+    """What was predicted of some poses, and what was right of it."""
+    row = [str(len(said)), *(f"{within(poses.errors, *limits).mean():.1%}" for limits in LIMITS)]
+    for low, high in itertools.pairwise(BINS):
+        inside = (said >= low) & (said < high)
+        right = poses.right[inside]
+        row.append(f"{right.mean():.2f} ({len(right)})" if len(right) else "none")
+    accepted = said >= LoopConfig().min_probability
+    return [*row, f"{accepted[poses.right].mean():.2f}", count_wrong(said, poses)]
 
 
-def calibration_table(towns: Sequence[Mapping[str, Poses]]) -> str:
-    """One row per kind of clouds: what was predicted, and what was right of it."""
-    least = LoopConfig().min_probability
+def count_wrong(said: Floats, poses: Poses) -> str:
+    """Count the wrong ones of those that are probable enough for a loop."""
+    accepted = said >= LoopConfig().min_probability
+    return f"{(accepted & ~poses.right).sum()} of {accepted.sum()}"
+
+
+def calibration_table(models: Models, folder: Path) -> str:
+    """One row per kind of clouds, of drives that nothing was fitted to."""
     rows = []
-    for kind in KINDS:
-        said, poses = predict_held_out(towns, kind)
-        row = [kind, str(len(said))]
-        row += [f"{within(poses.errors, *limits).mean():.1%}" for limits in LIMITS]
-        for low, high in itertools.pairwise(BINS):
-            inside = (said >= low) & (said < high)
-            right = poses.right[inside]
-            row.append(f"{right.mean():.2f} ({len(right)})" if len(right) else "none")
-        accepted = said >= least
-        row += [f"{accepted[poses.right].mean():.2f}", str((accepted & ~poses.right).sum())]
-        rows.append(row)
-    header = ["clouds", "poses", *(f"up to {m:g} m, {deg:g} deg off" for m, deg in LIMITS)]
+    for name, (sources, kinds) in KINDS.items():
+        poses = joined(
+            [
+                register_drive(seed, source, folder)
+                for source in sources
+                for seed in ((0,) if source in RECORDED else REPORTED)
+            ]
+        )
+        cells = calibration_row(predict(models, poses, kinds), poses)
+        plain = count_wrong(predict(models, poses, ["plain"]), poses)
+        rows.append([name, f"`{kinds[0]}`", *cells, plain])
+    least = LoopConfig().min_probability
+    header = ["clouds", "model", "poses", *(f"off by up to {metres:g}" for metres, _ in LIMITS)]
     header += [f"{low:g} to {min(high, 1):g}" for low, high in itertools.pairwise(BINS)]
-    header += [f"right ones with {least:g} or more", "wrong ones"]
+    header += [f"right ones with {least:g} or more", "wrong ones", "by `plain`"]
     return table(header, rows)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true")
-    parser.add_argument("--poses", type=Path, default=cache_folder() / "registered-poses")
-    parser.add_argument("--seeds", nargs="+", type=int, default=FITTED)
+    parser.add_argument("--poses", type=Path, default=cache_folder() / "judged-poses")
     arguments = parser.parse_args()
-    towns = [
-        {source: register_town(seed, source, arguments.poses) for source in SOURCES}
-        for seed in arguments.seeds
-    ]
-    shown, model = calibration_table(towns), model_yaml(fit_models(towns))
+    drives = {
+        source: [register_drive(seed, source, arguments.poses) for seed in seeds]
+        for source, seeds in FITTED_TO.items()
+    }
+    model = model_yaml(fit_models(drives))
+    # As the package reads them: rounded.
+    models = {kind: np.array([*each.values()]) for kind, each in yaml.safe_load(model).items()}
+    shown = calibration_table(models, arguments.poses)
+    towns, sectors, circles, shown_seeds = (
+        ", ".join(map(str, seeds))
+        for seeds in (*(FITTED_TO[source] for source in ("lidar", "sector", CIRCLES[0])), REPORTED)
+    )
     about = fill(
-        f"`python -m benchmarks.accuracy.registration_probability`: the towns of seeds "
-        f"{', '.join(map(str, arguments.seeds))}, each predicted by a model that was fitted to the "
-        f"others. Right poses are up to {METRES:g} m and {DEGREES:g} degrees off. Columns from one "
-        "probability to another: share of right poses (number of all) among those of which it was "
-        "predicted.",
+        f"`python -m benchmarks.accuracy.registration_probability`: fitted to the towns of seeds "
+        f"{towns}; small views to sectors in towns, houses and warehouses of {sectors}, and to "
+        f"full circles in houses and warehouses of {circles}. Shown are the seeds {shown_seeds}, "
+        "and recordings that nothing was fitted to. Right poses are up to "
+        f"{METRES:g} m, in rooms {ROOM_METRES:g} m, and {DEGREES:g} degrees off; beside "
+        "their share stand those of 0.5 times as far and of 1.5 times as far with twice as many "
+        "degrees. Columns from one probability to another: share of right poses (number of all) "
+        "among those of which it was predicted. Wrong ones: of those with enough for a loop, and "
+        "of those to which the overlap alone, by `plain`, gives enough.",
         100,
     )
     print(f"{about}\n\n{shown}\n\n{model}")

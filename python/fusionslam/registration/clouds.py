@@ -195,6 +195,22 @@ class PreparedCloud:
         kept: Integers = remove_ground_segments(self.points, config=ground)[0]
         return kept
 
+    @cached_property
+    def is_small_view(self) -> bool:
+        """Whether it shows a room, or less than half of the circle.
+
+        Of a room most voxels are less than ``ROOM_REACH`` away. Gaps of up to 10 degrees belong to
+        what is shown.
+        """
+        columns = np.flatnonzero((self.ranges > 0).any(axis=0))
+        if not columns.size:
+            return True
+        circle = self.ranges.shape[1]
+        gaps = np.diff(columns, append=columns[:1] + circle) - 1
+        outside = gaps[gaps > circle * _GAP_DEG / 360].sum()
+        reach = np.median(np.linalg.norm(self.points, axis=1))
+        return bool(circle - outside < circle / 2 or reach < ROOM_REACH)
+
     @property
     def has_search_image(self) -> bool:
         """Whether poses are searched by its images from above."""
@@ -248,6 +264,10 @@ def check_points(points: Any) -> Points:
 
 
 _KEPT = ("config", "points", "search_points", "colors", "is_colored", "ranges", "scene")
+ROOM_REACH = 12.0
+"""Metres. Clouds of cars reach 15 and more, those in rooms 3 to 8."""
+_GAP_DEG = 10
+"""Wider gaps are out of the view, as they are for the overlap."""
 _STEPS_PER_M = 128
 """Coordinates are multiples of this part of a metre: stored in 16 bits they stay as they are."""
 

@@ -35,9 +35,9 @@ from fusionslam.registration.map_extra import (
     search_pose,
 )
 from fusionslam.registration.planar import register_planar
-from fusionslam.registration.probability import pose_probability
+from fusionslam.registration.probability import SmallView, pose_probability
 from fusionslam.registration.result import Refusal, Registration
-from fusionslam.registration.uncertainty import pose_uncertainty
+from fusionslam.registration.uncertainty import pose_covariance, weak_directions
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
 
@@ -156,20 +156,21 @@ def _register_globally(
             break
     if best is None:
         return _refused(_without_candidate(source, target, config))
-    covariance, degenerate = pose_uncertainty(best.information, config)
     judged = Registration(
         None,
         None,
         best.overlap,
         best.tilt,
-        degenerate,
+        best.degenerate,
         probability=best.probability,
         estimate=best.pose,
         color_difference=best.colors,
+        agreeing=best.agreeing,
     )
-    reason = best.misfit(config) or _too_degenerate(len(degenerate)) or best.doubt(config)
+    reason = best.misfit(config) or _too_degenerate(len(best.degenerate)) or best.doubt(config)
     if reason is not None:
         return replace(judged, reason=reason)
+    covariance = pose_covariance(best.information, best.degenerate, config)
     return replace(judged, target_from_source=best.pose, covariance=covariance)
 
 
@@ -199,18 +200,25 @@ def _without_candidate(
 
 
 class _Candidate(NamedTuple):
-    """A refined pose, its information matrix, and what it is judged by."""
+    """A refined pose, its information matrix, and what it is judged by.
+
+    ``is_small_view``: one of the clouds is.
+    """
 
     pose: Matrix
     information: Floats
     overlap: float
+    agreeing: int
     tilt: float
+    degenerate: Floats
     colors: ColorDifference | None
+    is_small_view: bool
 
     @property
     def probability(self) -> float:
         """That it is right."""
-        return pose_probability(self.overlap, self.colors)
+        small = SmallView(self.agreeing, len(self.degenerate)) if self.is_small_view else None
+        return pose_probability(self.overlap, self.colors, small)
 
     def rank(self, config: RegistrationConfig) -> tuple[bool, float]:
         """Upright poses first, then by probability."""
@@ -300,19 +308,34 @@ def _judged(
     distance = config.overlap_distance
     there = _overlap(source, target, pose, distance)
     back = _overlap(target, source, np.linalg.inv(pose).astype(np.float64), distance)
-    colors = _color_difference(source, target, pose, distance)
-    return _Candidate(pose, information, min(there, back), tilt, colors)
+    return _Candidate(
+        pose,
+        information,
+        overlap=min(there.share, back.share),
+        agreeing=min(there.agreeing, back.agreeing),
+        tilt=tilt,
+        degenerate=weak_directions(information[:3, :3], config.degenerate_ratio),
+        colors=_color_difference(source, target, pose, distance),
+        is_small_view=source.is_small_view or target.is_small_view,
+    )
+
+
+class _Overlap(NamedTuple):
+    """Share of a cloud's points that another confirms, of those that it could, and their number."""
+
+    share: float
+    agreeing: int
 
 
 def _overlap(
     one: PreparedCloud, other: PreparedCloud, other_from_one: Matrix, distance: float
-) -> float:
-    """Share of a cloud's points that the other cloud confirms, of those that it could."""
+) -> _Overlap:
     counts = count_overlap(
         one.above_ground, other.above_ground, other.ranges, other_from_one, distance=distance
     )
     against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
-    return counts["agreeing"] / max(1.0, counts["agreeing"] + against)
+    agreeing = counts["agreeing"]
+    return _Overlap(agreeing / max(1.0, agreeing + against), agreeing)
 
 
 def _color_difference(

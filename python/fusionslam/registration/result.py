@@ -43,6 +43,8 @@ class Registration:
             smaller of both; 0 without an estimate. A point in space that the other sensor saw to be
             free counts against it, one that it cannot have seen a quarter, one out of its view not
             at all. Of method planar: share of the compared cells of the range images that agree.
+        agreeing: number of those points, of the cloud that has fewer; 0 without an estimate, and of
+            method planar.
         tilt: angle between the z axes of the clouds, degrees; 0 without an estimate.
         degenerate: float64 (k, 3), unit vectors in the source's frame along which the clouds can
             slide on each other at the estimate, as along a corridor.
@@ -66,6 +68,7 @@ class Registration:
     probability: float | None = None
     estimate: Matrix | None = None
     color_difference: ColorDifference | None = None
+    agreeing: int = 0
 
     @property
     def accepted(self) -> bool:

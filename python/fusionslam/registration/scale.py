@@ -9,15 +9,13 @@ import numpy as np
 
 from fusionslam._core import voxel_downsample
 from fusionslam.errors import DataError
-from fusionslam.registration.clouds import check_points
+from fusionslam.registration.clouds import ROOM_REACH, check_points
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Points
 
 _REACH_VOXEL = 0.5
 """Metres. One point each, so that what is near, with more points, does not count for more."""
-_ROOM = 12.0
-"""Metres. Clouds of cars reach 15 and more, those in rooms 3 to 8."""
 _STREET = 20.0
 """Metres: the reach that the defaults are for."""
 _LEAST = 0.1
@@ -74,7 +72,7 @@ def fit_lengths(
     if not reaches:
         raise DataError("none of the clouds has points that could tell how far they reach")
     reach = float(np.median(reaches))
-    if reach >= _ROOM:
+    if reach >= ROOM_REACH:
         return config
     factor = max(reach / _STREET, _LEAST)
     values = config.model_dump()

@@ -19,15 +19,14 @@ def weak_directions(information: Floats, ratio: float) -> Floats:
     return weak
 
 
-def pose_uncertainty(information: Floats, config: RegistrationConfig) -> tuple[Floats, Floats]:
-    """Covariance of a pose and the degenerate directions, of its information matrix (6, 6).
+def pose_covariance(information: Floats, degenerate: Floats, config: RegistrationConfig) -> Floats:
+    """Covariance of a pose, float64 (6, 6), of its information and the directions it hardly holds.
 
     The information of GICP claims millimetres where errors are centimetres: hence the floor.
     """
-    degenerate = weak_directions(information[:3, :3], config.degenerate_ratio)
     # Nobody is more than half a turn off, or 100 m.
     prior = np.repeat([1 / 100**2, 1 / np.pi**2], 3)
     floor = np.repeat([config.position_sd, np.radians(config.angle_sd)], 3) ** 2
     covariance = np.linalg.inv(information + np.diag(prior)) + np.diag(floor)
     covariance[:3, :3] += config.degenerate_sd**2 * degenerate.T @ degenerate
-    return (covariance + covariance.T) / 2, degenerate
+    return (covariance + covariance.T) / 2

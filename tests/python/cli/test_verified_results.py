@@ -181,7 +181,7 @@ def test_proven_loops_are_reused_if_their_lengths_are_fitted_again_or_given_alik
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("small_gicp")
-    monkeypatch.setattr("fusionslam.registration.scale._ROOM", np.inf)  # fits what is no room
+    monkeypatch.setattr("fusionslam.registration.scale.ROOM_REACH", np.inf)  # fits what is no room
     voxel = RegistrationConfig().voxel
     given = ("--set", f"registration.voxel={voxel}")
     path, times = verified_path(tmp_path, "lidar", "m2dp"), []

@@ -9,11 +9,25 @@ import pytest
 import yaml
 
 import fusionslam.registration.probability as probability
-from benchmarks.accuracy.registration_probability import MODEL, fit, model_yaml
+from benchmarks.accuracy.registration_probability import (
+    CIRCLES,
+    FITTED_TO,
+    KINDS,
+    MODEL,
+    MODELS,
+    RECORDED,
+    REPORTED,
+    Poses,
+    calibration_row,
+    clouds_of,
+    fit,
+    model_yaml,
+    predict,
+)
 from clouds import scan_blocks
 from fusionslam import Cloud
-from fusionslam.registration import ColorDifference, register
-from fusionslam.registration.probability import pose_probability
+from fusionslam.registration import ColorDifference, PreparedCloud, register
+from fusionslam.registration.probability import SmallView, pose_probability
 from fusionslam.storage.arrays import Matrix, Points
 
 OVERLAPS = np.linspace(0, 1, 21)
@@ -29,6 +43,7 @@ def test_it_is_the_logistic_function_of_the_fitted_model(
     fitted = {
         "plain": {"intercept": -7.0, "overlap": 10.0},
         "colored": {"intercept": -4.0, "overlap": 10.0, "color_ratio": -5.0},
+        "small": {"intercept": -9.0, "overlap": 4.0, "log_agreeing": 2.0, "degenerate": -1.5},
     }
     path = tmp_path / "probability.yaml"
     path.write_text(yaml.safe_dump(fitted), encoding="utf-8")
@@ -38,6 +53,12 @@ def test_it_is_the_logistic_function_of_the_fitted_model(
         assert pose_probability(0.7, None) == pytest.approx(0.5)
         assert pose_probability(0.9, None) == pytest.approx(1 / (1 + np.exp(-2)))
         assert pose_probability(0.7, colors(0.4)) == pytest.approx(1 / (1 + np.exp(-1)))
+        small = SmallView(agreeing=100, degenerate=1)
+        score = -9 + 4 * 0.7 + 2 * np.log(100) - 1.5
+        assert pose_probability(0.7, None, small) == pytest.approx(1 / (1 + np.exp(-score)))
+        assert pose_probability(0.7, colors(0.4), small) == pose_probability(0.7, colors(0.4))
+        nothing = pose_probability(0.0, None, SmallView(0, 0))
+        assert nothing == pytest.approx(1 / (1 + np.exp(9)))
     finally:
         probability._models.cache_clear()
 
@@ -62,12 +83,105 @@ def test_weights_of_poses_are_as_if_they_were_there_more_often() -> None:
 def test_the_stored_model_is_as_the_benchmark_writes_it() -> None:
     text = MODEL.read_text(encoding="utf-8")
     stored = yaml.safe_load(text)
+    assert {kind: tuple(each)[1:] for kind, each in stored.items()} == MODELS
     assert model_yaml({kind: np.array([*each.values()]) for kind, each in stored.items()}) == text
+
+
+def test_the_benchmark_predicts_as_the_package_does() -> None:
+    stored = yaml.safe_load(MODEL.read_text(encoding="utf-8"))
+    models = {kind: np.array([*each.values()]) for kind, each in stored.items()}
+    features = np.array([(0.8, 0.5, np.log(200), 1), (0.7, np.nan, np.log(50), 0)])
+    poses = Poses(features, np.zeros((2, 2)), np.ones(2))
+    small = SmallView(200, 1), SmallView(50, 0)
+    by_small = [
+        pose_probability(each, None, view) for each, view in zip((0.8, 0.7), small, strict=True)
+    ]
+    by_color = pose_probability(0.8, colors(0.5))
+    expected: dict[tuple[str, ...], list[float]] = {
+        ("plain",): [pose_probability(0.8, None), pose_probability(0.7, None)],
+        ("small",): by_small,
+        ("colored", "plain"): [by_color, pose_probability(0.7, None)],
+        ("colored", "small"): [by_color, by_small[1]],
+    }
+    for kinds, values in expected.items():
+        assert predict(models, poses, kinds) == pytest.approx(values)
+
+
+def test_the_table_counts_what_was_right_of_what_was_said() -> None:
+    errors = np.array([(0.4, 0.9), (0.9, 0.2), (1.2, 1.5), (0.1, 2.5), (0.3, 0.3)])
+    poses = Poses(np.zeros((5, 4)), errors, np.ones(5))
+    row = calibration_row(np.array([0.01, 0.3, 0.3, 0.97, 0.995]), poses)
+    assert row[:4] == ["5", "40.0%", "60.0%", "80.0%"]
+    assert row[4:9] == ["1.00 (1)", "0.50 (2)", "none", "0.00 (1)", "1.00 (1)"]
+    assert row[9:] == ["0.33", "1 of 2"]
+
+
+def test_scans_of_made_rooms_lie_where_their_poses_say() -> None:
+    pytest.importorskip("embreex", reason="the simulator is an extra")
+    for (cloud, pose), _ in zip(clouds_of(1, "house"), range(3), strict=False):
+        azimuths = np.arctan2(cloud.points[:, 1], cloud.points[:, 0])
+        assert 0.5 < np.abs(azimuths).max() < 0.56
+        world = cloud.points @ pose[:3, :3].T + pose[:3, 3]
+        low = np.sort(world[:, 2])[: len(world) // 20]
+        assert np.median(low) == pytest.approx(0, abs=0.05)  # the floor
+
+
+def test_what_is_reported_was_not_fitted() -> None:
+    sources = {source for shown, _ in KINDS.values() for source in shown}
+    assert sources == {*FITTED_TO, *RECORDED}
+    assert set(CIRCLES) < sources
+    assert not any(set(REPORTED) & set(seeds) for seeds in FITTED_TO.values())
 
 
 def test_more_overlap_is_more_probable() -> None:
     for known in (None, colors(0.4), colors(0.9)):
         assert (np.diff([pose_probability(each, known) for each in OVERLAPS]) > 0).all()
+    small = SmallView(300, 0)
+    assert (np.diff([pose_probability(each, None, small) for each in OVERLAPS]) > 0).all()
+
+
+def test_small_views_are_more_probable_with_more_points_and_less_if_they_can_slide() -> None:
+    points = [pose_probability(0.9, None, SmallView(count, 0)) for count in (10, 100, 1000)]
+    slides = [pose_probability(0.9, None, SmallView(300, count)) for count in range(3)]
+    assert (np.diff(points) > 0).all()
+    assert (np.diff(slides) < 0).all()
+
+
+def test_a_few_surfaces_of_small_views_fit_by_chance() -> None:
+    assert pose_probability(0.9, None) > 0.99
+    for small in (SmallView(100, 0), SmallView(300, 1)):
+        assert pose_probability(0.9, None, small) < 0.9
+
+
+def ring(degrees: Points, metres: float) -> Points:
+    """Points at these azimuths and this distance, up to 1 m above and below the sensor."""
+    angles, heights = np.meshgrid(np.radians(degrees), np.linspace(-1, 1, 9))
+    places = [metres * np.cos(angles), metres * np.sin(angles), heights]
+    return np.stack(places, axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "metres", "small"),
+    [
+        (np.arange(-31.5, 32), 20, True),
+        (np.arange(148.5, 212), 20, True),  # behind, where azimuths jump
+        (np.arange(-85.5, 86), 20, True),
+        (np.arange(-99.5, 100), 20, False),
+        (np.arange(0.5, 360), 20, False),
+        (np.arange(0.5, 360, 9), 20, False),  # gaps of less than 10 degrees are in view
+        (np.r_[np.arange(0.5, 50), np.arange(180.5, 230)], 20, True),
+        (np.r_[np.arange(0.5, 100), np.arange(180.5, 280)], 20, False),
+        (np.empty(0), 20, True),
+        (np.arange(0.5, 360), 11, True),  # a room
+        (np.arange(0.5, 360), 13, False),
+    ],
+)
+def test_a_view_is_small_of_a_room_and_of_less_than_half_of_the_circle(
+    degrees: Points, metres: float, small: bool
+) -> None:
+    prepared = PreparedCloud(ring(degrees, metres))
+    assert prepared.is_small_view == small
+    assert PreparedCloud.from_bytes(prepared.to_bytes(), prepared.config).is_small_view == small
 
 
 def test_colors_that_differ_more_are_less_probable() -> None:
@@ -108,3 +222,23 @@ def test_the_right_pose_of_a_made_place_is_probable_and_a_wrong_one_is_not() -> 
         found = [register(one, other, guess, search=False).probability for guess in (truth, wrong)]
         assert found[0] is not None and found[0] > 0.95
         assert found[1] is not None and found[1] < 0.05
+
+
+def test_the_same_overlap_of_small_views_is_less_probable() -> None:
+    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+    here, there = np.eye(4), np.eye(4)
+    here[:3, 3], there[:3, 3] = (3, -2, 1.7), (4, -1.5, 1.7)
+    target, source = (scan_blocks(pose, k) for k, pose in enumerate((here, there)))
+    truth = np.linalg.inv(here) @ there
+
+    def cut(points: Points) -> Points:
+        return points[np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.55]
+
+    whole = register(source, target, truth, search=False)
+    assert whole.probability == pose_probability(whole.overlap, None)
+    for one, other in ((cut(source), cut(target)), (source, cut(target)), (cut(source), target)):
+        found = register(one, other, truth, search=False)
+        assert 0 < found.agreeing < whole.agreeing
+        small = SmallView(found.agreeing, len(found.degenerate))
+        assert found.probability == pose_probability(found.overlap, None, small)
+        assert found.probability < pose_probability(found.overlap, None)

@@ -416,7 +416,7 @@ def test_a_folder_of_verified_loops_alone_has_a_page(tmp_path: Path) -> None:
 def test_the_shown_clouds_are_those_that_registration_compared(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fusionslam.registration.scale._ROOM", np.inf)  # fits what is no room
+    monkeypatch.setattr("fusionslam.registration.scale.ROOM_REACH", np.inf)  # fits what is no room
     shown: dict[float, list[Points]] = {}
     for voxel in (0.4, 2.0):
         config = {"fusion": {"source": "lidar"}, "registration": {"voxel": voxel}}
