@@ -139,11 +139,12 @@ def coarse(spectra: Spectra) -> Spectra:
     rows = np.r_[:quarter, _CELLS - quarter : _CELLS]
     low: Spectra = np.ascontiguousarray(spectra[..., rows, : quarter + 1])
     low[..., quarter, :] = low[..., :, quarter] = 0  # these lack their conjugates
+    low /= 2  # the inverse transform of a product divides by a quarter of the cells
     return low
 
 
 def find_height(turned: Spectra, target: Spectra) -> float:
-    """Return the largest correlation over all turns and shifts."""
+    """Return the largest correlation over all turns and shifts, at most 1."""
     return float(_correlate(turned, target).max())
 
 

@@ -7,7 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
-from fusionslam.registration import PreparedCloud, RegistrationConfig, search_poses
+from fusionslam.registration import (
+    PreparedCloud,
+    RegistrationConfig,
+    compare_images,
+    search_poses,
+)
 from fusionslam.storage.arrays import Floats, Matrix, Points
 
 
@@ -57,6 +62,14 @@ def test_a_cloud_equals_itself_and_other_turns_are_less_alike() -> None:
     for one, other in [(0, 1), (0, 2), (1, 2)]:
         apart = abs((turns[one] - turns[other] + 180) % 360 - 180)
         assert apart > 20
+
+
+@pytest.mark.parametrize("there", [(3.0, -2.0), (4.0, -1.0), (12.0, -9.0)])
+def test_a_coarse_comparison_has_the_scale_of_the_fine_one(there: tuple[float, float]) -> None:
+    cloud = PreparedCloud(scan_blocks(place(3, -2, 20), 1))
+    other = PreparedCloud(scan_blocks(place(*there, 20), 1))
+    fine = search_poses(cloud, other)[0].correlation
+    assert fine / 2 < compare_images(cloud, other.search_image) < fine + 0.1
 
 
 def test_nothing_above_the_ground_gives_no_pose() -> None:
