@@ -129,6 +129,7 @@ Returns:
           "pose",
           [](const OdometryTree& self, std::int64_t node) { return square(self.pose(node), 4); },
           "node"_a, "float64 (4, 4), of a node.")
+      .def("parent", &OdometryTree::parent, "node"_a, "The node before; of a root, itself.")
       .def("root", &OdometryTree::root, "node"_a, "The node at which its odometry begins.")
       .def("__len__", &OdometryTree::size)
       .def_property_readonly("poses", &poses_of, "float64 (n, 4, 4), of all nodes.")

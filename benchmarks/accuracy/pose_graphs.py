@@ -10,9 +10,9 @@ looks like another one. Times are those of one thread.
 """
 
 import argparse
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -47,15 +47,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
-    text = graphs_table(data_folder())
+    path = read_poses_kitti(data_folder() / "kitti" / "poses" / "00.txt")
+    text = "\n\n".join(make(path) for make in (graphs_table, live_table, overconfidence_table))
     print(text)
     if arguments.write:
         write_between(PAGE, "pose graphs", text)
 
 
-def graphs_table(data: Path) -> str:
-    """All rows."""
-    path = read_poses_kitti(data / "kitti" / "poses" / "00.txt")
+def graphs_table(path: Floats) -> str:
+    """What is believed, and the time of one solve."""
     rows = []
     for name in ODOMETRY:
         for share in (0.0, 0.5, 1.0):
@@ -66,17 +66,65 @@ def graphs_table(data: Path) -> str:
     return table([*head, "true ones believed", "false ones believed", "s"], rows)
 
 
+def live_table(path: Floats) -> str:
+    """Times of ``update``, node after node."""
+    rows = [live_row(lengthen(path, nodes)) for nodes in (5_000, 50_000)]
+    head = ["nodes", "loops", "median, ms", "95 %", "99 %", "longest"]
+    return table([*head, "ATE while driving, m", "solved, m"], rows)
+
+
+def overconfidence_table(path: Floats) -> str:
+    """What is said of odometry whose stated deviations are divided by a factor."""
+    rows = []
+    for name in ODOMETRY:
+        for factor in (1, 3, 10):
+            drive = make_drive(path, name, 0.5)
+            graph = build(drive, factor)
+            for loop in drive.loops + drive.false:
+                add_loop(graph, *loop)
+            reason = graph.solve().reason
+            said = "nothing" if reason is None else f"{reason.number:.3g}"
+            rows.append([name, str(factor), said])
+    return table(["odometry", "deviations divided by", "said"], rows)
+
+
 def solved_row(name: str, drive: Drive) -> list[str]:
     graph = build(drive)
     odometry = graph.solve().poses
     for loop in drive.loops + drive.false:
         add_loop(graph, *loop)
+    started = time.process_time()
     solution = graph.solve()
+    seconds = time.process_time() - started
     right, wrong = believed(drive, solution)
     counts = [str(len(drive.true)), str(len(drive.loops)), str(len(drive.false))]
     ates = [f"{ate(poses, drive.true):.3g}" for poses in (odometry, solution.poses)]
     share = f"{right / len(drive.loops):.4f}"
-    return [name, *counts, *ates, share, str(wrong), f"{solution.seconds:.2f}"]
+    return [name, *counts, *ates, share, str(wrong), f"{seconds:.2f}"]
+
+
+def live_row(path: Floats) -> list[str]:
+    """Drive the path node by node; every sixth node or so closes a loop."""
+    drive = make_drive(path, "good", 0.0, len(path) * LOOPS // 4541)
+    arriving = {b: (a, pose) for a, b, pose in drive.loops}
+    graph = PoseGraph()
+    graph.add_node(drive.true[0])
+    graph.update()
+    seconds = []
+    for step, sd in zip(drive.steps, drive.sds, strict=True):
+        started = time.process_time()
+        node = graph.add_node()
+        graph.add_edge(node - 1, node, step, np.diag(sd**2), "odometry")
+        if node in arriving:
+            a, pose = arriving[node]
+            add_loop(graph, a, node, pose)
+        graph.update()
+        seconds.append(time.process_time() - started)
+    p50, p95, p99, most = np.percentile(seconds, [50, 95, 99, 100]) * 1000
+    times = [f"{value:.1f}" for value in (p50, p95, p99, most)]
+    live = ate(graph.poses, drive.true)
+    ates = [f"{value:.3g}" for value in (live, ate(graph.solve().poses, drive.true))]
+    return [str(len(path)), str(len(drive.loops)), *times, *ates]
 
 
 def believed(drive: Drive, solution: Solution) -> tuple[int, int]:
@@ -100,15 +148,15 @@ def add_loop(graph: PoseGraph, a: int, b: int, pose: Floats) -> None:
     graph.add_edge(a, b, pose, np.diag(LOOP_SD**2), "loop")
 
 
-def make_drive(path: Floats, odometry: str, false: float, seed: int = 0) -> Drive:
+def make_drive(path: Floats, odometry: str, false: float, loops_wanted: int = LOOPS) -> Drive:
     """Add noise to a path, find its loops, and make up ``false`` times as many false ones."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     steps = inverse(path[:-1]) @ path[1:]
     metres = np.maximum(np.linalg.norm(steps[:, :3, 3], axis=1), 0.01)
     sds = np.repeat(ODOMETRY[odometry], 3) * np.sqrt(metres)[:, None]
     steps = steps @ exp(rng.normal(size=sds.shape) * sds)
     pairs = find_revisits(path)
-    spread = np.unique(np.linspace(0, len(pairs) - 1, LOOPS).astype(int))
+    spread = np.unique(np.linspace(0, len(pairs) - 1, loops_wanted).astype(int))
     loops = [(a, b, inverse(path[a]) @ path[b] @ _noise(rng)) for a, b in pairs[spread].tolist()]
     invented = list(_invent_loops(path, round(false * len(loops)), rng))
     return Drive(path, steps, sds, loops, invented)

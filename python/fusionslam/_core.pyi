@@ -410,6 +410,10 @@ class OdometryTree:
         """
         Compares a measured pose a_from_b with odometry: the values of DriftFit. The error is the small motion from where the measurement has b to where odometry has it.
         """
+    def parent(self, node: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        The node before; of a root, itself.
+        """
     def pose(self, node: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
         """
         float64 (4, 4), of a node.

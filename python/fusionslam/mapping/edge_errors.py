@@ -15,20 +15,32 @@ CHI2_99 = 16.811893829770927
 CHI2_999 = 22.457744484825323
 
 
-def edge_errors(poses: Floats, edges: Sequence[Edge]) -> Floats:
-    """float64 (m, 6): small motions from where edges have their nodes b to where these are."""
+def chi_squares(poses: Floats, edges: Sequence[Edge]) -> Floats:
+    """float64 (m): squared errors of edges in units of their covariances, of nodes' poses."""
+    ends = np.array([[edge.a, edge.b] for edge in edges], np.int64).reshape(-1, 2)
+    return weigh_errors(measurement_errors(poses[ends], edges), edges)
+
+
+def measurement_errors(poses: Floats, edges: Sequence[Edge]) -> Floats:
+    """Small motions from where edges have their nodes b to where these are.
+
+    Args:
+        poses: float64 (m, 2, 4, 4), of the nodes a and b of each edge.
+        edges: m of them.
+
+    Returns:
+        float64 (m, 6).
+    """
     if not edges:
         return np.empty((0, 6))
-    a, b = (np.array([getattr(edge, end) for edge in edges]) for end in "ab")
     measured = np.array([edge.pose for edge in edges])
-    return log(inverse(measured) @ inverse(poses[a]) @ poses[b])
+    return log(inverse(measured) @ inverse(poses[:, 0]) @ poses[:, 1])
 
 
-def chi_squares(poses: Floats, edges: Sequence[Edge]) -> Floats:
-    """float64 (m): squared errors of edges in units of their covariances."""
+def weigh_errors(errors: Floats, edges: Sequence[Edge]) -> Floats:
+    """float64 (m): squares of errors (m, 6) in units of the edges' covariances."""
     if not edges:
         return np.empty(0)
-    errors = edge_errors(poses, edges)
     covariances = np.array([edge.covariance for edge in edges])
     weighted = np.linalg.solve(covariances, errors[..., None])[..., 0]
     return np.asarray(np.einsum("ni,ni->n", errors, weighted))

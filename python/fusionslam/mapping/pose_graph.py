@@ -13,13 +13,17 @@ import numpy as np
 from fusionslam._core import OdometryTree
 from fusionslam.errors import DataError
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance, check_kind, check_pose
-from fusionslam.mapping.edge_errors import CHI2_999, chi_squares, edge_errors
+from fusionslam.mapping.edge_errors import CHI2_999, chi_squares, measurement_errors, weigh_errors
 from fusionslam.mapping.gtsam_extra import Measurement, Solver, load
 from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
+from fusionslam.mapping.overconfidence import MOST, fit_scale
+from fusionslam.mapping.window import Window, as_measurement
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _MOST_ROUNDS = 4  # of solving with the loops that fit
+_FEWEST_AGREEING = 10  # loops by which odometry is judged
+_MOST_REFUSED = 0.2  # part of loops that agree beyond which it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,9 @@ class Solution:
         parts: int64 (n), for each node the first node of the part of the graph that it is
             connected with; the poses of different parts have nothing to do with each other.
         believed, refused, pending: edges of kinds "loop" and "merge" by their state.
-        reason: what is wrong with the graph as a whole; None if nothing is.
+        reason: what is wrong with the graph as a whole; None if nothing is. Its code is
+            "overconfident-odometry" where odometry contradicts more than a fifth of the loops that
+            agree with each other (number: the factor by which its stated deviations are too small).
         seconds: time it took.
     """
 
@@ -42,6 +48,22 @@ class Solution:
     pending: tuple[Edge, ...] = ()
     reason: Refusal | None = None
     seconds: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """Where the newest node is while driving.
+
+    Attributes:
+        pose: float64 (4, 4), of the newest node in the frame of its part of the graph; None
+            without nodes.
+        edges: the loops and merges that were added since the last update or solve, with states as
+            far as known: "believed" where they fit the poses now, "refused" where odometry
+            contradicts them, and "pending" until the next solve.
+    """
+
+    pose: Matrix | None
+    edges: tuple[Edge, ...]
 
 
 class PoseGraph:
@@ -63,6 +85,8 @@ class PoseGraph:
         self._sigmas = sigmas
         self._given: list[Matrix | None] = []  # poses by the caller
         self._edges: list[Edge] = []
+        self._updated = 0  # edges that update() or solve() has seen
+        self._parts = np.empty(0, np.int64)  # of nodes in the last solution
         self._clear_tree()
 
     def __len__(self) -> int:
@@ -148,7 +172,7 @@ class PoseGraph:
         loops = [edge for edge in self._edges if edge.kind != "odometry"]
         within = [edge for edge in loops if sessions[edge.a] == sessions[edge.b]]
         across = [edge for edge in loops if sessions[edge.a] != sessions[edge.b]]
-        refusals = self._gate(poses, within)
+        refusals = self._gate(within)
         if within:
             poses, refusals = self._solve_robustly(poses, within, refusals, sessions)
         parts = sessions
@@ -170,31 +194,85 @@ class PoseGraph:
             state: State = "believed" if reason is None else "refused"
             self._edges[edge.number] = replace(edge, state=state, reason=reason)
         loops = [self._edges[edge.number] for edge in loops]
+        reason = self._find_overconfidence(sessions, within)
+        self._updated, self._parts = len(self._edges), parts
+        self._window = Window(self._tree, poses[self._placed])
         return Solution(
             poses,
             parts,
             tuple(edge for edge in loops if edge.state == "believed"),
             tuple(edge for edge in loops if edge.state == "refused"),
+            reason=reason,
             seconds=time.perf_counter() - started,
         )
 
+    def update(self) -> Update:
+        """Take in what was added since the last call, with work that does not grow with the graph.
+
+        A node is put where odometry leads from the one before. Loops move the newest nodes only,
+        and those between the last loops; ``solve`` moves all. The first update, and one after
+        odometry that joins nodes already seen, takes time for each node. Add a node's odometry
+        before its update.
+        """
+        self._grow_tree()
+        new = [edge for edge in self._edges[self._updated :] if edge.kind != "odometry"]
+        self._updated = len(self._edges)
+        window = self._window
+        here = [edge for edge in new if self._part(edge.a) == self._part(edge.b)]
+        within = [e for e in here if self._session(e.a) == self._session(e.b)]
+        refusals = self._gate(within)
+        asked = [edge for edge in here if edge.number not in refusals]
+        places = [(self._place[edge.a], self._place[edge.b]) for edge in asked]
+        window.close([as_measurement(e, a, b) for e, (a, b) in zip(asked, places, strict=True)])
+        for edge, (a, b) in zip(asked, places, strict=True):
+            square = weigh_errors(
+                measurement_errors(window.at(np.array([a, b]))[None], [edge]), [edge]
+            )[0]
+            state: State = "believed" if square <= CHI2_999 else "pending"
+            self._edges[edge.number] = replace(edge, state=state)
+        for number, reason in refusals.items():
+            self._edges[number] = replace(self._edges[number], state="refused", reason=reason)
+        newest = np.array([self._place[node] for node in range(len(self))[-1:]], np.int64)
+        pose = window.at(newest)[0] if len(self) else None
+        return Update(pose, tuple(self._edges[edge.number] for edge in new))
+
+    @property
+    def poses(self) -> Floats:
+        """float64 (n, 4, 4): where the last update or solve has the nodes it knew."""
+        poses = np.empty((len(self._placed), 4, 4))
+        poses[self._placed] = self._window.poses
+        return poses
+
+    def _session(self, node: int) -> int:
+        return self._tree.root(self._place[node])
+
+    def _part(self, node: int) -> int:
+        """The first node of the part that a node is connected with by now."""
+        first = self._placed[self._session(node)]
+        return int(self._parts[first]) if first < len(self._parts) else first
+
     def _clear_tree(self) -> None:
         self._tree = OdometryTree()
-        self._placed: list[int] = []  # numbers of nodes in the tree
+        self._known = 0  # nodes that the tree knows
+        self._placed: list[int] = []  # their numbers, in its order
         self._place: dict[int, int] = {}  # and back
         self._taken = 0  # edges that the tree knows
+        self._window = Window(self._tree, np.empty((0, 4, 4)))
 
     def _grow_tree(self) -> None:
         """Put new nodes into the tree of odometry."""
         new = [edge for edge in self._edges[self._taken :] if edge.kind == "odometry"]
         if not all(self._grow_by(edge) for edge in new):
             self._clear_tree()
+            self._updated, self._parts = 0, np.empty(0, np.int64)
             for edge in self._odometry_in_order():
                 self._grow_by(edge)
         self._taken = len(self._edges)
-        for node in range(len(self)):
+        for node in range(self._known, len(self)):
             if node not in self._place:
                 self._begin(node)
+        self._known = len(self)
+        self._window.grow([self._tree.parent(k) for k in range(len(self._window), len(self))])
 
     def _grow_by(self, edge: Edge) -> bool:
         """False if the edge joins two sessions, so that one must be placed anew."""
@@ -263,12 +341,14 @@ class PoseGraph:
             poses[self._placed] = self._tree.poses
         return poses
 
-    def _gate(self, poses: Floats, loops: Sequence[Edge]) -> dict[int, Refusal]:
-        """Refuse the loops that contradict odometry, which has the nodes at ``poses``."""
+    def _gate(self, loops: Sequence[Edge], scale: float = 1.0) -> dict[int, Refusal]:
+        """Refuse the loops that contradict odometry, whose deviations are multiplied."""
         refusals = {}
-        for edge, error in zip(loops, edge_errors(poses, loops), strict=True):
-            a, b = self._place[edge.a], self._place[edge.b]
-            fit = self._tree.fit(a, b, error, edge.covariance, self._sigmas)
+        places = [(self._place[edge.a], self._place[edge.b]) for edge in loops]
+        poses = np.array([[self._tree.pose(a), self._tree.pose(b)] for a, b in places])
+        errors = measurement_errors(poses, loops)
+        for edge, (a, b), error in zip(loops, places, errors, strict=True):
+            fit = self._tree.fit(a, b, error, edge.covariance / scale**2, scale * self._sigmas)
             error_m, error_rad, allowed_m, allowed_rad = fit
             excess = max(error_m / allowed_m, error_rad / allowed_rad)
             if excess > 1:
@@ -310,6 +390,40 @@ class PoseGraph:
                     f"{CHI2_999:.3g} is to be expected",
                 )
         return poses, refusals
+
+    def _find_overconfidence(self, sessions: Integers, loops: Sequence[Edge]) -> Refusal | None:
+        """Say by what factor odometry claims too much, if it refuses many loops that agree.
+
+        Loops agree if they are believed together where odometry hardly counts.
+        """
+        believed = sum(self._edges[edge.number].state == "believed" for edge in loops)
+        if (1 - _MOST_REFUSED) * len(loops) <= believed or len(loops) < _FEWEST_AGREEING:
+            return None
+        fixed, start = np.unique(sessions), self._odometry_poses()
+        refused = self._gate(loops, MOST)
+        asked = [_measure(edge, robust=True) for edge in loops if edge.number not in refused]
+        poses = Solver(start, self._odometry(), fixed, MOST).solve(asked)
+        squares = chi_squares(poses, loops)
+        agreeing = [loops[k] for k in np.flatnonzero(squares <= CHI2_999).tolist()]
+        few = len(agreeing) < _FEWEST_AGREEING
+        if few or (1 - _MOST_REFUSED) * len(agreeing) <= believed:
+            return None
+        odometry = [edge for edge in self._edges if edge.kind == "odometry"]
+        measured = [_measure(edge) for edge in agreeing]
+
+        def solve(scale: float) -> Floats:
+            return Solver(poses, self._odometry(), fixed, scale).solve(measured)
+
+        factor = fit_scale(solve, odometry, agreeing)
+        if factor is None or factor < 1.5:
+            return None
+        return Refusal(
+            "overconfident-odometry",
+            factor,
+            f"odometry contradicts {len(agreeing) - believed} of {len(agreeing)} loops that agree "
+            f"with each other: its stated deviations are too small by a factor of {factor:.2g}, or "
+            "these loops are false",
+        )
 
     def _odometry(self) -> list[Measurement]:
         return [_measure(edge) for edge in self._edges if edge.kind == "odometry"]

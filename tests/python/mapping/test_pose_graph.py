@@ -202,3 +202,98 @@ def test_an_isolated_node_is_named() -> None:
 
 def test_an_empty_graph_has_an_empty_solution() -> None:
     assert PoseGraph().solve().poses.shape == (0, 4, 4)
+
+
+@pytest.mark.parametrize("factor", [1.0, 10.0])
+def test_overconfident_odometry_is_named_with_its_factor(factor: float) -> None:
+    """Many laps, loops at each place; the stated deviations are divided by the factor."""
+    rng = np.random.default_rng(6)
+    graph = PoseGraph()
+    graph.add_node()
+    for node in range(1, 10 * LAP):
+        graph.add_node()
+        measured = STEP @ exp(rng.normal(size=6) * ODOMETRY)
+        covariance = np.diag((ODOMETRY / factor) ** 2)
+        graph.add_edge(node - 1, node, measured, covariance, "odometry")
+        if node >= LAP:
+            close(graph, rng, node % LAP, node)
+    solution = graph.solve()
+    if factor == 1:
+        assert solution.reason is None
+    else:
+        assert solution.reason.code == "overconfident-odometry"
+        assert solution.reason.number == pytest.approx(factor, rel=0.3)
+        assert len(solution.refused) > len(solution.believed)
+
+
+def test_false_loops_alone_do_not_make_odometry_overconfident() -> None:
+    rng = np.random.default_rng(7)
+    graph = PoseGraph()
+    drive(graph, rng, 4 * LAP)
+    for a, b in rng.integers(0, 4 * LAP, (40, 2)).tolist():
+        if a != b:
+            anywhere = exp(rng.uniform(-20, 20, 6) * [1, 1, 1, 0.1, 0.1, 0.1])
+            graph.add_edge(a, b, anywhere, np.diag(LOOP**2), "loop")
+    solution = graph.solve()
+    assert (len(solution.believed), solution.reason) == (0, None)
+
+
+def test_poses_follow_loops_while_driving() -> None:
+    rng, first = np.random.default_rng(8), np.random.default_rng(8)
+    graph, alone = PoseGraph(), PoseGraph()
+    _, true = drive(alone, first, 6 * LAP)
+    odometry = alone.solve().poses
+    graph.add_node()
+    states, live = [], [np.eye(4)]
+    for edge in alone.edges:
+        graph.add_node()
+        graph.add_edge(edge.a, edge.b, edge.pose, edge.covariance, "odometry")
+        if edge.b >= LAP:
+            close(graph, rng, edge.b % LAP, edge.b)
+        update = graph.update()
+        states += [each.state for each in update.edges]
+        live.append(update.pose)
+    assert states.count("believed") > 0.95 * len(states) == 0.95 * 5 * LAP
+    last = errors_m(np.array(live), true)[-LAP:].max()
+    assert last < 0.6 * errors_m(odometry, true)[-LAP:].max()
+    assert np.allclose(graph.poses[-1], live[-1])
+    solution = graph.solve()
+    assert np.allclose(graph.poses, solution.poses)
+    assert errors_m(solution.poses, true).max() < 0.3
+
+
+def test_a_false_loop_does_not_move_the_nodes_while_driving() -> None:
+    rng = np.random.default_rng(9)
+    graph = PoseGraph()
+    drive(graph, rng, LAP)
+    before = graph.update().pose
+    graph.add_edge(3, LAP - 1, np.eye(4), np.diag(LOOP**2), "loop")
+    update = graph.update()
+    assert [edge.state for edge in update.edges] == ["refused"]
+    assert update.edges[0].reason.code == "contradicts-odometry"
+    assert np.array_equal(update.pose, before)
+
+
+def test_a_later_session_is_led_by_the_sessions_it_is_joined_with() -> None:
+    rng = np.random.default_rng(10)
+    graph = PoseGraph()
+    drive(graph, rng, LAP)
+    start, true = drive(graph, rng, LAP // 2)
+    for k in (1, 4, 8):
+        close(graph, rng, k, start + k, "merge")
+    assert {edge.state for edge in graph.update().edges} == {"pending"}
+    assert set(graph.solve().parts) == {0}
+    for _ in range(LAP // 2, LAP):
+        node = graph.add_node()
+        measured = STEP @ exp(rng.normal(size=6) * ODOMETRY * 3)
+        graph.add_edge(node - 1, node, measured, np.diag((ODOMETRY * 3) ** 2), "odometry")
+        close(graph, rng, node - start, node, "merge")
+        update = graph.update()
+    assert [edge.state for edge in update.edges] == ["believed"]
+    here = graph.poses[node - start]
+    assert np.linalg.norm(update.pose[:3, 3] - here[:3, 3]) < 0.1
+    assert len(true) == LAP // 2
+
+
+def test_an_update_of_an_empty_graph_has_no_pose() -> None:
+    assert PoseGraph().update().pose is None

@@ -1,0 +1,125 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses while driving: each loop moves the session's nodes, with bounded work."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from fusionslam._core import OdometryTree
+from fusionslam.geometry.se3 import adjoint, exp, inverse, log
+from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.gtsam_extra import Measurement, Solver
+from fusionslam.storage.arrays import Floats, Integers
+
+_NEWEST, _OLDER = 10, 20
+"""Loops that are solved together: the newest ones, and as many spread over the others."""
+
+
+class Window:
+    """Current poses of nodes in the order in which odometry reached them.
+
+    Nodes between two loops are one step of odometry, with the drift of the way between, and few
+    loops stand for all, so that the work for a new one does not depend on the number of nodes.
+
+    Args:
+        tree: the odometry.
+        poses: float64 (n, 4, 4), of its nodes by now.
+    """
+
+    def __init__(self, tree: OdometryTree, poses: Floats) -> None:
+        self._tree = tree
+        self._poses = poses.copy()  # without what loops have moved since
+        self._count = len(poses)
+        self._loops: list[Measurement] = []  # between numbers of the tree, b newer than a
+        self._knots = np.zeros(1, np.int64)  # ends of loops, the first node of the session before
+        self._moves = np.eye(4)[None]  # of the knots, in the frame of the poses
+        if len(poses):
+            self._begin(tree.root(len(poses) - 1))
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def poses(self) -> Floats:
+        """float64 (n, 4, 4)."""
+        return self.at(np.arange(self._count))
+
+    def at(self, numbers: Integers) -> Floats:
+        """float64 (m, 4, 4): current poses of some nodes, (m)."""
+        knots, moves = self._knots, self._moves
+        if len(knots) == 1:
+            return np.asarray(self._poses[numbers])
+        part = np.clip(np.searchsorted(knots, numbers, side="right") - 1, 0, len(knots) - 2)
+        shares = np.clip((numbers - knots[part]) / (knots[part + 1] - knots[part]), 0, 1)
+        between = log(moves[1:] @ inverse(moves[:-1]))
+        moved = exp(shares[:, None] * between[part]) @ moves[part]
+        return np.asarray(moved @ self._poses[numbers])
+
+    def grow(self, parents: Sequence[int]) -> None:
+        """Take in the nodes that odometry has reached since, each with its parent."""
+        for parent in parents:
+            node = self._count
+            if node == len(self._poses):
+                room = np.empty((max(64, 2 * node), 4, 4))
+                room[:node] = self._poses
+                self._poses = room
+            self._count += 1
+            if parent == node:
+                self._keep_moves()
+                self._poses[node] = self._tree.pose(node)
+                self._begin(node)
+            else:
+                step = inverse(self._tree.pose(parent)) @ self._tree.pose(node)
+                self._poses[node] = self._poses[parent] @ step
+
+    def close(self, loops: Sequence[Measurement]) -> None:
+        """Move the nodes of the newest session to where loops fit best.
+
+        Args:
+            loops: between nodes of the tree, a earlier than b. Those that do not end in the newest
+                session are left out.
+        """
+        first = int(self._knots[0])
+        loops = [loop for loop in loops if self._tree.root(loop.b) == self._tree.root(first)]
+        if not loops:
+            return
+        self._loops += loops
+        older = np.linspace(0, len(self._loops) - _NEWEST - 1, _OLDER)
+        spread = np.unique(older.astype(int)).tolist() if len(self._loops) > _NEWEST else []
+        asked = [self._loops[k] for k in spread] + self._loops[-_NEWEST:]
+        ends = {end for loop in asked for end in (loop.a, loop.b)}
+        knots = np.array([first, *sorted(end for end in ends if end > first)])
+        others = np.array(sorted(end for end in ends if end < first), np.int64)
+        numbers = np.concatenate([knots, others])
+        rows = {int(number): row for row, number in enumerate(numbers)}
+        bases = self._poses[knots]
+        steps = [
+            Measurement(row, row + 1, inverse(bases[row]) @ bases[row + 1], self._tree.drift(a, b))
+            for row, (a, b) in enumerate(pairwise(knots.tolist()))
+        ]
+        fixed = np.array([0, *range(len(knots), len(numbers))])
+        solver = Solver(self.at(numbers), steps, fixed)
+        solved = solver.solve([loop._replace(a=rows[loop.a], b=rows[loop.b]) for loop in asked])
+        self._knots = knots
+        self._moves = solved[: len(knots)] @ inverse(bases)
+
+    def _begin(self, node: int) -> None:
+        """Begin a session: its nodes are those from this one on."""
+        self._loops = []
+        self._knots, self._moves = np.array([node]), np.eye(4)[None]
+
+    def _keep_moves(self) -> None:
+        """Put the nodes of the session for good where loops have moved them."""
+        before = np.arange(self._knots[0], self._count - 1)
+        self._poses[before] = self.at(before)
+
+
+def as_measurement(edge: Edge, a: int, b: int) -> Measurement:
+    """An edge between the places of its nodes, from the earlier to the newer one."""
+    if a < b:
+        return Measurement(a, b, edge.pose, edge.covariance, robust=True)
+    carry = adjoint(edge.pose)
+    turned = carry @ edge.covariance @ carry.T
+    return Measurement(b, a, inverse(edge.pose), turned, robust=True)
