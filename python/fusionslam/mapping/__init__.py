@@ -4,6 +4,7 @@
 
 from fusionslam.mapping.drift import DriftModel
 from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.pose_graph import PoseGraph, Solution
+from fusionslam.mapping.graph_export import export_graph
+from fusionslam.mapping.pose_graph import PoseGraph, Solution, Update
 
-__all__ = ["DriftModel", "Edge", "PoseGraph", "Solution"]
+__all__ = ["DriftModel", "Edge", "PoseGraph", "Solution", "Update", "export_graph"]

@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from fusionslam import _core
 from fusionslam.config import flatten
+from fusionslam.datasets import graph_files
+from fusionslam.datasets.graph_files import edge_of_pose
 from fusionslam.descriptors import PRESETS, with_preset
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
@@ -342,15 +344,16 @@ def write_g2o(run: VerifiedRun, path: str | os.PathLike[str]) -> None:
     and the vector of the quaternion (half of the angle). Vertices are for odometry to give. Raises
     DataError.
     """
-    halves = np.repeat([1.0, 0.5], 3)
-    lines = []
-    for row in np.flatnonzero(run.accepted):
-        pose = run.match_from_query[row]
-        turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
-        information = np.linalg.inv(run.covariance[row] * np.outer(halves, halves))
-        upper = information[np.triu_indices(6)]
-        ends = f"{run.numbers[run.match[row]]} {run.numbers[row]}"
-        numbers = " ".join(f"{value:.9g}" for value in (*pose[:3, 3], *turn, *upper))
-        lines.append(f"EDGE_SE3:QUAT {ends} {numbers}\n")
-    with atomic_path(path) as temporary:
-        temporary.write_text("".join(lines), encoding="ascii")
+    graph_files.write_g2o(
+        path,
+        [],
+        [
+            edge_of_pose(
+                int(run.numbers[run.match[row]]),
+                int(run.numbers[row]),
+                run.match_from_query[row],
+                run.covariance[row],
+            )
+            for row in np.flatnonzero(run.accepted)
+        ],
+    )

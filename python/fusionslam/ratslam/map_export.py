@@ -17,6 +17,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.datasets import graph_files
+from fusionslam.datasets.graph_files import GraphEdge, GraphNode
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import ground_poses
@@ -138,15 +140,13 @@ def write_g2o(path: PathLike, run: MapRecord) -> None:
             be written.
     """
     _check(run)
-    lines = [f"VERTEX_SE2 {node} {_numbers(pose)}" for node, pose in enumerate(run.nodes)]
-    lines += ["FIX 0"] if lines else []
+    nodes = [GraphNode(number, pose) for number, pose in enumerate(run.nodes)]
     rows = zip(run.links, link_offsets(run.links), _information(run.links), strict=True)
-    for link, way, (place, rotation) in rows:
-        information = _numbers([place, 0.0, 0.0, place, 0.0, rotation])
-        ends = f"{link['source']} {link['target']}"
-        lines.append(f"EDGE_SE2 {ends} {_numbers(way)} {information}")
-    with atomic_path(path) as temporary:
-        temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
+    edges = [
+        GraphEdge(link["source"], link["target"], way, np.diag([place, place, rotation]))
+        for link, way, (place, rotation) in rows
+    ]
+    graph_files.write_g2o(path, nodes, edges, fixed=[0] if nodes else [])
 
 
 def link_offsets(links: NDArray[np.void]) -> Floats:
@@ -254,11 +254,6 @@ def _information(links: NDArray[np.void]) -> Floats:
             fields=(str(wrong[0]),),
         )
     return deviations**-2.0
-
-
-def _numbers(values: Any) -> str:
-    """Numbers with all their digits, separated by spaces."""
-    return " ".join(f"{value:.17g}" for value in values)
 
 
 def _check(run: MapRecord) -> None:
