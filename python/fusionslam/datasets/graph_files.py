@@ -46,7 +46,7 @@ def node_of_pose(number: int, pose: Matrix) -> GraphNode:
 
 def edge_of_pose(a: int, b: int, pose: Matrix, covariance: Floats) -> GraphEdge:
     """An edge in space of a_from_b, float64 (4, 4), and its covariance as in ``Registration``."""
-    information: Floats = np.linalg.inv(covariance * np.outer(_HALVES, _HALVES))
+    information = np.linalg.inv(covariance) / _HALVES / _HALVES[:, None]
     return GraphEdge(a, b, _values(pose), information)
 
 
