@@ -17,36 +17,46 @@ _STEPS = 6
 _CLOSE = 0.05  # of the logarithm of the factor
 
 
-def fit_scale(
-    solve: Callable[[float], Floats], odometry: Sequence[Edge], loops: Sequence[Edge]
-) -> float | None:
-    """Find the factor on odometry's deviations with which the errors are as large as expected.
-
-    The squared errors of all edges, in units of their covariances, then sum up to their number of
-    degrees of freedom: six for each loop.
+def chi_ratio(
+    poses: Floats, odometry: Sequence[Edge], loops: Sequence[Edge], scale: float
+) -> float:
+    """Sum of all squared errors, of the one to be expected: six degrees of freedom for each loop.
 
     Args:
-        solve: gives the poses (n, 4, 4) that fit the loops best for a factor.
+        poses: float64 (n, 4, 4), solved with these edges.
+        odometry: edges, whose stated deviations are multiplied by ``scale``.
+        loops: at least one.
+    """
+    total = chi_squares(poses, odometry).sum() / scale**2 + chi_squares(poses, loops).sum()
+    return float(total / (6 * len(loops)))
+
+
+def fit_scale(
+    solve: Callable[[float], Floats],
+    odometry: Sequence[Edge],
+    loops: Sequence[Edge],
+    most: float,
+) -> float:
+    """Find the factor on odometry's deviations with which the errors are as large as expected.
+
+    Args:
+        solve: gives the poses (n, 4, 4) that fit best for a factor.
         odometry: edges with the stated deviations.
-        loops: edges that are believed if odometry is not.
+        loops: edges that are believed.
+        most: the largest factor that is tried.
 
     Returns:
-        The factor, 1 to ``MOST``; None if it is larger.
+        The factor, 1 to ``most``.
     """
-    expected = 6 * len(loops)
 
     def excess(log_scale: float) -> float:
         scale = float(np.exp(log_scale))
-        poses = solve(scale)
-        total = chi_squares(poses, odometry).sum() / scale**2 + chi_squares(poses, loops).sum()
-        return float(np.log(total / expected))
+        return float(np.log(chi_ratio(solve(scale), odometry, loops, scale)))
 
-    low, high = 0.0, float(np.log(MOST))
+    low, high = 0.0, float(np.log(most))
     above, below = excess(low), excess(high)
-    if below > 0:
-        return None
-    if above <= 0:
-        return 1.0
+    if above <= 0 or below >= 0:
+        return float(np.exp(low if above <= 0 else high))
     for _ in range(_STEPS):
         if high - low < _CLOSE:
             break

@@ -11,19 +11,21 @@ from typing import Any
 import numpy as np
 
 from fusionslam._core import OdometryTree
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance, check_kind, check_pose
 from fusionslam.mapping.edge_errors import CHI2_999, chi_squares, measurement_errors, weigh_errors
 from fusionslam.mapping.gtsam_extra import Measurement, Solver, load
 from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
-from fusionslam.mapping.overconfidence import MOST, fit_scale
+from fusionslam.mapping.overconfidence import MOST, chi_ratio, fit_scale
 from fusionslam.mapping.window import Window, as_measurement
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _MOST_ROUNDS = 4  # of solving with the loops that fit
 _FEWEST_AGREEING = 10  # loops by which odometry is judged
-_MOST_REFUSED = 0.2  # part of loops that agree beyond which it is
+_MOST_REFUSED = 0.2  # part of loops that agree beyond which something is said
+_MARGIN = 1.5  # by which odometry counts less than it should while agreeing loops are looked for
+_HONEST = 1.5  # squared errors of a graph, of those to be expected, up to which odometry is
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +80,17 @@ class PoseGraph:
 
     Raises:
         FusionSlamError: GTSAM is not installed (code "missing-extra").
+        ConfigError: sigmas is not above 0 (code "out-of-range").
     """
 
     def __init__(self, *, sigmas: float = 4.5) -> None:
         load()
+        if not 0 < sigmas < np.inf:
+            raise ConfigError(
+                f"sigmas is {sigmas}, expected more than 0",
+                code="out-of-range",
+                fields=("sigmas", str(sigmas)),
+            )
         self._sigmas = sigmas
         self._given: list[Matrix | None] = []  # poses by the caller
         self._edges: list[Edge] = []
@@ -134,7 +143,7 @@ class PoseGraph:
         """
         check_kind(kind)
         for name, node in (("a", a), ("b", b)):
-            if not 0 <= node < len(self):
+            if not isinstance(node, (int, np.integer)) or not 0 <= node < len(self):
                 raise DataError(
                     f"{name} is node {node}: expected one of the {len(self)} nodes, from 0",
                     code="unknown-node",
@@ -194,9 +203,9 @@ class PoseGraph:
             state: State = "believed" if reason is None else "refused"
             self._edges[edge.number] = replace(edge, state=state, reason=reason)
         loops = [self._edges[edge.number] for edge in loops]
-        reason = self._find_overconfidence(sessions, within)
         self._updated, self._parts = len(self._edges), parts
         self._window = Window(self._tree, poses[self._placed])
+        reason = self._find_overconfidence(sessions, within)
         return Solution(
             poses,
             parts,
@@ -362,14 +371,21 @@ class PoseGraph:
         return refusals
 
     def _solve_robustly(
-        self, poses: Floats, loops: Sequence[Edge], refused: dict[int, Refusal], parts: Integers
+        self,
+        poses: Floats,
+        loops: Sequence[Edge],
+        refused: dict[int, Refusal],
+        parts: Integers,
+        scale: float = 1.0,
     ) -> tuple[Floats, dict[int, Refusal]]:
         """Solve without the refused loops, then with all that fit the others.
+
+        ``scale`` is a factor on odometry's deviations.
 
         Returns:
             The poses, and why the remaining ones are refused.
         """
-        solver = Solver(poses, self._odometry(), np.unique(parts))
+        solver = Solver(poses, self._odometry(), np.unique(parts), scale)
         robust = [_measure(edge, robust=True) for edge in loops if edge.number not in refused]
         if robust:
             poses = solver.solve(robust)
@@ -394,34 +410,41 @@ class PoseGraph:
     def _find_overconfidence(self, sessions: Integers, loops: Sequence[Edge]) -> Refusal | None:
         """Say by what factor odometry claims too much, if it refuses many loops that agree.
 
-        Loops agree if they are believed together where odometry hardly counts.
+        Loops agree if they are believed together where odometry counts as little as its errors on
+        the way between them ask for.
         """
-        believed = sum(self._edges[edge.number].state == "believed" for edge in loops)
-        if (1 - _MOST_REFUSED) * len(loops) <= believed or len(loops) < _FEWEST_AGREEING:
-            return None
-        fixed, start = np.unique(sessions), self._odometry_poses()
-        refused = self._gate(loops, MOST)
-        asked = [_measure(edge, robust=True) for edge in loops if edge.number not in refused]
-        poses = Solver(start, self._odometry(), fixed, MOST).solve(asked)
-        squares = chi_squares(poses, loops)
-        agreeing = [loops[k] for k in np.flatnonzero(squares <= CHI2_999).tolist()]
-        few = len(agreeing) < _FEWEST_AGREEING
-        if few or (1 - _MOST_REFUSED) * len(agreeing) <= believed:
-            return None
         odometry = [edge for edge in self._edges if edge.kind == "odometry"]
-        measured = [_measure(edge) for edge in agreeing]
-
-        def solve(scale: float) -> Floats:
-            return Solver(poses, self._odometry(), fixed, scale).solve(measured)
-
-        factor = fit_scale(solve, odometry, agreeing)
-        if factor is None or factor < 1.5:
+        kept = [edge for edge in loops if self._edges[edge.number].state == "believed"]
+        believed = len(kept)
+        if len(loops) < _FEWEST_AGREEING or (
+            believed >= _FEWEST_AGREEING and chi_ratio(self.poses, odometry, kept, 1.0) <= _HONEST
+        ):
             return None
+        start, fixed, found = self._odometry_poses(), np.unique(sessions), MOST / _MARGIN
+        for _ in range(2):
+            scale = _MARGIN * found
+            poses, refusals = self._solve_robustly(
+                start, loops, self._gate(loops, scale), sessions, scale
+            )
+            agreeing = [edge for edge in loops if edge.number not in refusals]
+            few = len(agreeing) < _FEWEST_AGREEING
+            if few or believed > (1 - _MOST_REFUSED) * len(agreeing):
+                return None
+            measured = [_measure(edge) for edge in agreeing]
+
+            def solve(
+                factor: float, poses: Floats = poses, measured: list[Measurement] = measured
+            ) -> Floats:
+                return Solver(poses, self._odometry(), fixed, factor).solve(measured)
+
+            found = fit_scale(solve, odometry, agreeing, scale)
+            if found >= MOST:
+                return None
         return Refusal(
             "overconfident-odometry",
-            factor,
+            found,
             f"odometry contradicts {len(agreeing) - believed} of {len(agreeing)} loops that agree "
-            f"with each other: its stated deviations are too small by a factor of {factor:.2g}, or "
+            f"with each other: its stated deviations are too small by a factor of {found:.2g}, or "
             "these loops are false",
         )
 

@@ -160,6 +160,8 @@ def _mirrored() -> Floats:
     [
         ({"a": 7}, DataError, "unknown-node", "a"),
         ({"b": -1}, DataError, "unknown-node", "b"),
+        ({"b": 0.5}, DataError, "unknown-node", "b"),
+        ({"a": "0"}, DataError, "unknown-node", "a"),
         ({"b": 0}, DataError, "same-node", "b"),
         ({"pose": np.full((4, 4), np.nan)}, DataError, "not-finite", "pose"),
         ({"pose": _mirrored()}, DataError, "not-a-rotation", "pose"),
@@ -188,6 +190,13 @@ def test_wrong_edges_are_refused(
         graph.add_edge(**values | change)
     assert (caught.value.code, caught.value.fields[0]) == (code, field)
     assert graph.edges == ()
+
+
+@pytest.mark.parametrize("sigmas", [0.0, -1.0, np.nan, np.inf])
+def test_a_gate_of_no_width_is_refused(sigmas: float) -> None:
+    with pytest.raises(ConfigError) as caught:
+        PoseGraph(sigmas=sigmas)
+    assert caught.value.fields[0] == "sigmas"
 
 
 def test_an_isolated_node_is_named() -> None:
