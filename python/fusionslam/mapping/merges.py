@@ -11,11 +11,12 @@ import numpy as np
 from fusionslam.geometry.se3 import adjoint, inverse, log
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.edge_errors import CHI2_99
-from fusionslam.storage.arrays import Floats, Integers, Matrix
+from fusionslam.storage.arrays import Floats, Integers, Mask, Matrix
 
 FEWEST_MERGES = 3
 """Edges between two sessions that must agree with each other before these are joined."""
 
+_MEASURED = ("pose", "covariance")
 _MOST_COMPARED = 100  # edges between two sessions; spread over all of them
 
 Drift = Callable[[int, int], Floats]
@@ -80,8 +81,7 @@ def _largest_group(
     witnesses = [_witness(edge, sessions) for edge in some]
     agree = np.zeros((len(some), len(some)), np.bool_)
     for i, one in enumerate(witnesses):
-        for j, other in enumerate(witnesses[:i]):
-            agree[i, j] = agree[j, i] = _agree(poses, one, other, drift)
+        agree[i, :i] = agree[:i, i] = _agree(poses, one, witnesses[:i], drift)
     order = np.argsort(-agree.sum(axis=1), kind="stable").tolist()
     best: list[int] = []
     for first in order:
@@ -101,17 +101,26 @@ def _witness(edge: Edge, sessions: Integers) -> _Witness:
     return _Witness(edge.b, edge.a, inverse(edge.pose), turned)
 
 
-def _agree(poses: Floats, one: _Witness, other: _Witness, drift: Drift) -> bool:
-    """Whether the way around two edges closes (pairwise consistency, Mangelson et al. 2018).
+def _agree(poses: Floats, one: _Witness, others: Sequence[_Witness], drift: Drift) -> Mask:
+    """Bool (m): whether the way around an edge and each other one closes.
 
-    Edges with a common node are no two witnesses.
+    That is pairwise consistency (Mangelson et al. 2018). Edges with a common node are no two
+    witnesses.
     """
-    if one.a == other.a or one.b == other.b:
-        return False
-    back = inverse(poses[other.b]) @ poses[one.b]
-    along = inverse(poses[one.a]) @ poses[other.a]
-    error = log(inverse(one.pose) @ along @ other.pose @ back)
-    far, near = adjoint(inverse(other.pose @ back)), adjoint(inverse(back))
-    spread = one.covariance + near @ other.covariance @ near.T
-    spread += far @ drift(one.a, other.a) @ far.T + drift(other.b, one.b)
-    return bool(error @ np.linalg.solve(spread, error) <= CHI2_99)
+    if not others:
+        return np.zeros(0, np.bool_)
+    a, b = np.array([other.a for other in others]), np.array([other.b for other in others])
+    pose, covariance = (np.array([getattr(o, name) for o in others]) for name in _MEASURED)
+    back = inverse(poses[b]) @ poses[one.b]
+    error = log(inverse(one.pose) @ inverse(poses[one.a]) @ poses[a] @ pose @ back)
+    spread = one.covariance + np.array([drift(other, one.b) for other in b.tolist()])
+    for carry, added in (
+        (adjoint(inverse(back)), covariance),
+        (
+            adjoint(inverse(pose @ back)),
+            np.array([drift(one.a, other) for other in a.tolist()]),
+        ),
+    ):
+        spread += carry @ added @ carry.transpose(0, 2, 1)
+    square = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error[..., None])[..., 0])
+    return np.asarray((a != one.a) & (b != one.b) & (square <= CHI2_99))
