@@ -84,7 +84,7 @@ class OdometryTree {
   const Pose3& pose(std::int64_t node) const;
   std::int64_t root(std::int64_t node) const;
   std::int64_t parent(std::int64_t node) const;
-  /// Covariance of all steps from the root to a node, as they move the origin; axes of the root.
+  /// Covariance of all steps from the root to a node, as they move the root, in the axes of poses.
   const PoseCovariance& total(std::int64_t node) const;
 
   /// Puts the tree into a state that pose(), total() and parent() of all nodes gave; a root is its

@@ -92,7 +92,7 @@ std::int64_t OdometryTree::add(std::int64_t parent, const Pose3& step,
   // The covariance is in the frame of the step's last node.
   const Pose3& end = backwards ? before.pose : pose;
   Drift total = turned(before.total, Rotation::Identity());
-  total.add(turned(covariance, rotation(end)), -place(end));
+  total.add(turned(covariance, rotation(end)), place(nodes_[before.root].pose) - place(end));
   nodes_.push_back(place_node(nodes_, pose, covariance_of(total), parent));
   return size() - 1;
 }
@@ -107,7 +107,8 @@ PoseCovariance OdometryTree::drift(std::int64_t a, std::int64_t b) const {
   for (std::size_t i = 0; i < between.size(); ++i) between[i] = first[i] + last[i] - 2 * common[i];
   const Rotation to_b = rotation(nodes_[b].pose).transpose();
   Drift drift;
-  drift.add(turned(between, to_b), to_b * place(nodes_[b].pose));
+  drift.add(turned(between, to_b),
+            to_b * (place(nodes_[b].pose) - place(nodes_[nodes_[b].root].pose)));
   return covariance_of(drift);
 }
 

@@ -73,6 +73,17 @@ def test_the_drift_of_long_ways_is_exact() -> None:
     assert np.allclose(tree.drift(700, 123), there @ total @ there.T, rtol=1e-6, atol=1e-6)
 
 
+def test_drift_is_the_same_far_from_the_origin() -> None:
+    steps, covariances = random_steps(np.random.default_rng(4), 500)
+    near, far = OdometryTree(), OdometryTree()
+    near.add_root(np.eye(4))
+    far.add_root(exp(np.array([5e5, 5e6, 100, 0, 0, 0])))
+    for parent, (step, covariance) in enumerate(zip(steps, covariances, strict=True)):
+        near.add(parent, step, covariance)
+        far.add(parent, step, covariance)
+    assert np.allclose(near.drift(490, 500), far.drift(490, 500), rtol=1e-6, atol=1e-8)
+
+
 def test_a_loop_in_the_plane_is_judged_as_ratslam_judges_it() -> None:
     """Same drive, same deviations: same errors, same allowance."""
     options = {"drift_m": 0.05, "drift_turn": 0.02, "drift_heading": 0.01}
