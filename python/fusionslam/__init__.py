@@ -72,7 +72,11 @@ if TYPE_CHECKING:
     from fusionslam.loop_closure.config import LoopConfig as LoopConfig
     from fusionslam.loop_closure.detector import LoopDetector as LoopDetector
     from fusionslam.loop_closure.loop import Loop as Loop
+    from fusionslam.mapping.config import MapConfig as MapConfig
     from fusionslam.mapping.edge import Edge as Edge
+    from fusionslam.mapping.localization import Localization as Localization
+    from fusionslam.mapping.place_map import MapStep as MapStep
+    from fusionslam.mapping.place_map import PlaceMap as PlaceMap
     from fusionslam.mapping.pose_graph import PoseGraph as PoseGraph
     from fusionslam.mapping.pose_graph import Solution as Solution
     from fusionslam.pipelines.describe import PipelineConfig as PipelineConfig
@@ -104,7 +108,10 @@ _HOMES = {
     "loop_closure.config": "LoopConfig",
     "loop_closure.detector": "LoopDetector",
     "loop_closure.loop": "Loop",
+    "mapping.config": "MapConfig",
     "mapping.edge": "Edge",
+    "mapping.localization": "Localization",
+    "mapping.place_map": "MapStep PlaceMap",
     "mapping.pose_graph": "PoseGraph Solution",
     "sensors.frame_builder": "FrameBuilder OnlineConfig",
     "pipelines.describe": "PipelineConfig describe_dataset",

@@ -6,7 +6,7 @@ import logging
 import operator
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
@@ -34,7 +34,7 @@ from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig, default_threshold
 from fusionslam.loop_closure.loop import Loop, Rejected
-from fusionslam.loop_closure.memory import Evidence, FrameMemory, Vectors
+from fusionslam.loop_closure.memory import Evidence, FrameMemory, Kept, Vectors
 from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
 from fusionslam.registration import (
@@ -168,6 +168,7 @@ class LoopDetector:
         self._length = length
         self._added = 0
         self._voters = self._choose_voters() if self.verifies else ()
+        self._kept: MutableMapping[int, Kept] | None = None
         self._memory = self._new_memory()
         self._gate = SequenceGate(self.config)
         self._lock = threading.RLock()
@@ -457,6 +458,34 @@ class LoopDetector:
                 return []
             return self._memory.candidates(k)
 
+    def resume(
+        self,
+        kept: MutableMapping[int, Kept],
+        vectors: Vectors,
+        numbers: NDArray[np.int64],
+        stamps_ns: NDArray[np.int64],
+    ) -> None:
+        """Keep clouds elsewhere, as in a map's file, and go on from the frames that are there.
+
+        Args:
+            kept: clouds by number of the frame.
+            vectors: float32 (n, D) by descriptor, as ``Observation.vectors`` names them.
+            numbers: int64 (n,), ascending.
+            stamps_ns: int64 (n,); 0 where unknown.
+        """
+        with self._lock:
+            self._kept = kept
+            self._memory = self._new_memory()
+            if len(numbers):
+                self._memory.resume(vectors, numbers, stamps_ns)
+                self._added = int(numbers[-1]) + 1
+                self._fits_lengths = False
+
+    def stored_frame(self, number: int) -> StoredFrame:
+        """Return a frame that is stored, with its cloud."""
+        with self._lock:
+            return self._memory.frame(number)
+
     def limit_frames(self, max_frames: int) -> None:
         """Keep at most this many frames from now on, as ``LoopConfig.max_frames``."""
         with self._lock:
@@ -466,7 +495,7 @@ class LoopDetector:
     def _new_memory(self) -> FrameMemory:
         metrics: dict[str, Metric] = {self.descriptor: find_descriptor(self.descriptor).metric}
         metrics |= {_voter(name): find_descriptor(name).metric for name in self._voters}
-        return FrameMemory(metrics, self.config, self.registration_config)
+        return FrameMemory(metrics, self.config, self.registration_config, self._kept)
 
     def _check_length(self, descriptor: Any) -> None:
         """Raise ShapeError for a wrong length; the index would accept any length first."""

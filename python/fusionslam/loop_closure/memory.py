@@ -4,7 +4,7 @@
 
 import logging
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,8 +40,10 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class _Kept:
-    cloud: bytes
+class Kept:
+    """What is kept of a frame: its packed cloud, images from above and odom_from_cloud."""
+
+    packed: Callable[[], bytes]
     image: SearchImage | None
     odometry: Matrix | None
 
@@ -53,16 +55,21 @@ class FrameMemory:
         metrics: by descriptor; the first is the detector's own.
         config: which frames are candidates, and how many are kept.
         registration: how clouds were prepared.
+        kept: where packed clouds are kept, by number of the frame; None is in memory.
     """
 
     def __init__(
-        self, metrics: Mapping[str, Metric], config: LoopConfig, registration: RegistrationConfig
+        self,
+        metrics: Mapping[str, Metric],
+        config: LoopConfig,
+        registration: RegistrationConfig,
+        kept: MutableMapping[int, Kept] | None = None,
     ) -> None:
         self._metrics, self._config, self._registration = metrics, config, registration
         self._indexes: dict[str, DescriptorIndex] = {}
         self._numbers, self._stamps_ns = Rows(np.int64), Rows(np.int64)
         self._novelty = Rows(np.float32)
-        self._kept: dict[int, _Kept] = {}
+        self._kept: MutableMapping[int, Kept] = {} if kept is None else kept
         self._unpacked: OrderedDict[int, PreparedCloud] = OrderedDict()
 
     def __len__(self) -> int:
@@ -120,7 +127,7 @@ class FrameMemory:
         if evidence is not None:
             cloud = evidence.cloud
             image = cloud.search_image if cloud.has_search_image else None
-            self._kept[number] = _Kept(cloud.to_bytes(), image, evidence.odometry)
+            self._kept[number] = Kept(_holder(cloud.to_bytes()), image, evidence.odometry)
             self._keep_ready(number, cloud)
         if 0 < self._limit <= len(self):
             self._forget()
@@ -133,10 +140,10 @@ class FrameMemory:
             return StoredFrame(stamp_ns, None, None, _no_cloud)
         return StoredFrame(stamp_ns, kept.odometry, kept.image, lambda: self._unpack(number, kept))
 
-    def _unpack(self, number: int, kept: _Kept) -> PreparedCloud:
+    def _unpack(self, number: int, kept: Kept) -> PreparedCloud:
         cloud = self._unpacked.get(number)
         if cloud is None:
-            cloud = PreparedCloud.from_bytes(kept.cloud, self._registration)
+            cloud = PreparedCloud.from_bytes(kept.packed(), self._registration)
         self._keep_ready(number, cloud)
         return cloud
 
@@ -206,6 +213,18 @@ class FrameMemory:
         self._numbers, self._stamps_ns = Rows.of(numbers), Rows.of(stamps_ns)
         self._novelty = Rows.of(novelty)
 
+    def resume(
+        self, vectors: Vectors, numbers: NDArray[np.int64], stamps_ns: NDArray[np.int64]
+    ) -> None:
+        """Go on from frames whose clouds are kept elsewhere.
+
+        Args:
+            vectors: float32 (n, D) by descriptor, of all frames.
+            numbers: int64 (n,), ascending.
+            stamps_ns: int64 (n,); 0 where unknown.
+        """
+        self._restore(vectors, numbers, stamps_ns, np.full(len(numbers), np.inf, np.float32))
+
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as arrays by name, for ``restore``."""
         arrays: dict[str, NDArray[Any]] = {
@@ -215,7 +234,7 @@ class FrameMemory:
             arrays[_array_of(name, self._metrics)] = self._vectors(name, range(len(self)))
         if self._kept:
             kept = [self._kept[number] for number in self.numbers.tolist()]
-            arrays["clouds"], arrays["offsets"] = pack_bytes([each.cloud for each in kept])
+            arrays["clouds"], arrays["offsets"] = pack_bytes([each.packed() for each in kept])
             arrays["odometry"] = np.array(
                 [_UNKNOWN if each.odometry is None else each.odometry for each in kept]
             )
@@ -249,6 +268,10 @@ class FrameMemory:
         self._unpacked.clear()
 
 
+def _holder(packed: bytes) -> Callable[[], bytes]:
+    return lambda: packed
+
+
 def _no_cloud() -> PreparedCloud:
     raise DataError("a frame without a cloud cannot be registered", code="no-cloud")
 
@@ -258,7 +281,7 @@ def _array_of(name: str, metrics: Mapping[str, Metric]) -> str:
     return "descriptors" if name == next(iter(metrics)) else f"descriptors.{name}"
 
 
-def _kept_of(arrays: Mapping[str, NDArray[Any]], numbers: NDArray[np.int64]) -> dict[int, _Kept]:
+def _kept_of(arrays: Mapping[str, NDArray[Any]], numbers: NDArray[np.int64]) -> dict[int, Kept]:
     clouds = unpack_bytes(arrays["clouds"], arrays["offsets"])
     images: Sequence[SearchImage | None] = [None] * len(clouds)
     if "images" in arrays:
@@ -272,4 +295,4 @@ def _kept_of(arrays: Mapping[str, NDArray[Any]], numbers: NDArray[np.int64]) -> 
             f"of {len(numbers)}"
         )
     every = zip(numbers.tolist(), clouds, images, poses, strict=True)
-    return {number: _Kept(cloud, image, pose) for number, cloud, image, pose in every}
+    return {number: Kept(_holder(cloud), image, pose) for number, cloud, image, pose in every}

@@ -2,9 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the poses that loops prove."""
 
+from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.drift import DriftModel
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.graph_export import export_graph
+from fusionslam.mapping.localization import Localization
+from fusionslam.mapping.place_map import MapStep, PlaceMap
 from fusionslam.mapping.pose_graph import PoseGraph, Solution, Update
 
-__all__ = ["DriftModel", "Edge", "PoseGraph", "Solution", "Update", "export_graph"]
+__all__ = [
+    "DriftModel",
+    "Edge",
+    "Localization",
+    "MapConfig",
+    "MapStep",
+    "PlaceMap",
+    "PoseGraph",
+    "Solution",
+    "Update",
+    "export_graph",
+]

@@ -114,8 +114,8 @@ class PreparedCloud:
     def to_bytes(self) -> bytes:
         """Compress what is kept, without the configuration, for ``from_bytes``."""
         arrays: dict[str, NDArray[Any]] = {
-            "points": _as_steps(self.points),
-            "search_points": _as_steps(self.search_points),
+            "points": pack_points(self.points),
+            "search_points": pack_points(self.search_points),
             "is_colored": np.packbits(self.is_colored),
             "ranges": self.ranges.astype(np.float16),
         }
@@ -144,8 +144,8 @@ class PreparedCloud:
         return cloud
 
     def _restore(self, arrays: dict[str, NDArray[Any]]) -> None:
-        self.points = _from_steps(arrays["points"])
-        self.search_points = _from_steps(arrays["search_points"])
+        self.points = unpack_points(arrays["points"])
+        self.search_points = unpack_points(arrays["search_points"])
         self.ranges = arrays["ranges"].astype(np.float32)
         count = len(self.points)
         self.is_colored = np.unpackbits(arrays["is_colored"], count=count).astype(np.bool_)
@@ -277,14 +277,16 @@ def _round(points: Points) -> Points:
     return rounded
 
 
-def _as_steps(points: Points) -> NDArray[np.signedinteger[Any]]:
+def pack_points(points: Points) -> NDArray[np.signedinteger[Any]]:
+    """Round coordinates to 8 mm, in 16 bits where they fit; ``unpack_points`` is the inverse."""
     steps = np.rint(points * np.float32(_STEPS_PER_M))
     small = not steps.size or np.abs(steps).max() < 2**15
     whole: NDArray[np.signedinteger[Any]] = steps.astype(np.int16 if small else np.int64)
     return whole
 
 
-def _from_steps(steps: NDArray[np.signedinteger[Any]]) -> Points:
+def unpack_points(steps: NDArray[np.signedinteger[Any]]) -> Points:
+    """Return float32 (N, 3), metres, of what ``pack_points`` returned."""
     return (steps / np.float32(_STEPS_PER_M)).astype(np.float32)
 
 

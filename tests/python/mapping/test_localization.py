@@ -73,8 +73,7 @@ def test_a_robot_is_found_without_a_guess_in_any_direction(truth: Matrix) -> Non
 
 
 def test_another_place_has_no_pose_but_a_reason() -> None:
-    points = scan_blocks(at(1.0, 0.5, 10), 50)
-    points[:, 1] *= -1  # a mirror image of the street is another place
+    points = scan_blocks(at(1.0, 0.5, 10), 50, place=13)
     found = Localizer(Street()).localize(Sight(PreparedCloud(points), EVERY))
     assert found.pose is None and found.covariance is None
     assert found.reason is not None and found.reason.code

@@ -42,14 +42,15 @@ def street(seed: int, count: int = 4000) -> tuple[Points, Colors]:
     return points, np.clip(colors, 0, 255).astype(np.uint8)
 
 
-def scan_blocks(pose: ArrayLike, seed: int, count: int = 30000) -> Points:
+def scan_blocks(pose: ArrayLike, seed: int, count: int = 30000, *, place: int = 12) -> Points:
     """Points of a made place, 120 m wide, in the frame of a sensor: ground, houses, poles.
 
     Args:
         pose: float64 (4, 4), world_from_sensor; points up to 30 m away are seen, through walls.
         seed: of the points on the surfaces, which are the same for every seed.
+        place: another number is another place.
     """
-    world, rng = np.random.default_rng(12), np.random.default_rng(seed)
+    world, rng = np.random.default_rng(place), np.random.default_rng(seed)
     middles = world.uniform(-60, 60, (60, 2))
     sizes = world.uniform([2, 2, 1], [12, 12, 9], (60, 3))
     sizes[::3, :2] = 0.4  # poles

@@ -1,0 +1,537 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The file of a map: one SQLite database, in which every step is a transaction.
+
+docs/reference/map_file.md describes the tables.
+"""
+
+import fcntl
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.mapping.edge import Edge
+from fusionslam.registration.result import Refusal
+from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
+from fusionslam.storage.files import PathLike, cannot_write
+
+APPLICATION_ID = 0x66736D70
+VERSION = 1
+_PAGE = 65536
+_FULL_BLOCK = 60_000
+"""Bytes of vectors in a block: it fills a page."""
+
+_TABLES = """
+CREATE TABLE setting (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE session (
+  id INTEGER PRIMARY KEY,
+  name TEXT NOT NULL UNIQUE
+);
+CREATE TABLE keyframe (
+  id INTEGER PRIMARY KEY,
+  session INTEGER NOT NULL REFERENCES session (id) ON DELETE CASCADE,
+  frame INTEGER NOT NULL,
+  stamp_ns INTEGER NOT NULL,
+  odometry BLOB NOT NULL,
+  robot_from_cloud BLOB NOT NULL
+);
+CREATE INDEX keyframe_session ON keyframe (session);
+CREATE TABLE cloud (
+  keyframe INTEGER PRIMARY KEY REFERENCES keyframe (id) ON DELETE CASCADE,
+  evidence BLOB NOT NULL,
+  image BLOB,
+  ground_level REAL NOT NULL,
+  points BLOB NOT NULL
+);
+CREATE TABLE vector (
+  descriptor TEXT NOT NULL,
+  first INTEGER NOT NULL,
+  keyframes BLOB NOT NULL,
+  rows BLOB NOT NULL,
+  PRIMARY KEY (descriptor, first)
+);
+CREATE TABLE edge (
+  id INTEGER PRIMARY KEY,
+  kind TEXT NOT NULL,
+  a INTEGER NOT NULL REFERENCES keyframe (id) ON DELETE CASCADE,
+  b INTEGER NOT NULL REFERENCES keyframe (id) ON DELETE CASCADE,
+  pose BLOB NOT NULL,
+  covariance BLOB NOT NULL,
+  state TEXT NOT NULL,
+  code TEXT,
+  number REAL,
+  text TEXT
+);
+CREATE INDEX edge_a ON edge (a);
+CREATE INDEX edge_b ON edge (b);
+CREATE TABLE solution (
+  id INTEGER PRIMARY KEY CHECK (id = 0),
+  keyframes BLOB NOT NULL,
+  poses BLOB NOT NULL,
+  parts BLOB NOT NULL
+);
+"""
+
+_MIGRATIONS: Mapping[int, str] = {}
+"""What makes version n + 1 of version n."""
+
+
+class StoredKeyframe(NamedTuple):
+    """A keyframe without its clouds.
+
+    Attributes:
+        id: its number.
+        session: number of its session.
+        frame: number of the recording's frame.
+        stamp_ns: time stamp; 0 if unknown.
+        odometry: float64 (4, 4), odom_from_cloud.
+        robot_from_cloud: float64 (4, 4).
+    """
+
+    id: int
+    session: int
+    frame: int
+    stamp_ns: int
+    odometry: Matrix
+    robot_from_cloud: Matrix
+
+
+class StoredCloud(NamedTuple):
+    """The clouds of a keyframe, packed.
+
+    Attributes:
+        evidence: ``PreparedCloud.to_bytes``.
+        image: bits of its images from above; None if it has none.
+        ground_level: height of the ground in the cloud's frame, metres.
+        points: ``pack_cloud`` of the coloured cloud.
+    """
+
+    evidence: bytes
+    image: bytes | None
+    ground_level: float
+    points: bytes
+
+
+class MapFile:
+    """A map's file, open.
+
+    One process at a time changes it; others may read it meanwhile. It belongs on a local disk.
+
+    Args:
+        path: of the file; made if missing, unless ``read_only``.
+        read_only: whether nothing may be changed.
+
+    Attributes:
+        path: of the file.
+
+    Raises:
+        DataError: no map (code "other-format"), damaged ("damaged"), of a later version
+            ("newer-version"), changed by another process ("locked"), missing ("not-found"), or it
+            cannot be written ("cannot-write").
+    """
+
+    def __init__(self, path: PathLike, *, read_only: bool = False) -> None:
+        self.path = Path(path)
+        self.read_only = read_only
+        self._lock = -1
+        self._connection: sqlite3.Connection | None = None
+        try:
+            with self._errors():
+                self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """What is changed within counts as a whole, once it ends, or not at all.
+
+        Raises:
+            DataError: it cannot be written, as on a full disk; nothing has changed.
+        """
+        with self._errors():
+            self._database.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                self._database.execute("COMMIT")
+            except BaseException:
+                if self._database.in_transaction:
+                    self._database.execute("ROLLBACK")
+                raise
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """All that is read within is of one moment."""
+        with self._errors():
+            self._database.execute("BEGIN")
+            try:
+                yield
+            finally:
+                if self._database.in_transaction:
+                    self._database.execute("ROLLBACK")
+
+    def check(self) -> list[str]:
+        """Return what is damaged, in SQLite's words; nothing if the file is whole."""
+        with self._errors():
+            rows = self._database.execute("PRAGMA integrity_check").fetchall()
+            broken = self._database.execute("PRAGMA foreign_key_check").fetchall()
+        found = [str(text) for (text,) in rows if text != "ok"]
+        return found + [f"table {row[0]}, row {row[1]}: its {row[2]} is missing" for row in broken]
+
+    def setting(self, name: str) -> Any:
+        """Return a value that was stored; None if there is none."""
+        row = self._one("SELECT value FROM setting WHERE name = ?", name)
+        return None if row is None else json.loads(row[0])
+
+    def store_setting(self, name: str, value: Any) -> None:
+        """Store a value, which JSON can hold."""
+        self._run("INSERT OR REPLACE INTO setting VALUES (?, ?)", name, json.dumps(value))
+
+    def sessions(self) -> dict[str, int]:
+        """Return the numbers of the sessions by name, in the order in which they began."""
+        return {
+            str(name): int(number) for number, name in self._all("SELECT id, name FROM session")
+        }
+
+    def add_session(self, name: str) -> int:
+        """Add a session; return its number."""
+        return self._run("INSERT INTO session (name) VALUES (?)", name)
+
+    def forget_session(self, number: int) -> None:
+        """Delete a session with its keyframes and their edges."""
+        gone = {each.id for each in self.keyframes() if each.session == number}
+        for descriptor, first, keyframes, rows in self._all("SELECT * FROM vector"):
+            numbers = np.frombuffer(keyframes, np.int64)
+            keep = ~np.isin(numbers, [*gone])
+            if keep.all():
+                continue
+            self._run("DELETE FROM vector WHERE descriptor = ? AND first = ?", descriptor, first)
+            if keep.any():
+                kept = np.frombuffer(rows, np.float32).reshape(len(numbers), -1)[keep]
+                self._put_block(descriptor, numbers[keep], kept)
+        self._run("DELETE FROM solution")
+        self._run("DELETE FROM session WHERE id = ?", number)
+
+    def keyframes(self) -> list[StoredKeyframe]:
+        """Return all keyframes, by number."""
+        rows = self._all("SELECT * FROM keyframe ORDER BY id")
+        with self._decoding():
+            return [
+                StoredKeyframe(number, session, frame, stamp, _matrix(odometry), _matrix(mount))
+                for number, session, frame, stamp, odometry, mount in rows
+            ]
+
+    def add_keyframe(
+        self, keyframe: StoredKeyframe, cloud: StoredCloud, vectors: Mapping[str, Floats32]
+    ) -> None:
+        """Add a keyframe with all that is known of it."""
+        self._run(
+            "INSERT INTO keyframe VALUES (?, ?, ?, ?, ?, ?)",
+            *keyframe[:4],
+            keyframe.odometry.tobytes(),
+            keyframe.robot_from_cloud.tobytes(),
+        )
+        self._run("INSERT INTO cloud VALUES (?, ?, ?, ?, ?)", keyframe.id, *cloud)
+        for descriptor, vector in vectors.items():
+            self._append_vector(descriptor, keyframe.id, vector)
+
+    def cloud(self, keyframe: int) -> StoredCloud:
+        """Return the clouds of a keyframe."""
+        row = self._one(
+            "SELECT evidence, image, ground_level, points FROM cloud WHERE keyframe = ?", keyframe
+        )
+        if row is None:
+            raise self._damaged(f"keyframe {keyframe} has no cloud")
+        return StoredCloud(*row)
+
+    def search_image(self, keyframe: int) -> tuple[bytes | None, float]:
+        """Return the bits of a keyframe's images from above, and its ground level."""
+        row = self._one("SELECT image, ground_level FROM cloud WHERE keyframe = ?", keyframe)
+        if row is None:
+            raise self._damaged(f"keyframe {keyframe} has no cloud")
+        return row[0], float(row[1])
+
+    def vectors(self) -> dict[str, tuple[Integers, Floats32]]:
+        """Return the numbers of keyframes, and their vectors, float32 (n, D), by descriptor."""
+        blocks: dict[str, list[tuple[Integers, Floats32]]] = {}
+        stored = self._all(
+            "SELECT descriptor, keyframes, rows FROM vector ORDER BY descriptor, first"
+        )
+        with self._decoding():
+            for name, keyframes, rows in stored:
+                numbers = np.frombuffer(keyframes, np.int64)
+                values = np.frombuffer(rows, np.float32).reshape(len(numbers), -1)
+                blocks.setdefault(name, []).append((numbers, values))
+            return {
+                name: (
+                    np.concatenate([numbers for numbers, _ in parts]),
+                    np.concatenate([rows for _, rows in parts]),
+                )
+                for name, parts in blocks.items()
+            }
+
+    def edges(self) -> list[Edge]:
+        """Return all edges, by number; their nodes are keyframes."""
+        rows = self._all("SELECT * FROM edge ORDER BY id")
+        with self._decoding():
+            return [
+                Edge(
+                    number,
+                    kind,
+                    a,
+                    b,
+                    _matrix(pose),
+                    np.frombuffer(covariance).reshape(6, 6),
+                    state,
+                    None if code is None else Refusal(code, value, text),
+                )
+                for number, kind, a, b, pose, covariance, state, code, value, text in rows
+            ]
+
+    def store_edge(self, edge: Edge) -> None:
+        """Add an edge, or replace the one of its number."""
+        reason = (None, None, None)
+        if edge.reason is not None:
+            reason = (edge.reason.code, float(edge.reason.number), edge.reason.text)  # type: ignore[assignment]
+        ends = edge.number, edge.kind, edge.a, edge.b
+        values = edge.pose.tobytes(), edge.covariance.tobytes(), edge.state
+        self._run(
+            "INSERT OR REPLACE INTO edge VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            *ends,
+            *values,
+            *reason,
+        )
+
+    def solution(self) -> tuple[Integers, Floats, Integers] | None:
+        """Return keyframes, poses, float64 (n, 4, 4), and parts, as the graph was solved last."""
+        row = self._one("SELECT keyframes, poses, parts FROM solution")
+        if row is None:
+            return None
+        with self._decoding():
+            numbers, parts = (np.frombuffer(row[k], np.int64) for k in (0, 2))
+            poses = np.tile(np.eye(4), (len(numbers), 1, 1))
+            poses[:, :3] = np.frombuffer(row[1]).reshape(-1, 3, 4)
+            return numbers, poses, parts
+
+    def store_solution(self, keyframes: Integers, poses: Floats, parts: Integers) -> None:
+        """Store where the solved graph has the keyframes."""
+        self._run(
+            "INSERT OR REPLACE INTO solution VALUES (0, ?, ?, ?)",
+            keyframes.astype(np.int64).tobytes(),
+            poses[:, :3].astype(np.float64).tobytes(),
+            parts.astype(np.int64).tobytes(),
+        )
+
+    def _append_vector(self, descriptor: str, keyframe: int, vector: Floats32) -> None:
+        last = self._one(
+            "SELECT first, keyframes, rows FROM vector WHERE descriptor = ? "
+            "ORDER BY first DESC LIMIT 1",
+            descriptor,
+        )
+        if last is not None and len(last[2]) + vector.nbytes <= _FULL_BLOCK:
+            numbers = np.append(np.frombuffer(last[1], np.int64), keyframe)
+            rows = np.frombuffer(last[2], np.float32).reshape(-1, len(vector))
+            self._put_block(descriptor, numbers, np.vstack([rows, vector]), first=last[0])
+        else:
+            self._put_block(descriptor, np.array([keyframe]), vector[None])
+
+    def _put_block(
+        self, descriptor: str, numbers: NDArray[Any], rows: Floats32, first: int | None = None
+    ) -> None:
+        self._run(
+            "INSERT OR REPLACE INTO vector VALUES (?, ?, ?, ?)",
+            descriptor,
+            int(numbers[0]) if first is None else first,
+            numbers.astype(np.int64).tobytes(),
+            np.ascontiguousarray(rows, np.float32).tobytes(),
+        )
+
+    @property
+    def _database(self) -> sqlite3.Connection:
+        if self._connection is None:
+            raise DataError(f"{self.path} is closed", code="closed", fields=(str(self.path),))
+        return self._connection
+
+    def _open(self) -> None:
+        exists = self.path.exists()
+        if not exists and self.read_only:
+            raise DataError(
+                f"{self.path} does not exist: expected a map (.fsmap)",
+                code="not-found",
+                fields=(str(self.path),),
+            )
+        if exists:
+            self._check_kind()
+        if not self.read_only:
+            self._take_lock()
+        mode = "ro" if self.read_only else "rwc"
+        place = self.path.resolve().as_uri()
+        self._connection = sqlite3.connect(
+            f"{place}?mode={mode}", uri=True, isolation_level=None, timeout=10
+        )
+        version = self._one("PRAGMA user_version")
+        found = self._one("PRAGMA application_id")
+        is_new = version == (0,) and found == (0,) and not self._all("SELECT * FROM sqlite_master")
+        if is_new and not self.read_only:
+            self._make()
+        elif found != (APPLICATION_ID,):
+            raise self._other_format()
+        else:
+            assert version is not None
+            self._migrate(int(version[0]))
+        self._database.execute("PRAGMA foreign_keys = ON")
+        if not self.read_only:
+            # Each step reaches the disk: what was acknowledged survives a power cut, too.
+            self._database.execute("PRAGMA synchronous = FULL")
+
+    def _check_kind(self) -> None:
+        """Raise DataError for what is no database before SQLite makes files beside it."""
+        if self.path.is_dir():
+            raise self._other_format()
+        try:
+            with self.path.open("rb") as file:
+                head = file.read(16)
+        except OSError as error:
+            raise DataError(
+                f"cannot read {self.path}: {error.strerror}",
+                code="cannot-read",
+                fields=(str(self.path),),
+            ) from error
+        if head and head != b"SQLite format 3\0":
+            raise self._other_format()
+
+    def _take_lock(self) -> None:
+        """Raise DataError if another process has the file open for changes."""
+        try:
+            self._lock = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise cannot_write(self.path, error.strerror) from error
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise self._locked() from error
+
+    def _make(self) -> None:
+        database = self._database
+        database.execute(f"PRAGMA page_size = {_PAGE}")
+        database.execute("PRAGMA journal_mode = WAL")
+        with self.transaction():
+            for statement in _TABLES.split(";"):
+                database.execute(statement)
+            database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            database.execute(f"PRAGMA user_version = {VERSION}")
+
+    def _migrate(self, version: int) -> None:
+        if version > VERSION:
+            raise DataError(
+                f"{self.path} has version {version} of the format, this fusionslam reads up to "
+                f"{VERSION}: it was written by a later one",
+                code="newer-version",
+                fields=(str(self.path), str(version)),
+            )
+        if version < VERSION and self.read_only:
+            raise DataError(
+                f"{self.path} has version {version} of the format: open it once for writing, "
+                f"which makes it version {VERSION}",
+                code="older-version",
+                fields=(str(self.path), str(version)),
+            )
+        for step in range(version, VERSION):
+            with self.transaction():
+                for statement in _MIGRATIONS[step].split(";"):
+                    self._database.execute(statement)
+                self._database.execute(f"PRAGMA user_version = {step + 1}")
+
+    def _one(self, statement: str, *values: Any) -> tuple[Any, ...] | None:
+        with self._errors():
+            row: tuple[Any, ...] | None = self._database.execute(statement, values).fetchone()
+        return row
+
+    def _all(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
+        with self._errors():
+            return self._database.execute(statement, values).fetchall()
+
+    def _run(self, statement: str, *values: Any) -> int:
+        with self._errors():
+            return self._database.execute(statement, values).lastrowid or 0
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Raise what SQLite says as DataError that names the file."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+            if code == sqlite3.SQLITE_BUSY:
+                raise self._locked() from error
+            if code == sqlite3.SQLITE_NOTADB:
+                raise self._other_format() from error
+            if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CONSTRAINT):
+                raise self._damaged(str(error)) from error
+            raise cannot_write(self.path, error) from error
+
+    @contextmanager
+    def _decoding(self) -> Iterator[None]:
+        """Raise DataError for values that are not what they should be."""
+        try:
+            yield
+        except FusionSlamError:
+            raise
+        except (ValueError, TypeError) as error:
+            raise self._damaged(str(error)) from error
+
+    def _locked(self) -> DataError:
+        return DataError(
+            f"{self.path} is being changed by another process: wait for it, or open the map "
+            "read-only",
+            code="locked",
+            fields=(str(self.path),),
+        )
+
+    def _other_format(self) -> DataError:
+        return DataError(
+            f"{self.path} is no map: expected a file made by `fusionslam map build` (.fsmap)",
+            code="other-format",
+            fields=(str(self.path),),
+        )
+
+    def _damaged(self, why: str) -> DataError:
+        return DataError(f"{self.path} is damaged: {why}", code="damaged", fields=(str(self.path),))
+
+
+def is_map(path: PathLike) -> bool:
+    """Whether a file is a map, whatever its name."""
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(72)
+    except OSError:
+        return False
+    identity = head[68:72]
+    return head.startswith(b"SQLite format 3\0") and identity == APPLICATION_ID.to_bytes(4, "big")
+
+
+def numbers_of(keyframes: Sequence[StoredKeyframe]) -> Integers:
+    """int64 (n,): numbers of keyframes."""
+    return np.array([each.id for each in keyframes], np.int64)
+
+
+def _matrix(data: bytes) -> Matrix:
+    matrix: Matrix = np.frombuffer(data).reshape(4, 4).copy()
+    return matrix

@@ -1,0 +1,777 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map that lasts: keyframes, loops and poses in one file, extended by each drive."""
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam._core import voxel_downsample
+from fusionslam.config import merged
+from fusionslam.descriptors import DescriptorConfig, find_descriptor
+from fusionslam.errors import ConfigError, DataError
+from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.detector import LoopDetector, Observation
+from fusionslam.loop_closure.loop import Rejected
+from fusionslam.loop_closure.memory import FrameMemory
+from fusionslam.loop_closure.verification import StoredFrame
+from fusionslam.mapping.clouds import FileClouds, pack_cloud, unpack_cloud
+from fusionslam.mapping.config import MapConfig, odometry_covariance
+from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.grids import (
+    GridConfig,
+    HeightGrid,
+    OccupancyGrid,
+    PlacedCloud,
+    draw_heights,
+    draw_occupancy,
+)
+from fusionslam.mapping.localization import Localization, Localizer, Sight
+from fusionslam.mapping.map_file import MapFile, StoredKeyframe
+from fusionslam.mapping.pose_graph import PoseGraph, Solution
+from fusionslam.registration import PreparedCloud, Refusal, RegistrationConfig, register
+from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.storage.arrays import Floats, Integers, Matrix
+from fusionslam.storage.files import PathLike
+
+logger = logging.getLogger(__name__)
+
+_CANDIDATES = 10
+_WINDOW = 20
+"""Keyframes that are no candidates: odometry is still good."""
+
+
+class MapStep(NamedTuple):
+    """What a map made of a frame.
+
+    Attributes:
+        keyframe: its number; None if the frame is too near the last keyframe.
+        loop: the edge that the keyframe closes a loop by, as solved; None if it closes none.
+        rejected: candidates that are no loop, and why.
+        pose: float64 (4, 4), map_from_robot.
+        reason: what is unusual about the frame, such as "jump"; None if nothing is.
+    """
+
+    keyframe: int | None
+    loop: Edge | None
+    rejected: tuple[Rejected, ...]
+    pose: Matrix
+    reason: Refusal | None = None
+
+
+@dataclass(frozen=True)
+class Session:
+    """A drive on a map.
+
+    Attributes:
+        name: of the session.
+        keyframes: number of them.
+        parts: numbers of the parts of the map that they belong to; poses of different parts have
+            nothing to do with each other.
+    """
+
+    name: str
+    keyframes: int
+    parts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Config:
+    """All that keyframes of one map share."""
+
+    descriptor: str
+    loops: LoopConfig
+    describe: DescriptorConfig
+    fusion: FusionConfig
+    registration: RegistrationConfig
+    map: MapConfig
+
+    def dump(self) -> dict[str, Any]:
+        return {
+            "descriptor": self.descriptor,
+            "loop_closure": self.loops.model_dump(),
+            "descriptors": self.describe.model_dump(),
+            "fusion": self.fusion.model_dump(),
+            "registration": self.registration.model_dump(),
+            "mapping": self.map.model_dump(),
+        }
+
+    @classmethod
+    def load(cls, values: Mapping[str, Any]) -> "_Config":
+        return cls(
+            str(values["descriptor"]),
+            merged(LoopConfig(), values["loop_closure"], "loop_closure."),
+            merged(DescriptorConfig(), values["descriptors"], "descriptors."),
+            merged(FusionConfig(), values["fusion"], "fusion."),
+            merged(RegistrationConfig(), values["registration"], "registration."),
+            merged(MapConfig(), values["mapping"], "mapping."),
+        )
+
+
+class PlaceMap:
+    """A map of places in one file (.fsmap): sessions, keyframes, loops and poses.
+
+    Each ``add`` is a transaction: what it returned is on the disk. One process at a time may add;
+    others may read. ``open`` makes one; ``with`` closes it.
+
+    Poses are map_from_robot: the first robot pose of the map is its origin. A session that no loop
+    joins with the others is a part of its own, with its first pose as origin.
+    """
+
+    def __init__(self, file: MapFile, session: str | None, config: _Config) -> None:
+        self._file, self._session_name, self._config = file, session, config
+        self._localizer: Localizer | None = None
+        self._last_odometry: Matrix | None = None
+        self._load()
+
+    @classmethod
+    def open(
+        cls,
+        path: PathLike,
+        session: str | None = None,
+        *,
+        read_only: bool = False,
+        descriptor: str = "cm2dp",
+        loops: LoopConfig | None = None,
+        describe: DescriptorConfig | None = None,
+        fusion: FusionConfig | None = None,
+        registration: RegistrationConfig | None = None,
+        config: MapConfig | None = None,
+    ) -> "PlaceMap":
+        """Open a map, or make one.
+
+        Args:
+            path: of the file.
+            session: name of the drive that ``add`` extends, begun or gone on with; None if nothing
+                is added.
+            read_only: whether nothing may be changed; another process may add meanwhile.
+            descriptor, loops, describe, fusion, registration, config: of a new map, as of
+                ``LoopDetector``. A map that exists has its own.
+
+        Raises:
+            DataError: the file is no map (code "other-format"), damaged ("damaged"), of a later
+                version ("newer-version"), changed by another process ("locked"), missing
+                ("not-found") or cannot be written ("cannot-write").
+            FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
+        """
+        file = MapFile(path, read_only=read_only)
+        try:
+            stored = file.setting("config")
+            if stored is None:
+                made = _Config(
+                    descriptor,
+                    loops or LoopConfig(window=_WINDOW),
+                    describe or DescriptorConfig(),
+                    fusion or FusionConfig(),
+                    registration or RegistrationConfig(),
+                    config or MapConfig(),
+                )
+            else:
+                made = _Config.load(stored)
+            made = replace(made, loops=merged(made.loops, {"max_frames": 0, "verify": True}))
+            return cls(file, session, made)
+        except BaseException:
+            file.close()
+            raise
+
+    def __enter__(self) -> "PlaceMap":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        """Number of keyframes."""
+        return len(self._keyframes)
+
+    def __repr__(self) -> str:
+        count = len(self._sessions)
+        return f"PlaceMap({str(self._file.path)!r}, {len(self)} keyframes of {count} sessions)"
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        """The drives, in the order in which they began."""
+        return tuple(
+            Session(
+                name,
+                sum(each.session == number for each in self._keyframes),
+                tuple(sorted({int(self._parts[row]) for row in self._rows_of(number)})),
+            )
+            for name, number in self._sessions.items()
+        )
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """Odometry and loops between keyframes, whose numbers are their nodes."""
+        return tuple(self._edges.values())
+
+    @property
+    def loops(self) -> tuple[Edge, ...]:
+        """Loops between keyframes, believed, refused or pending.
+
+        Steps that were measured by the clouds of both keyframes, too, are none.
+        """
+        return tuple(
+            edge
+            for edge in self._edges.values()
+            if edge.kind != "odometry" and self._row[edge.b] - self._row[edge.a] != 1
+        )
+
+    @property
+    def last_frame(self) -> int | None:
+        """Number of the session's last frame that is a keyframe; None if it has none."""
+        mine = [each.frame for each in self._keyframes if each.session == self._session]
+        return max(mine, default=None)
+
+    def add(
+        self,
+        frame: Frame,
+        *,
+        odometry: Matrix | None = None,
+    ) -> MapStep:
+        """Add a frame to the session if it is far enough from the last keyframe.
+
+        Args:
+            frame: with points, and odometry unless it is given.
+            odometry: float64 (4, 4), odom_from_robot; None for the frame's.
+
+        Returns:
+            What became of it.
+
+        Raises:
+            DataError: a frame without odometry (code "no-odometry"), one that cannot be described,
+                or the file cannot be written; nothing has changed then.
+            ConfigError: the map was opened without a session, or read-only.
+        """
+        self._check_session()
+        robot = self._odometry_of(frame, odometry)
+        robot_from_cloud = _robot_from_cloud(frame, self._config.fusion)
+        reason = self._check_jump(robot)
+        self._last_odometry = robot
+        last = self._last_row()
+        if last is not None and reason is None and not self._is_far(robot, last):
+            return MapStep(None, None, (), self._predict(robot, last))
+        seen = self._detector.observe(
+            frame, stamp_ns=frame.stamp_ns, odometry=robot @ robot_from_cloud
+        )
+        try:
+            return self._add_keyframe(frame, seen, robot_from_cloud, reason)
+        except BaseException:
+            self._load()  # what is in memory follows the file
+            raise
+
+    def localize(
+        self,
+        frame_or_cloud: Frame | Cloud,
+        *,
+        odometry: Matrix | None = None,
+        stamp_ns: int | None = None,
+    ) -> Localization:
+        """Find a robot on the map from what it sees, without any guess.
+
+        Of a robot that goes on asking, poses of the last seconds confirm each other by odometry.
+        The map does not change.
+
+        Args:
+            frame_or_cloud: of the robot; a cloud is in the frame of the map's clouds, and the
+                result map_from_cloud.
+            odometry: float64 (4, 4), odom_from_robot; None for the frame's, if it has any.
+            stamp_ns: time; None for the frame's.
+
+        Raises:
+            DataError: a cloud that cannot be described, or a map without keyframes (code "empty").
+        """
+        if not len(self):
+            raise DataError(f"{self._file.path}: the map has no keyframes", code="empty")
+        mount = np.eye(4)
+        if isinstance(frame_or_cloud, Frame):
+            mount = _robot_from_cloud(frame_or_cloud, self._config.fusion)
+            stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
+            odometry = frame_or_cloud.odometry if odometry is None else odometry
+        moved = None if odometry is None else odometry @ mount
+        seen = self._detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
+        assert seen.evidence is not None
+        if self._localizer is None:
+            self._localizer = Localizer(_Keyframes(self), self._config.loops)
+        sight = Sight(seen.evidence.cloud, self._candidates(seen), moved, stamp_ns)
+        found = self._localizer.localize(sight)
+        if found.map_from_robot is None:
+            return found
+        return replace(found, map_from_robot=found.map_from_robot @ np.linalg.inv(mount))
+
+    def forget_motion(self) -> None:
+        """Localise without regard to what was localised before, as after the robot was carried."""
+        if self._localizer is not None:
+            self._localizer.forget()
+
+    def forget(self, session: str) -> None:
+        """Delete a session: its keyframes, and their loops.
+
+        Raises:
+            ConfigError: there is no such session, it is the open one, or the map is read-only.
+        """
+        self._check_writable()
+        number = self._find_session(session)
+        if session == self._session_name:
+            raise ConfigError(
+                f"session {session!r} is open: expected another one",
+                code="choice",
+                fields=("session", session),
+            )
+        with self._file.transaction():
+            self._file.forget_session(number)
+        self._load()
+        self._solve_again()
+
+    def trajectory(self, session: str) -> tuple[NDArray[np.int64], Floats]:
+        """Return stamps, int64 (n,), and map_from_robot, float64 (n, 4, 4), of a session.
+
+        Raises:
+            ConfigError: there is no such session.
+        """
+        rows = self._rows_of(self._find_session(session))
+        keyframes = [self._keyframes[row] for row in rows]
+        stamps = np.array([each.stamp_ns for each in keyframes], np.int64)
+        poses = [
+            self._poses[row] @ np.linalg.inv(each.robot_from_cloud)
+            for row, each in zip(rows, keyframes, strict=True)
+        ]
+        return stamps, np.array(poses, np.float64).reshape(-1, 4, 4)
+
+    def odometry(self, session: str) -> Floats:
+        """Return odom_from_robot, float64 (n, 4, 4), of a session's keyframes.
+
+        Raises:
+            ConfigError: there is no such session.
+        """
+        rows = self._rows_of(self._find_session(session))
+        poses = [
+            each.odometry @ np.linalg.inv(each.robot_from_cloud)
+            for each in (self._keyframes[row] for row in rows)
+        ]
+        return np.array(poses, np.float64).reshape(-1, 4, 4)
+
+    def frames(self, session: str) -> Integers:
+        """Return the numbers, int64 (n,), of a session's frames that are keyframes.
+
+        Raises:
+            ConfigError: there is no such session.
+        """
+        rows = self._rows_of(self._find_session(session))
+        return np.array([self._keyframes[row].frame for row in rows], np.int64)
+
+    def cloud(self, voxel: float = 0.1) -> Cloud:
+        """Return the map's coloured cloud: one point for each voxel, of the map's first part."""
+        points: list[NDArray[np.float32]] = []
+        colors: list[NDArray[np.uint8]] = []
+        for row in self._first_part():
+            cloud = unpack_cloud(self._file.cloud(self._keyframes[row].id).points)
+            pose = self._poses[row]
+            placed = cloud.points @ pose[:3, :3].T + pose[:3, 3]
+            points.append(placed.astype(np.float32))
+            if cloud.colors is not None:
+                colors.append(cloud.colors)
+        if not points:
+            return Cloud(np.empty((0, 3), np.float32), None)
+        whole = np.concatenate(points)
+        shades = np.concatenate(colors) if len(colors) == len(points) else None
+        kept, kept_colors, _ = voxel_downsample(whole, shades, size=voxel)
+        return Cloud(kept, None if shades is None else kept_colors)
+
+    def grid(self, resolution: float = 0.05, config: GridConfig | None = None) -> OccupancyGrid:
+        """Draw where a robot can drive, on the map's first part; see ``draw_occupancy``."""
+        config = merged(config or GridConfig(), {"resolution": resolution})
+        return draw_occupancy(self._placed_clouds(), self._positions(), config)
+
+    def heights(self, resolution: float = 0.2, config: GridConfig | None = None) -> HeightGrid:
+        """Draw how high the map's first part is; see ``draw_heights``."""
+        config = merged(config or GridConfig(), {"resolution": resolution})
+        return draw_heights(self._placed_clouds(), self._positions(), config)
+
+    def check(self) -> list[str]:
+        """Return what is damaged in the file; nothing if it is whole."""
+        problems = self._file.check()
+        for keyframe in self._keyframes:
+            try:
+                unpack_cloud(self._file.cloud(keyframe.id).points)
+                self._kept[keyframe.id].packed()
+            except DataError as error:
+                problems.append(f"keyframe {keyframe.id}: {error}")
+        return problems
+
+    # What follows keeps memory and file alike.
+
+    def _load(self) -> None:
+        """Take everything from the file."""
+        file = self._file
+        with file.reading():
+            stored = file.setting("config")
+            self._sessions = file.sessions()
+            self._keyframes = file.keyframes()
+            vectors = file.vectors()
+            self._edges = {edge.number: edge for edge in file.edges()}
+            solution = file.solution()
+        if stored is not None:
+            self._config = _Config.load(stored)
+        self._row = {each.id: row for row, each in enumerate(self._keyframes)}
+        self._odometry = {each.id: each.odometry for each in self._keyframes}
+        self._session = self._sessions.get(self._session_name or "", -1)
+        self._last_odometry = None
+        if (row := self._last_row()) is not None:
+            last = self._keyframes[row]
+            self._last_odometry = last.odometry @ np.linalg.inv(last.robot_from_cloud)
+        self._kept = FileClouds(file, self._odometry)
+        self._detector = self._new_detector(vectors)
+        self._everywhere: FrameMemory | None = None
+        self._graph = self._new_graph()
+        self._place(solution)
+        self._localizer = None
+
+    def _new_detector(self, vectors: Mapping[str, tuple[Integers, Any]]) -> LoopDetector:
+        config = self._config
+        detector = LoopDetector(
+            config.descriptor,
+            config=config.loops,
+            describe=config.describe,
+            fusion=config.fusion,
+            registration=config.registration,
+        )
+        numbers = np.array([each.id for each in self._keyframes], np.int64)
+        for name, (known, _) in vectors.items():
+            if not np.array_equal(known, numbers):
+                raise DataError(
+                    f"{self._file.path} is damaged: vectors of {name} of {len(known)} keyframes "
+                    f"of {len(numbers)}",
+                    code="damaged",
+                    fields=(str(self._file.path),),
+                )
+        stamps = np.array([each.stamp_ns for each in self._keyframes], np.int64)
+        detector.resume(self._kept, {n: rows for n, (_, rows) in vectors.items()}, numbers, stamps)
+        return detector
+
+    def _new_graph(self) -> PoseGraph:
+        graph = PoseGraph()
+        for keyframe in self._keyframes:
+            graph.add_node(keyframe.robot_from_cloud)
+        self._graph_numbers: list[int] = []
+        for edge in self._edges.values():
+            self._connect(graph, edge)
+        return graph
+
+    def _connect(self, graph: PoseGraph, edge: Edge) -> None:
+        a, b = self._row[edge.a], self._row[edge.b]
+        graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
+        self._graph_numbers.append(edge.number)
+
+    def _place(self, solution: tuple[Integers, Floats, Integers] | None) -> None:
+        """Take poses of the last solution, and those of newer keyframes by odometry."""
+        self._poses: list[Matrix] = []
+        self._parts: list[int] = []
+        if solution is not None:
+            numbers, poses, parts = solution
+            ids = np.array([each.id for each in self._keyframes[: len(numbers)]], np.int64)
+            if np.array_equal(ids, numbers):
+                self._poses, self._parts = [*poses], parts.tolist()
+        before = {edge.b: edge for edge in self._edges.values() if edge.kind == "odometry"}
+        for keyframe in self._keyframes[len(self._poses) :]:
+            self._append_pose(keyframe, before.get(keyframe.id))
+
+    def _append_pose(self, keyframe: StoredKeyframe, step: Edge | None) -> None:
+        if step is None:
+            self._poses.append(keyframe.robot_from_cloud)
+            self._parts.append(keyframe.id)
+        else:
+            row = self._row[step.a]
+            self._poses.append(self._poses[row] @ step.pose)
+            self._parts.append(self._parts[row])
+
+    def _add_keyframe(
+        self, frame: Frame, seen: Observation, mount: Matrix, reason: Refusal | None
+    ) -> MapStep:
+        last = self._last_row()
+        number = len(self._detector)
+        loop = self._detector.add_observation(seen)
+        if number not in self._detector.frames:
+            raise DataError(
+                f"frame {frame.number} has nothing that {self._config.descriptor} describes"
+            )
+        assert seen.evidence is not None and seen.evidence.odometry is not None
+        stamp_ns = seen.stamp_ns or 0
+        keyframe = StoredKeyframe(
+            number, self._session, frame.number, stamp_ns, seen.evidence.odometry, mount
+        )
+        cloud = pack_cloud(fuse(frame, self._config.fusion), self._config.map.voxel)
+        edges = []
+        if last is not None and reason is None:
+            before = self._keyframes[last]
+            edges.append(self._odometry_edge(before, keyframe))
+            edges += self._register_neighbor(before, keyframe, seen.evidence.cloud, edges[0].pose)
+        if loop is not None and loop.match_from_query is not None:
+            edges.append(
+                Edge(
+                    self._next_edge(len(edges)),
+                    "loop" if self._is_own(loop.match) else "merge",
+                    loop.match,
+                    number,
+                    loop.match_from_query,
+                    np.asarray(loop.covariance),
+                    "pending",
+                )
+            )
+        self._keyframes.append(keyframe)
+        self._row[number] = len(self._keyframes) - 1
+        self._odometry[number] = keyframe.odometry
+        self._graph.add_node(mount)
+        self._append_pose(keyframe, edges[0] if edges and edges[0].kind == "odometry" else None)
+        for edge in edges:
+            self._edges[edge.number] = edge
+            self._connect(self._graph, edge)
+        changed = self._solve() if loop is not None else []
+        ground = seen.evidence.cloud.ground_level
+        with self._file.transaction():
+            if self._file.setting("config") is None or len(self._keyframes) == 1:
+                self._store_config()
+            if self._session not in self._sessions.values():
+                self._begin_session()
+                keyframe = keyframe._replace(session=self._session)
+                self._keyframes[-1] = keyframe
+            stored = self._kept.take(number, cloud, ground)
+            self._file.add_keyframe(keyframe, stored, seen.vectors)
+            for edge in {edge.number: edge for edge in [*edges, *changed]}.values():
+                self._file.store_edge(self._edges[edge.number])
+            if loop is not None:
+                self._store_solution()
+        self._kept.written()
+        self._add_everywhere(number, seen)
+        closed = self._edges[edges[-1].number] if loop is not None and edges else None
+        pose = self._poses[-1] @ np.linalg.inv(mount)
+        return MapStep(number, closed, tuple(self._detector.rejected), pose, reason)
+
+    def _begin_session(self) -> None:
+        assert self._session_name is not None
+        self._session = self._file.add_session(self._session_name)
+        self._sessions[self._session_name] = self._session
+
+    def _store_config(self) -> None:
+        """The first keyframe fixes lengths of registration and the radius of normals."""
+        self._config = replace(
+            self._config,
+            describe=self._detector.describe_config,
+            registration=self._detector.registration_config,
+        )
+        self._file.store_setting("config", self._config.dump())
+
+    def _odometry_edge(self, before: StoredKeyframe, after: StoredKeyframe) -> Edge:
+        step = np.linalg.inv(before.odometry) @ after.odometry
+        covariance = odometry_covariance(step, self._config.map)
+        return Edge(
+            self._next_edge(0), "odometry", before.id, after.id, step, covariance, "believed"
+        )
+
+    def _register_neighbor(
+        self, before: StoredKeyframe, after: StoredKeyframe, cloud: PreparedCloud, step: Matrix
+    ) -> list[Edge]:
+        """Measure the step from the last keyframe by both clouds, too, if they fit.
+
+        Loops alone cannot tell odometry's scale.
+        """
+        stored = self._detector.stored_frame(before.id).unpack()
+        found = register(cloud, stored, step, search=False)
+        if found.target_from_source is None or found.covariance is None:
+            return []
+        pose, covariance = found.target_from_source, found.covariance
+        number = self._next_edge(1)
+        return [Edge(number, "loop", before.id, after.id, pose, covariance, "pending")]
+
+    def _next_edge(self, offset: int) -> int:
+        return max(self._edges, default=-1) + 1 + offset
+
+    def _is_own(self, keyframe: int) -> bool:
+        return self._keyframes[self._row[keyframe]].session == self._session
+
+    def _solve(self) -> list[Edge]:
+        """Solve the graph; return the edges whose state has changed."""
+        solution = self._graph.solve()
+        self._poses = [*solution.poses]
+        self._parts = [self._keyframes[int(node)].id for node in solution.parts]
+        return self._take_states(solution)
+
+    def _take_states(self, solution: Solution) -> list[Edge]:
+        changed = []
+        for edge in (*solution.believed, *solution.refused, *solution.pending):
+            number = self._graph_numbers[edge.number]
+            known = self._edges[number]
+            if known.state == edge.state and known.reason == edge.reason:
+                continue
+            self._edges[number] = replace(known, state=edge.state, reason=edge.reason)
+            changed.append(self._edges[number])
+        return changed
+
+    def _store_solution(self) -> None:
+        numbers = np.array([each.id for each in self._keyframes], np.int64)
+        self._file.store_solution(numbers, np.array(self._poses), np.array(self._parts, np.int64))
+
+    def _solve_again(self) -> None:
+        if not len(self):
+            return
+        changed = self._solve()
+        with self._file.transaction():
+            for edge in changed:
+                self._file.store_edge(edge)
+            self._store_solution()
+
+    def _candidates(self, seen: Observation) -> dict[int, float]:
+        """The nearest keyframes of each descriptor, the newest ones included."""
+        if self._everywhere is None:
+            self._everywhere = self._new_memory()
+        found: dict[int, float] = {}
+        k = self._config.loops.candidates
+        for pairs in self._everywhere.query(seen.vectors, k, seen.stamp_ns).values():
+            found |= {match: far for match, far in pairs if match not in found}
+        return found
+
+    def _new_memory(self) -> FrameMemory:
+        """Vectors of all keyframes without a window."""
+        vectors = self._file.vectors()
+        own = self._config.descriptor
+        names = [own, *(name for name in vectors if name != own)]
+        metrics = {name: find_descriptor(name.split(",")[0]).metric for name in names}
+        loops = merged(self._config.loops, {"window": 0, "window_seconds": 0.0})
+        memory = FrameMemory(metrics, loops, self._config.registration, self._kept)
+        numbers = np.array([each.id for each in self._keyframes], np.int64)
+        rows = {name: vectors[name][1] for name in names}
+        memory.resume(rows, numbers, np.zeros(len(numbers), np.int64))
+        return memory
+
+    def _add_everywhere(self, number: int, seen: Observation) -> None:
+        if self._everywhere is not None:
+            self._everywhere.add(number, seen.vectors, seen.stamp_ns, np.inf, None)
+
+    def _odometry_of(self, frame: Frame, odometry: Matrix | None) -> Matrix:
+        pose = frame.odometry if odometry is None else np.asarray(odometry, np.float64)
+        if pose is None or not np.isfinite(pose).all():
+            raise DataError(
+                f"frame {frame.number} has no odometry, which a map needs: record it, or take "
+                "that of its scans (fusionslam odometry)",
+                code="no-odometry",
+                fields=(str(frame.number),),
+            )
+        return pose
+
+    def _check_jump(self, robot: Matrix) -> Refusal | None:
+        if self._last_odometry is None:
+            return None
+        step = float(np.linalg.norm(robot[:3, 3] - self._last_odometry[:3, 3]))
+        if step <= self._config.map.max_step:
+            return None
+        text = (
+            f"odometry jumped by {step:.1f} m, more than {self._config.map.max_step:g}: the map "
+            "goes on in a part of its own until loops join it"
+        )
+        logger.warning("%s", text)
+        return Refusal("jump", step, text)
+
+    def _is_far(self, robot: Matrix, row: int) -> bool:
+        from scipy.spatial.transform import Rotation
+
+        last = self._keyframes[row]
+        moved = np.linalg.inv(last.odometry @ np.linalg.inv(last.robot_from_cloud)) @ robot
+        turn = np.degrees(Rotation.from_matrix(moved[:3, :3]).magnitude())
+        distance = self._config.map.keyframe_distance
+        if distance is None:
+            distance = 4 * self._detector.registration_config.voxel
+        return bool(
+            np.linalg.norm(moved[:3, 3]) >= distance or turn >= self._config.map.keyframe_turn
+        )
+
+    def _predict(self, robot: Matrix, row: int) -> Matrix:
+        """map_from_robot by the last keyframe and odometry since."""
+        last = self._keyframes[row]
+        mount = np.linalg.inv(last.robot_from_cloud)
+        moved = np.linalg.inv(last.odometry @ mount) @ robot
+        pose: Matrix = self._poses[row] @ mount @ moved
+        return pose
+
+    def _last_row(self) -> int | None:
+        """The session's last keyframe."""
+        rows = self._rows_of(self._session)
+        return rows[-1] if rows else None
+
+    def _rows_of(self, session: int) -> list[int]:
+        return [row for row, each in enumerate(self._keyframes) if each.session == session]
+
+    def _first_part(self) -> list[int]:
+        """Rows of the keyframes in the part of the map that began first."""
+        return [row for row, part in enumerate(self._parts) if part == self._parts[0]]
+
+    def _positions(self) -> Floats:
+        places = [self._poses[row][:2, 3] for row in self._first_part()]
+        return np.array(places, np.float64).reshape(-1, 2)
+
+    def _placed_clouds(self) -> Iterator[PlacedCloud]:
+        for row in self._first_part():
+            stored = self._file.cloud(self._keyframes[row].id)
+            cloud = unpack_cloud(stored.points)
+            yield PlacedCloud(cloud.points, self._poses[row], stored.ground_level)
+
+    def _find_session(self, name: str) -> int:
+        if name not in self._sessions:
+            raise ConfigError(
+                f"there is no session {name!r}: expected one of {', '.join(self._sessions)}",
+                code="choice",
+                fields=("session", name),
+            )
+        return self._sessions[name]
+
+    def _check_session(self) -> None:
+        self._check_writable()
+        if not self._session_name:
+            raise ConfigError(
+                "the map was opened without a session: expected PlaceMap.open(path, session=NAME)",
+                code="choice",
+                fields=("session",),
+            )
+
+    def _check_writable(self) -> None:
+        if self._file.read_only:
+            raise ConfigError(
+                f"{self._file.path} was opened read-only: nothing can be changed",
+                code="read-only",
+                fields=(str(self._file.path),),
+            )
+
+
+class _Keyframes:
+    """What localisation asks a map for."""
+
+    def __init__(self, site: PlaceMap) -> None:
+        self._site = site
+
+    def stored(self, number: int) -> StoredFrame:
+        memory = self._site._everywhere
+        assert memory is not None
+        return memory.frame(number)
+
+    def map_from_cloud(self, number: int) -> Matrix:
+        return self._site._poses[self._site._row[number]]
+
+    def near(self, place: Matrix, radius: float) -> Sequence[int]:
+        positions = np.array(self._site._poses)[:, :3, 3]
+        apart = np.linalg.norm(positions - place[:3, 3], axis=1)
+        order = np.argsort(apart, kind="stable")
+        return [self._site._keyframes[row].id for row in order if apart[row] <= radius]
+
+
+def _robot_from_cloud(frame: Frame, config: FusionConfig) -> Matrix:
+    robot_from_points = np.eye(4) if frame.robot_from_points is None else frame.robot_from_points
+    pose: Matrix = robot_from_points @ np.linalg.inv(frame_from_points(frame, config.frame))
+    return pose

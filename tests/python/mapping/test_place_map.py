@@ -1,0 +1,261 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of a made street: what is kept, found again and forgotten, and what goes wrong."""
+
+import shutil
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from clouds import scan_blocks
+from fusionslam import Cloud, ConfigError, DataError, FusionSlamError
+from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.map_file import APPLICATION_ID, VERSION, is_map
+from fusionslam.mapping.place_map import MapStep, PlaceMap
+from fusionslam.sensors.frame import Frame
+from refusals import refuses
+from streets import OPTIONS, RETURN, WAY, at, error, frames
+
+pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
+
+FRAMES = frames(WAY)
+
+
+def build(path: Path, driven: Sequence[Frame] = FRAMES, session: str = "monday") -> list[MapStep]:
+    with PlaceMap.open(path, session, **OPTIONS) as site:
+        return [site.add(frame) for frame in driven]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[MapStep]]:
+    path = tmp_path_factory.mktemp("map") / "site.fsmap"
+    return path, build(path)
+
+
+@pytest.fixture
+def path(built: tuple[Path, list[MapStep]], tmp_path: Path) -> Path:
+    return Path(shutil.copy(built[0], tmp_path / "site.fsmap"))
+
+
+def test_loops_correct_the_trajectory(built: tuple[Path, list[MapStep]]) -> None:
+    path, steps = built
+    assert [step.keyframe for step in steps] == list(range(len(WAY)))
+    assert sum(step.loop is not None for step in steps) >= 6
+    with PlaceMap.open(path, read_only=True) as site:
+        stamps, poses = site.trajectory("monday")
+        assert stamps.tolist() == [frame.stamp_ns for frame in FRAMES]
+        assert error(site.odometry("monday"), WAY) > 1.0
+        assert error(poses, WAY) < 0.25
+        np.testing.assert_allclose(poses[0], np.eye(4), atol=1e-9)
+        assert all(edge.state == "believed" for edge in site.loops)
+        assert all(edge.reason is None for edge in site.loops)
+
+
+def test_a_step_returns_where_the_robot_is_now(built: tuple[Path, list[MapStep]]) -> None:
+    path, steps = built
+    with PlaceMap.open(path, read_only=True) as site:
+        np.testing.assert_allclose(steps[-1].pose, site.trajectory("monday")[1][-1], atol=1e-9)
+    assert steps[0].loop is None and steps[0].reason is None
+
+
+def test_a_map_that_is_closed_in_between_is_the_same(
+    built: tuple[Path, list[MapStep]], tmp_path: Path
+) -> None:
+    other = tmp_path / "halves.fsmap"
+    for half in (FRAMES[:7], FRAMES[7:12], FRAMES[12:]):
+        build(other, half)
+    with PlaceMap.open(built[0], read_only=True) as one, PlaceMap.open(other) as two:
+        np.testing.assert_array_equal(one.trajectory("monday")[1], two.trajectory("monday")[1])
+        assert [(e.a, e.b, e.state) for e in one.edges] == [(e.a, e.b, e.state) for e in two.edges]
+        assert two.last_frame is None  # opened without a session
+
+
+def test_frames_nearby_are_no_keyframes(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        near = at(0.5, 0.0, 3.0, 0.0)
+        step = site.add(FRAMES[1], odometry=near)
+        assert step.keyframe is None
+        np.testing.assert_allclose(step.pose, near, atol=1e-9)
+        assert site.add(FRAMES[1], odometry=at(0.0, 0.0, 20.0, 0.0)).keyframe == 1
+
+
+def test_others_read_while_one_writes(tmp_path: Path) -> None:
+    path = tmp_path / "site.fsmap"
+    with PlaceMap.open(path, "monday", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        with PlaceMap.open(path, read_only=True) as other:
+            assert len(other) == 1
+            site.add(FRAMES[1])
+        with PlaceMap.open(path, read_only=True) as other:
+            assert len(other) == 2
+        with pytest.raises(DataError) as caught:
+            PlaceMap.open(path, "tuesday")
+        assert caught.value.code == "locked" and str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("truth", [at(1.0, 0.5, 30), at(-11.0, -0.5, 180)])
+def test_a_robot_is_found_without_a_guess(path: Path, truth: Any) -> None:
+    with PlaceMap.open(path, read_only=True) as site:
+        found = site.localize(Cloud(scan_blocks(truth, 99)))
+        assert found.reason is None and found.pose is not None
+        off = np.linalg.inv(np.linalg.inv(WAY[0]) @ truth) @ found.pose
+        assert np.linalg.norm(off[:3, 3]) < 0.4
+        assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 3
+
+
+def test_a_robot_elsewhere_is_not_found(path: Path) -> None:
+    points = scan_blocks(at(1.0, 0.5, 30), 99, place=13)
+    with PlaceMap.open(path, read_only=True) as site:
+        found = site.localize(Cloud(points))
+    assert found.pose is None and found.reason is not None
+
+
+def test_the_next_day_joins_the_map_and_can_be_forgotten(path: Path) -> None:
+    build(path, frames(RETURN, 200, day=1), "tuesday")
+    with PlaceMap.open(path) as site:
+        first, second = site.sessions
+        assert (first.name, second.name) == ("monday", "tuesday")
+        assert first.parts == second.parts == (0,)
+        truth = [np.linalg.inv(WAY[0]) @ pose for pose in RETURN]
+        poses = site.trajectory("tuesday")[1]
+        apart = np.linalg.norm(poses[:, :3, 3] - np.array(truth)[:, :3, 3], axis=1)
+        assert apart.max() < 0.6
+        site.forget("tuesday")
+        assert [each.name for each in site.sessions] == ["monday"]
+        assert len(site) == len(WAY)
+        assert site.check() == []
+        with pytest.raises(ConfigError):
+            site.trajectory("tuesday")
+
+
+def test_a_drive_through_another_place_is_a_part_of_its_own(path: Path) -> None:
+    with PlaceMap.open(path, "elsewhere") as site:
+        for frame in frames(RETURN, 200, day=1, place=13):
+            site.add(frame)
+        assert site.sessions[1].parts == (len(WAY),)
+        assert all(edge.state != "believed" for edge in site.loops if edge.kind == "merge")
+
+
+def test_the_cloud_and_the_grid_are_those_of_the_street(path: Path) -> None:
+    with PlaceMap.open(path, read_only=True) as site:
+        cloud = site.cloud(voxel=0.5)
+        assert cloud.colors is None
+        size = np.ptp(cloud.points, axis=0)
+        assert 80 < size[0] < 115 and 50 < size[1] < 65
+        grid = site.grid(resolution=0.5)
+        assert (grid.cells == 0).sum() > 1000 and (grid.cells == 100).sum() > 100
+        column = int((0.0 - grid.origin[0]) / 0.5)
+        row = int((0.0 - grid.origin[1]) / 0.5)
+        assert grid.cells[row, column] == 0  # the robot stood there
+        heights = site.heights(resolution=0.5).heights
+        assert np.nanmax(heights) > 4
+
+
+def test_a_jump_of_odometry_begins_a_part(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        step = site.add(FRAMES[1], odometry=at(500, 0, 0, 0))
+        assert step.reason is not None and step.reason.code == "jump"
+        assert site.sessions[0].parts == (0, 1)
+
+
+def test_a_frame_without_odometry_changes_nothing(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        with refuses("no-odometry"):
+            site.add(Frame(index=99, points=FRAMES[0].points))
+        assert len(site) == len(WAY)
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 3)), np.full((50, 3), np.nan)])
+def test_a_bad_cloud_changes_nothing(path: Path, points: Any) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        bad = Frame(index=99, points=points.astype(np.float32), odometry=at(0, 50, 0))
+        with pytest.raises(FusionSlamError):
+            site.add(bad, odometry=at(0, 15, 0))
+        assert len(site) == len(WAY)
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.check() == [] and len(site) == len(WAY)
+
+
+def test_a_full_disk_loses_nothing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        before = site.trajectory("monday")[1]
+        site._file._database.execute("PRAGMA max_page_count = 1")  # SQLite takes the least it can
+        with refuses("cannot-write"):
+            for k in range(50):
+                site.add(FRAMES[3], odometry=at(0, 15.0 + 15 * k, 0))
+        kept = site.trajectory("monday")[1]
+        np.testing.assert_allclose(kept[: len(before)], before, atol=0.5)
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.check() == []
+        assert len(site) == len(kept)
+
+
+def test_what_is_no_map_is_named(tmp_path: Path) -> None:
+    for name, data in {"a.txt": b"hello", "b.fsmap": bytes(100)}.items():
+        file = tmp_path / name
+        file.write_bytes(data)
+        with refuses("other-format", str(file)):
+            PlaceMap.open(file, "a")
+        assert file.read_bytes() == data and not is_map(file)
+    with sqlite3.connect(tmp_path / "c.db") as other:
+        other.execute("CREATE TABLE t (x)")
+    other.close()
+    with refuses("other-format"):
+        PlaceMap.open(tmp_path / "c.db", "a")
+    with refuses("other-format"):
+        PlaceMap.open(tmp_path, "a")
+    with refuses("not-found"):
+        PlaceMap.open(tmp_path / "none.fsmap", read_only=True)
+    assert not (tmp_path / "none.fsmap").exists()
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.97])
+def test_a_truncated_map_is_damaged(path: Path, share: float) -> None:
+    assert is_map(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(DataError) as caught:
+        with PlaceMap.open(path, read_only=True) as site:
+            problems = site.check()
+        raise DataError("; ".join(problems) or "nothing found", code="damaged")
+    assert caught.value.code == "damaged" and "nothing found" not in str(caught.value)
+
+
+def test_a_map_of_a_later_version_is_refused(path: Path) -> None:
+    with sqlite3.connect(path) as database:
+        database.execute(f"PRAGMA user_version = {VERSION + 1}")
+    database.close()
+    with refuses("newer-version", str(path), str(VERSION + 1)):
+        PlaceMap.open(path, "monday")
+
+
+def test_the_file_says_what_it_is(path: Path) -> None:
+    database = sqlite3.connect(path)
+    assert database.execute("PRAGMA application_id").fetchone() == (APPLICATION_ID,)
+    assert database.execute("PRAGMA page_size").fetchone() == (65536,)
+    assert database.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+    database.close()
+
+
+def test_read_only_maps_do_not_change(path: Path) -> None:
+    with PlaceMap.open(path, "monday", read_only=True) as site:
+        with refuses("read-only", error=ConfigError):
+            site.add(FRAMES[0])
+        with refuses("read-only", error=ConfigError):
+            site.forget("monday")
+    with PlaceMap.open(path) as site, refuses("choice", error=ConfigError):
+        site.add(FRAMES[0])
+
+
+def test_a_map_keeps_the_configuration_that_it_was_made_with(path: Path) -> None:
+    changed = MapConfig(keyframe_distance=1000.0)
+    with PlaceMap.open(path, "monday", descriptor="cm2dp", config=changed) as site:
+        assert site.add(frames(RETURN)[0], odometry=at(0, 12, 0)).keyframe == len(WAY)

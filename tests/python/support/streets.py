@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot that drives up and down a made street; its true poses are known."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from clouds import scan_blocks
+from fusionslam import FusionConfig, LoopConfig
+from fusionslam.sensors.frame import Frame
+
+Floats = NDArray[np.float64]
+
+OPTIONS = {
+    "descriptor": "m2dp",
+    "fusion": FusionConfig(source="cloud"),
+    "loops": LoopConfig(window=3),
+}
+"""Of a map of the street."""
+
+
+def at(x: float, y: float, yaw_deg: float, z: float = 1.7) -> Floats:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+# Out, and back in the opposite direction, 1 m to the side.
+WAY = [at(6 * step, 0, 0) for step in range(-4, 5)]
+WAY += [at(6 * step, 1, 180) for step in range(4, -5, -1)]
+# The next day: back first, on the other side.
+RETURN = [at(6 * step + 2, -1, 180) for step in range(4, -5, -1)]
+
+
+def drift(way: list[Floats], turn_deg: float = 1.0, scale: float = 1.02) -> list[Floats]:
+    """Odometry that turns, and makes each step too long."""
+    poses = [np.eye(4)]
+    for before, after in pairwise(way):
+        step = np.linalg.inv(before) @ after
+        step[:3, 3] *= scale
+        poses.append(poses[-1] @ step @ at(0, 0, turn_deg, 0))
+    return poses
+
+
+def frames(way: list[Floats], seed: int = 0, *, day: int = 0, place: int = 12) -> list[Frame]:
+    """What the robot sees, with odometry that drifts; its scanner is the robot's frame."""
+    return [
+        Frame(
+            index=k,
+            stamp_ns=(86_400 * day + k) * 10**9,
+            points=scan_blocks(pose, seed + k, place=place),
+            odometry=odometry,
+        )
+        for k, (pose, odometry) in enumerate(zip(way, drift(way), strict=True))
+    ]
+
+
+def error(poses: Floats, truth: list[Floats]) -> float:
+    """Root mean square of the distances of positions after the best rigid motion, metres."""
+    a, b = np.asarray(poses)[:, :3, 3], np.asarray(truth)[:, :3, 3]
+    turn, _ = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))
+    off = turn.apply(a - a.mean(axis=0)) - (b - b.mean(axis=0))
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
