@@ -10,10 +10,9 @@ All get the full circle of the LiDAR, are judged by the same protocols and are t
 run, by the processor time of all their threads, which other load of the machine hardly changes. The
 peers run in an environment of their own, which is installed into the user's cache (1.6 GB, from the
 network). Where that or a peer fails, the program says so and goes on without it. MapClosures is
-made for local maps: there it gets the last ten scans, joined by the true poses, as does KISS-SLAM,
-whose odometry cannot follow scans 2 m apart. Maps of one place overlap though their last scans lie
-far apart, so candidates whose poses are farther from the query than ``LoopConfig.max_distance`` are
-left out, of ours and the peers. A town takes about ten minutes of processor time.
+made for local maps: there it gets ten scans around each, joined by the true poses, as does
+KISS-SLAM, whose odometry cannot follow scans 2 m apart. A town takes about ten minutes of processor
+time.
 """
 
 import argparse
@@ -32,7 +31,7 @@ import numpy as np
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import ROOT, mean_and_range, record_towns
 from benchmarks.accuracy.verified_loops import ALL, PAGE, figures_of
-from fusionslam import Cloud, FusionConfig, LoopConfig, LoopDetector, fuse
+from fusionslam import Cloud, FusionConfig, LoopDetector, fuse
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import (
     DescriptorRun,
@@ -42,6 +41,7 @@ from fusionslam.evaluation import (
     evaluate_verified,
 )
 from fusionslam.pipelines.cloud_frames import body_from_clouds
+from fusionslam.pipelines.verified_loops import may_be_right
 from fusionslam.storage.arrays import Floats, Integers, Mask
 from fusionslam.storage.cache import cache_folder
 
@@ -55,7 +55,6 @@ FIGURES = ("top-1", "recall at 100 % precision", "recall of the accepted", "wron
 HEADER = ("found by", "protocol", *FIGURES, "ms a frame", "times ours")
 
 
-FARTHEST = LoopConfig().max_distance
 PEERS: Mapping[int, tuple[str, ...]] = {
     1: ("MapClosures",),
     10: ("MapClosures, local maps", "KISS-SLAM's closer, local maps"),
@@ -108,7 +107,6 @@ def run_peer(python: Path, scans: int, clouds: Sequence[Cloud], poses: Floats) -
             poses=poses,
             window=WINDOW,
             scans=scans,
-            farthest=FARTHEST,
         )
         command = [str(python), str(FOLDER / "worker.py"), str(given), str(found)]
         subprocess.run(command, check=True, capture_output=True, text=True)
@@ -144,10 +142,9 @@ def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
         accepted[row] = detector.add(cloud) is not None
         seconds[row] = time.process_time() - start
         best = detector.nearest
-        if best is not None:
-            match[row], probability[row] = best.match, best.probability or 0
-            if best.match_from_query is not None:
-                estimates[row] = best.match_from_query
+        if best is not None and may_be_right(best):
+            match[row], probability[row] = best.match, best.probability
+            estimates[row] = best.match_from_query
     return as_run(
         OURS,
         clouds,
@@ -196,14 +193,8 @@ def as_run(
     accepted: Mask,
     seconds: Floats,
 ) -> VerifiedRun:
-    """Make a run of the matches of each cloud, with the clouds' frames as body of the poses.
-
-    Matches without a pose, or too far from the query by their pose, are left out.
-    """
+    """Make a run of the matches of each cloud, with the clouds' frames as body of the poses."""
     count = len(clouds)
-    near = np.linalg.norm(match_from_query[:, :3, 3], axis=1) <= FARTHEST
-    match, accepted = np.where(near, match, -1), accepted & near
-    match_from_query = np.where(near[:, None, None], match_from_query, np.nan)
     return VerifiedRun(
         source="cloud",
         descriptors=(name,),
@@ -272,22 +263,26 @@ def _median_ms(evaluation: Evaluation) -> float:
     return evaluation.costs.frame.median_ms
 
 
+def describe(seeds: Sequence[int], lines: Sequence[Sequence[str]]) -> str:
+    """The command, what its figures are, and the table."""
+    listed, s = ", ".join(map(str, seeds)), "s" if len(seeds) > 1 else ""
+    command = f"python -m benchmarks.accuracy.loop_peers {' '.join(map(str, seeds))} --write"
+    text = (
+        f"`{command}`: full circle, town{s} of seed{s} {listed}, radius 10 m, window {WINDOW} "
+        "frames. Milliseconds are processor time of all threads, median over the frames. Local "
+        "maps: ten scans around each, joined by the true poses; joining them is not timed."
+    )
+    return f"{fill(text, 100)}\n\n{table(HEADER, lines)}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seeds", nargs="*", type=int, default=[1])
     parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
-    seeds = arguments.seeds
     python = peers_python()
-    towns = [compare(seed, python) for seed in seeds]
-    command = f"`python -m benchmarks.accuracy.loop_peers {' '.join(map(str, seeds))} --write`: "
-    about = (
-        f"full circle, towns of seeds {', '.join(map(str, seeds))}, radius 10 m, window {WINDOW} "
-        "frames. Milliseconds are processor time of all threads, median over the frames. Local "
-        "maps: the last ten scans, joined by the true poses; joining them is not timed. Candidates "
-        f"whose poses are more than {FARTHEST:g} m from the query are left out, of all."
-    )
-    text = f"{fill(command + about, 100)}\n\n{table(HEADER, list(rows(towns)))}"
+    towns = [compare(seed, python) for seed in arguments.seeds]
+    text = describe(arguments.seeds, list(rows(towns)))
     if arguments.write:
         write_between(PAGE, "peers", text)
     print(text)

@@ -5,9 +5,8 @@
 worker.py INPUT.npz OUTPUT.npz
 
 INPUT: points float32 (P, 3) of all clouds and where each ends, ends int64 (N,); poses float64
-(N, 4, 4), world_from_cloud, by which ``scans`` clouds are joined to the local map of the last one;
-window, frames before the query that are no candidates; farthest, metres from the query beyond which
-a candidate is left out, by its pose.
+(N, 4, 4), world_from_cloud, by which ``scans`` clouds are joined to a local map of the middle one;
+window, frames before the query that are no candidates.
 OUTPUT: of each cloud the candidate with the most inliers, its pose, score and whether it was
 accepted. Arrays (1, N, ...) of what MapClosures says; (2, N, ...) where there are local maps, of
 which KISS-SLAM's closer judges those that MapClosures accepts. The score is the number of inliers;
@@ -30,9 +29,10 @@ CANDIDATES = 100
 
 
 def local_map(clouds: list[Any], poses: Any, row: int, scans: int, size: float) -> VoxelMap:
-    """Join the last clouds in the frame of that in a row, one point a voxel."""
+    """Join the clouds around that in a row, in its frame, one point a voxel."""
     joined = VoxelMap(size)
-    for other in range(max(row - scans + 1, 0), row + 1):
+    first = max(row - scans // 2, 0)
+    for other in range(first, min(first + scans, len(clouds))):
         joined.integrate_frame(clouds[other], np.linalg.inv(poses[row]) @ poses[other])
     return joined
 
@@ -55,12 +55,7 @@ def find_loops(given: Any) -> dict[str, Any]:
             maps.append(joined.open3d_pcd_with_normals())
         start = time.process_time()
         found = detector.get_top_k_closures(row, points, CANDIDATES)
-        older = [
-            each
-            for each in found
-            if each.source_id < row - window
-            and np.linalg.norm(np.linalg.inv(each.pose)[:3, 3]) <= given["farthest"]
-        ]
+        older = [each for each in found if each.source_id < row - window]
         if older:
             best = max(older, key=lambda each: each.number_of_inliers)
             match[:, row], score[:, row] = best.source_id, best.number_of_inliers

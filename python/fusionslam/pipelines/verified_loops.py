@@ -45,8 +45,12 @@ logger = logging.getLogger(__name__)
 POSE_COLUMNS = ("overlap", "probability", "x", "y", "z", "qx", "qy", "qz", "qw")
 _COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns", *POSE_COLUMNS)
 _SOFT = ("improbable", "low-overlap", "alone")
-"""Reasons of poses that may be right."""
 _STAGES = ("fusion", "descriptors", "loop_closure", "registration", "fits_lengths")
+
+
+def may_be_right(candidate: Loop) -> bool:
+    """Whether a candidate is a loop, or one whose pose is only not certain enough."""
+    return candidate.reason is None or candidate.reason.code in _SOFT
 
 
 def new_detector(config: PipelineConfig, name: str) -> LoopDetector:
@@ -242,8 +246,7 @@ def _take(
     record.frames.append(index)
     record.points.append(observation.points)
     record.accepted.append(loop is not None)
-    is_place = nearest is not None and (nearest.reason is None or nearest.reason.code in _SOFT)
-    record.nearest.append(nearest if is_place else None)
+    record.nearest.append(nearest if nearest is not None and may_be_right(nearest) else None)
     tried = [] if nearest is None else [nearest.match]
     tried += [each.match for each in detector.rejected]
     record.candidates.append(list(dict.fromkeys(tried)))

@@ -112,21 +112,3 @@ def test_a_peer_that_fails_is_left_out_with_the_reason(
     clouds = [Cloud(np.zeros((3, 3), np.float32))]
     assert not list(loop_peers.run_peers(python, clouds, np.eye(4)[None]))
     assert capsys.readouterr().err.count("libX.so is missing") == len(loop_peers.PEERS)
-
-
-def test_matches_without_a_pose_or_with_a_far_one_are_left_out() -> None:
-    poses = np.tile(np.eye(4), (4, 1, 1))
-    found = np.tile(np.eye(4), (4, 1, 1))
-    found[:, 0, 3] = np.nan, 0, 9, 9.1
-    run = loop_peers.as_run(
-        "peer",
-        [Cloud(np.zeros((3, 3), np.float32))] * 4,
-        poses,
-        match=np.array([-1, 0, 0, 0]),
-        match_from_query=found,
-        probability=np.full(4, 0.5),
-        accepted=np.array([False, True, True, True]),
-        seconds=np.zeros(4),
-    )
-    assert run.match.tolist() == [-1, 0, 0, -1]
-    assert run.accepted.tolist() == [False, True, True, False]
