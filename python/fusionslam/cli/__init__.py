@@ -18,6 +18,7 @@ from fusionslam.cli import (
     fuse,
     info,
     loops,
+    maps,
     odometry,
     ratslam,
     report,
@@ -90,5 +91,6 @@ app.command()(ratslam.ratslam)
 app.command()(config.config)
 app.command()(doctor.doctor)
 app.command("help")(show_help)
+app.add_typer(maps.app, name="map")
 app.add_typer(views.app, name="views")
 app.add_typer(ros.app, name="ros")

@@ -6,6 +6,7 @@ from fusionslam.calibration.search import CalibrationCheckConfig
 from fusionslam.config import option
 from fusionslam.datasets.range_recording import RecordingConfig
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
+from fusionslam.mapping.config import MapConfig
 from fusionslam.odometry import LidarOdometryConfig
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.tuning import TuningConfig
@@ -37,5 +38,6 @@ class SystemConfig(PipelineConfig):
         LidarOdometryConfig(), "odometry, and ratslam --odometry lidar: scans to a path"
     )
     odometry: OdometryConfig = option(
-        DRIFT, "ratslam: how far odometry is off, --odometry truth+noise"
+        DRIFT, "ratslam, map build: how far odometry is off, --odometry truth+noise"
     )
+    mapping: MapConfig = option(MapConfig(), "map build: keyframes, and how odometry drifts")

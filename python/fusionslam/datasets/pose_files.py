@@ -197,7 +197,7 @@ def match_poses(
     outside = far & _are_just_outside(pose_stamps, stamps_ns)
     if outside.all():
         outside[:] = False  # no frame would be left: refused below
-    found[far], gaps_ns = _interpolate(pose_stamps, poses, stamps_ns[far])
+    found[far], gaps_ns = interpolate_poses(pose_stamps, poses, stamps_ns[far])
     if (lacking := np.flatnonzero(far)[(gaps_ns > POSE_GAP_NS) & ~outside[far]]).size:
         first = lacking[0]
         raise DataError(
@@ -325,10 +325,19 @@ def _are_just_outside(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> N
     return np.asarray((beyond_ns > 0) & (beyond_ns < period_ns), dtype=np.bool_)
 
 
-def _interpolate(
+def interpolate_poses(
     stamps: NDArray[np.int64], poses: NDArray[np.float64], wanted: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Poses at the wanted stamps, and the time between the two around each; infinite outside."""
+    """Return poses at the wanted stamps, and the time between the two around each.
+
+    Args:
+        stamps: int64 (n,), nanoseconds, n > 1.
+        poses: float64 (n, 4, 4).
+        wanted: int64 (m,), nanoseconds.
+
+    Returns:
+        float64 (m, 4, 4), and float64 (m,), nanoseconds, infinite outside of the stamps.
+    """
     from scipy.spatial.transform import Rotation
 
     order = np.argsort(stamps)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.config import Section, option
-from fusionslam.errors import FusionSlamError
+from fusionslam.config import Section, merged, option
+from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import PathLike, atomic_path
 
@@ -24,6 +24,27 @@ class MapOrigin(Section):
     heading: float = option(
         0.0, "direction of the map's x axis, from east towards north", unit="deg", ge=-360, le=360
     )
+
+
+def parse_origin(text: str) -> MapOrigin:
+    """Read LATITUDE,LONGITUDE[,ALTITUDE[,HEADING]].
+
+    Raises:
+        ConfigError: other than two to four numbers, or one out of range.
+    """
+    names = ("latitude", "longitude", "altitude", "heading")
+    cells = text.split(",")
+    try:
+        values = dict(zip(names, map(float, cells), strict=False))
+        if not 2 <= len(cells) <= 4:
+            raise ValueError(text)
+    except ValueError as error:
+        raise ConfigError(
+            f"origin {text!r}: expected LATITUDE,LONGITUDE[,ALTITUDE[,HEADING]]",
+            code="choice",
+            fields=("origin", text),
+        ) from error
+    return merged(MapOrigin(latitude=0, longitude=0), values, "origin.")
 
 
 def geographic(positions: Floats, origin: MapOrigin) -> Floats:

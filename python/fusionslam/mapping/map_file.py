@@ -150,6 +150,12 @@ class MapFile:
             self.close()
             raise
 
+    def __enter__(self) -> "MapFile":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Close the file."""
         if self._connection is not None:
@@ -226,6 +232,9 @@ class MapFile:
             if keep.any():
                 kept = np.frombuffer(rows, np.float32).reshape(len(numbers), -1)[keep]
                 self._put_block(descriptor, numbers[keep], kept)
+        names = [name for name, each in self.sessions().items() if each == number]
+        for name in names:
+            self._run("DELETE FROM setting WHERE name = ?", f"recording of {name}")
         self._run("DELETE FROM solution")
         self._run("DELETE FROM session WHERE id = ?", number)
 

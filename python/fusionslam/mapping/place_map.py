@@ -15,6 +15,7 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig, find_descriptor
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector, Observation
 from fusionslam.loop_closure.loop import Rejected
@@ -41,7 +42,7 @@ from fusionslam.storage.files import PathLike
 
 logger = logging.getLogger(__name__)
 
-_CANDIDATES = 10
+_STATES = ("believed", "refused", "pending")
 _WINDOW = 20
 """Keyframes that are no candidates: odometry is still good."""
 
@@ -227,6 +228,49 @@ class PlaceMap:
         )
 
     @property
+    def fusion(self) -> FusionConfig:
+        """How frames are fused into the map's clouds."""
+        return self._config.fusion
+
+    def describe(self) -> str:
+        """Say what is in the map, a line for each session."""
+        loops = self.loops
+        count = {state: sum(each.state == state for each in loops) for state in _STATES}
+        size = self._file.path.stat().st_size / 1e6
+        lines = [
+            f"{each.name}: {counted(each.keyframes, 'keyframe')}"
+            + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
+            for each in self.sessions
+        ]
+        parts = len(set(self._parts))
+        lines.append(
+            f"{counted(len(self), 'keyframe')} in {counted(parts, 'part')}, "
+            f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
+            f"{count['refused']} refused, {count['pending']} pending; {size:.1f} MB"
+        )
+        return "\n".join(lines)
+
+    def check_recording(self, name: str) -> None:
+        """Bind the open session to a recording, by its name.
+
+        Raises:
+            ConfigError: the session is that of another one (code "other-recording").
+        """
+        self._check_session()
+        key = f"recording of {self._session_name}"
+        known = self._file.setting(key)
+        if known is None:
+            with self._file.transaction():
+                self._file.store_setting(key, name)
+        elif known != name:
+            raise ConfigError(
+                f"session {self._session_name!r} of {self._file.path} is that of {known}, not of "
+                f"{name}: expected a session of its own (--session NAME)",
+                code="other-recording",
+                fields=("session", str(self._session_name)),
+            )
+
+    @property
     def last_frame(self) -> int | None:
         """Number of the session's last frame that is a keyframe; None if it has none."""
         mine = [each.frame for each in self._keyframes if each.session == self._session]
@@ -368,6 +412,13 @@ class PlaceMap:
         """
         rows = self._rows_of(self._find_session(session))
         return np.array([self._keyframes[row].frame for row in rows], np.int64)
+
+    @property
+    def positions(self) -> dict[int, Floats]:
+        """Where the clouds of keyframes were taken, float64 (3,), by number, each in its part."""
+        return {
+            each.id: pose[:3, 3] for each, pose in zip(self._keyframes, self._poses, strict=True)
+        }
 
     def cloud(self, voxel: float = 0.1) -> Cloud:
         """Return the map's coloured cloud: one point for each voxel, of the map's first part."""

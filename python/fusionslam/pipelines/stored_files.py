@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Describe files of results that fusionslam stored: their kind, metadata and counts."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +12,7 @@ from fusionslam.config import flatten
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.help_texts import counted
+from fusionslam.mapping.map_file import MapFile, is_map
 from fusionslam.pipelines.describe import PipelineConfig, run_files
 from fusionslam.pipelines.results import FILE, Work, load_verified, runs_folder
 from fusionslam.storage.archive import format_of, load_archive, load_json
@@ -63,12 +65,25 @@ _COUNTS: Mapping[str, Mapping[str, str]] = {
 """Arrays of a format whose length is the number of something."""
 
 
+def _map_rows(path: Path) -> list[tuple[str, str]]:
+    with MapFile(path, read_only=True) as file:
+        keyframes = Counter(each.session for each in file.keyframes())
+        rows = [("kind", "map, by map build")]
+        for name, number in file.sessions().items():
+            rows.append((f"session {name}", counted(keyframes[number], "keyframe")))
+        loops = Counter(each.state for each in file.edges() if each.kind != "odometry")
+    measured = ", ".join(f"{count} {state}" for state, count in sorted(loops.items()))
+    return [*rows, ("registered pairs", measured or "none")]
+
+
 def stored_rows(path: Path) -> list[tuple[str, str]] | None:
     """Return (label, value) pairs about a stored file or folder; None for anything else.
 
     Raises:
         DataError: the file is damaged.
     """
+    if is_map(path):
+        return _map_rows(path)
     file = path
     if path.is_dir():
         inner = [path / name for name in _IN_FOLDERS if (path / name).is_file()]

@@ -3,13 +3,16 @@
 """A robot that drives up and down a made street; its true poses are known."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
-from fusionslam import FusionConfig, LoopConfig
+from fusionslam import Cloud, FusionConfig, LoopConfig
+from fusionslam.datasets import write_cloud
+from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.sensors.frame import Frame
 
 Floats = NDArray[np.float64]
@@ -65,3 +68,16 @@ def error(poses: Floats, truth: list[Floats]) -> float:
     turn, _ = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))
     off = turn.apply(a - a.mean(axis=0)) - (b - b.mean(axis=0))
     return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+def write_street(folder: Path, way: list[Floats], seed: int = 0) -> Path:
+    """A plain folder of what the robot sees, with odometry.txt."""
+    driven = frames(way, seed)
+    for frame in driven:
+        assert frame.points is not None
+        write_cloud(folder / f"clouds/{frame.index:06d}.bin", Cloud(frame.points))
+    stamps = np.array([frame.stamp_ns for frame in driven])
+    (folder / "times.txt").write_text("".join(f"{stamp / 1e9:.1f}\n" for stamp in stamps))
+    poses = np.array([frame.odometry for frame in driven])
+    write_poses_tum(folder / "odometry.txt", stamps, poses)
+    return folder

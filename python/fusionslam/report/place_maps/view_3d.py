@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam.errors import DataError
+from fusionslam.mapping import PlaceMap
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import PathLike, atomic_path
@@ -60,6 +61,29 @@ def write_view_3d(
     return path
 
 
+def write_map_view(path: PathLike, site: PlaceMap, voxel: float = 0.05) -> Path:
+    """Write a page that shows a map: its cloud, trajectories, and loops.
+
+    Loops that are believed are green, refused ones orange.
+
+    Args:
+        path: of the page.
+        site: the map.
+        voxel: of the cloud, metres.
+
+    Raises:
+        DataError: the map is empty, or the page cannot be written.
+    """
+    tracks = {each.name: site.trajectory(each.name)[1][:, :3, 3] for each in site.sessions}
+    places = site.positions
+    lines = [
+        (np.array([places[edge.a], places[edge.b]]), _LOOP_COLORS[edge.state])
+        for edge in site.loops
+    ]
+    return write_view_3d(path, site.cloud(voxel), tracks, lines)
+
+
+_LOOP_COLORS = {"believed": (27, 158, 60), "refused": (230, 120, 0), "pending": (120, 120, 120)}
 _TRACK_COLORS = ((33, 102, 172), (178, 24, 43), (118, 42, 131), (27, 120, 55))
 
 

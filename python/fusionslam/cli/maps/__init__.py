@@ -1,0 +1,17 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The commands ``fusionslam map ...``."""
+
+import typer
+
+from fusionslam.cli.maps.build import build
+from fusionslam.cli.maps.files import check, export, show
+from fusionslam.cli.maps.localize import localize
+
+app = typer.Typer(
+    help="Build maps that last, and find robots on them.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+for command in (build, show, localize, export, check):
+    app.command()(command)

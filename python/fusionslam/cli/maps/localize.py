@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command map localize: where on a map each frame of a recording is."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fusionslam.cli import options as opt
+from fusionslam.cli.console import OPENING, progress
+from fusionslam.cli.failures import needs_extra
+from fusionslam.cli.recordings import build_recording, open_data
+from fusionslam.storage.progress import label_progress
+
+if TYPE_CHECKING:
+    from fusionslam.pipelines.recording import Recording
+
+
+@opt.options_of(build_recording=build_recording, read_config=opt.read_config)
+def localize(
+    path: Annotated[
+        Path, typer.Option("--map", metavar="MAP", help="The map's file (.fsmap).")
+    ] = Path("out/site.fsmap"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="CSV file for the poses.")] = Path(
+        "out/localizations.csv"
+    ),
+    *,
+    build_recording: "Callable[[], Recording]",
+    read_config: "Callable[[], Any]",
+    skip_bad_frames: opt.SkipBad = False,
+    jobs: opt.Jobs = None,
+) -> None:
+    """Find each frame of DATA on a map, without any guess. Recorded odometry helps."""
+    needs_extra("map")
+    from fusionslam.config import merged
+    from fusionslam.mapping import PlaceMap
+    from fusionslam.pipelines.place_maps import (
+        has_odometry,
+        localize_recording,
+        odometry_of,
+        write_localizations,
+    )
+
+    with PlaceMap.open(path, read_only=True) as site, progress() as step:
+        whole = merged(read_config(), {"fusion": site.fusion.model_dump()})
+        step(OPENING, 0, 1)
+        dataset, _ = open_data(build_recording(), whole)
+        step(OPENING, 1, 1)
+        poses = odometry_of(dataset, "recorded") if has_odometry(dataset) else None
+        found = [
+            *localize_recording(
+                site,
+                dataset,
+                poses,
+                bad_frames=opt.bad_frames(skip_bad_frames),
+                jobs=opt.cores(jobs),
+                progress=label_progress(step, "localising"),
+            )
+        ]
+    write_localizations(output, found)
+    fixes = sum(each.pose is not None for *_, each in found)
+    print(f"{fixes} of {len(found)} frames found")
+    print(output)

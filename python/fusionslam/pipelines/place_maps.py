@@ -1,0 +1,278 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of recordings: building, localising and exporting."""
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fusionslam.datasets import Dataset
+from fusionslam.datasets.cloud_files import write_cloud
+from fusionslam.datasets.pose_files import interpolate_poses, write_poses_tum
+from fusionslam.errors import DataError
+from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
+from fusionslam.geometry.se2 import places_of
+from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.mapping import Localization, PlaceMap
+from fusionslam.mapping.geojson import MapOrigin, write_geojson
+from fusionslam.odometry import LidarOdometryConfig
+from fusionslam.pipelines.lidar_odometry import track_lidar
+from fusionslam.pipelines.recording import name_frame
+from fusionslam.registration import Refusal
+from fusionslam.sensors.frame import Frame
+from fusionslam.storage.arrays import Floats, Matrix
+from fusionslam.storage.files import PathLike, atomic_path
+from fusionslam.storage.parallel import ordered_results
+from fusionslam.storage.progress import Progress, Step, label_progress
+
+MapOdometry = Literal["recorded", "lidar", "truth+noise"]
+
+
+class Built(NamedTuple):
+    """What building a map made of a recording.
+
+    Attributes:
+        frames: number of frames that were added or looked at; 0 if the map had all of them.
+        keyframes, loops: numbers of new ones.
+        skipped: reasons by number of the frames that could not be used.
+    """
+
+    frames: int
+    keyframes: int
+    loops: int
+    skipped: dict[int, str]
+
+
+def has_odometry(dataset: Dataset) -> bool:
+    """Whether odometry was recorded with the frames."""
+    return dataset.odometry_topic is not None or dataset[0].odometry is not None
+
+
+def odometry_of(
+    dataset: Dataset,
+    kind: MapOdometry,
+    *,
+    scanned: LidarOdometryConfig | None = None,
+    errors: OdometryConfig | None = None,
+    jobs: int = 1,
+    step: Step | None = None,
+) -> Floats | None:
+    """Return odometry for a map, float64 (N, 4, 4), odom_from_robot; None for the recorded one.
+
+    Args:
+        dataset: the recording.
+        kind: "recorded"; "lidar", from the scans; "truth+noise", true poses with errors.
+        scanned: configuration of odometry by LiDAR.
+        errors: of "truth+noise".
+        jobs: number of scans read ahead.
+        step: progress callback.
+
+    Raises:
+        DataError: the data lack what is asked for.
+    """
+    if kind == "recorded":
+        if dataset[0].odometry is None and dataset.odometry_topic is not None:
+            return _odometry_at_frames(dataset)
+        if not has_odometry(dataset):
+            raise DataError(
+                f"{dataset.name} has no odometry, which a map needs: --odometry lidar takes it "
+                "from the scans, --odometry truth+noise from true poses",
+                code="no-odometry",
+                fields=(dataset.name,),
+            )
+        return None
+    if kind == "lidar":
+        track = track_lidar(
+            dataset, scanned, jobs=jobs, progress=label_progress(step, "registering scans")
+        )
+        return track.poses @ dataset.body_from_robot
+    if dataset.true_poses is None:
+        raise DataError(
+            f"{dataset.name} has no true poses for --odometry truth+noise: --gt FILE names them",
+            code="no-poses",
+            fields=(dataset.name,),
+        )
+    places = places_of(dataset.true_poses @ dataset.body_from_robot)
+    seconds = (dataset.stamps_ns - dataset.stamps_ns[0]) / 1e9
+    return ground_poses(*add_odometry_errors(places, seconds, errors or OdometryConfig()).T)
+
+
+def _odometry_at_frames(dataset: Dataset) -> Floats:
+    """Odometry of a file, at the stamps of the frames; NaN before and after it."""
+    moved = dataset.motion("odometry")
+    stamps = np.array([each.stamp_ns for each in moved], np.int64)
+    if len(stamps) < 2:
+        raise DataError(
+            f"{dataset.name}: {len(stamps)} pose of odometry, expected two or more",
+            code="no-odometry",
+            fields=(dataset.name,),
+        )
+    poses = np.array([each.pose for each in moved])
+    at_frames, gaps_ns = interpolate_poses(stamps, poses, dataset.stamps_ns)
+    at_frames[np.isinf(gaps_ns)] = np.nan
+    return at_frames
+
+
+def build_map(
+    site: PlaceMap,
+    dataset: Dataset,
+    odometry: Floats | None = None,
+    *,
+    bad_frames: str = "error",
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Built:
+    """Add a recording to a map, beginning after the session's last keyframe.
+
+    Args:
+        site: open with a session.
+        dataset: the recording.
+        odometry: as ``odometry_of`` returns.
+        bad_frames: "skip" leaves out frames that cannot be used.
+        jobs: number of frames read ahead.
+        progress: called with (frames done, total).
+
+    Raises:
+        DataError: a frame cannot be used, or the map cannot be written; what was added stays.
+    """
+    last = site.last_frame
+    begin = 0 if last is None else int(np.searchsorted(dataset.numbers, last, side="right"))
+    keyframes = loops = 0
+    skipped: dict[int, str] = {}
+    with ordered_results(_reader(dataset), range(begin, len(dataset)), jobs) as frames:
+        for index, frame in enumerate(frames, start=begin):
+            try:
+                with name_frame(dataset, index, can_skip=True):
+                    if isinstance(frame, DataError):
+                        raise frame
+                    added = site.add(frame, odometry=None if odometry is None else odometry[index])
+                keyframes += added.keyframe is not None
+                loops += added.loop is not None
+            except DataError as error:
+                if bad_frames != "skip" or error.code == "cannot-write":
+                    raise
+                skipped[int(dataset.numbers[index])] = str(error)
+            if progress is not None:
+                progress(index + 1, len(dataset))
+    return Built(len(dataset) - begin, keyframes, loops, skipped)
+
+
+def localize_recording(
+    site: PlaceMap,
+    dataset: Dataset,
+    odometry: Floats | None = None,
+    *,
+    bad_frames: str = "error",
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Iterator[tuple[int, int, Localization]]:
+    """Find each frame of a recording on a map: its number, stamp in nanoseconds, and place.
+
+    Arguments as of ``build_map``; frames may have no odometry. "skip" says of frames that cannot
+    be used why they have no place.
+
+    Raises:
+        DataError: a frame cannot be used.
+    """
+    with ordered_results(_reader(dataset), range(len(dataset)), jobs) as frames:
+        for index, frame in enumerate(frames):
+            try:
+                with name_frame(dataset, index, can_skip=True):
+                    if isinstance(frame, DataError):
+                        raise frame
+                    moved = None if odometry is None else odometry[index]
+                    found = site.localize(frame, odometry=moved)
+            except DataError as error:
+                if bad_frames != "skip":
+                    raise
+                found = Localization(None, reason=Refusal(error.code, 0, str(error)))
+            yield int(dataset.numbers[index]), int(dataset.stamps_ns[index]), found
+            if progress is not None:
+                progress(index + 1, len(dataset))
+
+
+def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localization]]) -> None:
+    """Write a CSV: frame, stamp_ns, map_from_robot (x, y, z, qx, qy, qz, qw), keyframe, reason.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    header = ["frame", "stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw", "keyframe", "reason"]
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        for number, stamp_ns, each in found:
+            keyframe = "" if each.keyframe is None else each.keyframe
+            reason = "" if each.reason is None else each.reason.code
+            pose = [""] * 7 if each.pose is None else _pose_texts(each.pose)
+            writer.writerow([number, stamp_ns, *pose, keyframe, reason])
+
+
+def export_map(
+    site: PlaceMap,
+    folder: PathLike,
+    *,
+    voxel: float = 0.1,
+    resolution: float = 0.05,
+    origin: MapOrigin | None = None,
+) -> list[Path]:
+    """Write a map for other programs; returns the files.
+
+    ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
+    ``SESSION.tum``, the trajectory of each session; with ``origin`` ``trajectory.geojson``.
+
+    Args:
+        site: the map.
+        folder: made if missing.
+        voxel: of the clouds, metres.
+        resolution: of the grid, metres.
+        origin: where on the globe the map is.
+
+    Raises:
+        DataError: the map has no keyframes (code "empty"), or a file cannot be written.
+    """
+    if not len(site):
+        raise DataError("the map has no keyframes: there is nothing to export", code="empty")
+    target = Path(folder)
+    cloud = site.cloud(voxel)
+    clouds = [target / "cloud.ply", target / "cloud.pcd"]
+    for path in clouds:
+        write_cloud(path, cloud)
+    grid = site.grid(resolution).save(target / "grid.pgm")
+    heights = target / "heights.asc"
+    site.heights().save(heights)
+    tracks = {each.name: site.trajectory(each.name) for each in site.sessions}
+    files = [*clouds, *grid, heights]
+    for name, (stamps, poses) in tracks.items():
+        files.append(target / f"{_file_name(name)}.tum")
+        write_poses_tum(files[-1], stamps, poses)
+    if origin is not None:
+        files.append(target / "trajectory.geojson")
+        write_geojson(files[-1], tracks, origin)
+    return files
+
+
+def _reader(dataset: Dataset) -> Callable[[int], Frame | DataError]:
+    def read(index: int) -> Frame | DataError:
+        try:
+            frame = dataset[index]
+            _ = frame.points, frame.colors, [frame.images[name] for name in frame.images]
+        except DataError as error:
+            return error
+        return frame
+
+    return read
+
+
+def _pose_texts(pose: Matrix) -> list[str]:
+    values = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
+    return [f"{value:.6f}" for value in values]
+
+
+def _file_name(name: str) -> str:
+    """A session's name with nothing that a file's name cannot have."""
+    return "".join(each if each.isalnum() or each in "-_." else "_" for each in name)

@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The commands map build, show, localize, export and check on a made street."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from cli import error_of, run, succeeds
+from fusionslam import PlaceMap, datasets
+from streets import RETURN, WAY, error, write_street
+
+pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
+
+OPTIONS = ("-d", "m2dp", "--set", "loop_closure.window=3")
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_street(tmp_path_factory.mktemp("data") / "street", WAY)
+
+
+@pytest.fixture(scope="module")
+def built(street: Path) -> Path:
+    succeeds("map", "build", street, "-o", street.parent / "site.fsmap", *OPTIONS)
+    return street.parent / "site.fsmap"
+
+
+@pytest.fixture
+def site(built: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(built, tmp_path / "site.fsmap"))
+
+
+def test_a_recording_becomes_a_map(built: Path) -> None:
+    with PlaceMap.open(built, read_only=True) as site:
+        assert [each.name for each in site.sessions] == ["street"]
+        assert error(site.trajectory("street")[1], WAY) < 0.25 < error(site.odometry("street"), WAY)
+
+
+def test_building_goes_on_where_it_ended(street: Path, built: Path, tmp_path: Path) -> None:
+    half = shutil.copytree(street, tmp_path / "street")
+    for scan in sorted((half / "clouds").iterdir())[9:]:
+        scan.unlink()
+    times = (half / "times.txt").read_text().splitlines()
+    (half / "times.txt").write_text("\n".join(times[:9]) + "\n")
+    path = tmp_path / "site.fsmap"
+    succeeds("map", "build", half, "-o", path, *OPTIONS)
+    succeeds("map", "build", street, "-o", path)
+    with PlaceMap.open(path, read_only=True) as one, PlaceMap.open(built, read_only=True) as two:
+        np.testing.assert_array_equal(one.trajectory("street")[1], two.trajectory("street")[1])
+    before = path.read_bytes()
+    succeeds("map", "build", street, "-o", path)
+    assert path.read_bytes() == before
+
+
+def test_a_session_is_of_one_recording(site: Path, tmp_path: Path) -> None:
+    other = write_street(tmp_path / "other", RETURN, 200)
+    problem = error_of(2, "map", "build", other, "-o", site, "--session", "street")
+    assert problem.code == "other-recording"
+    succeeds("map", "build", other, "-o", site, "--session", "tuesday")
+    with PlaceMap.open(site, read_only=True) as grown:
+        assert [each.parts for each in grown.sessions] == [(0,), (0,)]
+
+
+def test_frames_are_found_on_a_map(built: Path, tmp_path: Path) -> None:
+    other = write_street(tmp_path / "other", RETURN, 200)
+    output = tmp_path / "found.csv"
+    succeeds("map", "localize", other, "--map", built, "-o", output)
+    rows = list(csv.DictReader(output.open()))
+    assert len(rows) == len(RETURN)
+    known = [row for row in rows if not row["reason"]]
+    assert len(known) >= 7
+    for row in known:
+        truth = np.linalg.inv(WAY[0]) @ RETURN[int(row["frame"])]
+        place = [float(row[axis]) for axis in "xyz"]
+        assert np.linalg.norm(place - truth[:3, 3]) < 0.6
+        assert row["keyframe"]
+
+
+def test_a_map_is_exported(built: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    words = ("map", "export", built, "-o", tmp_path, "--resolution", "0.5", "--voxel", "0.5")
+    succeeds(*words, "--origin", "49,8.4,110,30")
+    found = {path.name for path in tmp_path.iterdir()}
+    grid = {"grid.pgm", "grid.yaml", "heights.asc"}
+    assert found == {"cloud.ply", "cloud.pcd", "street.tum", "trajectory.geojson"} | grid
+    assert yaml.safe_load((tmp_path / "grid.yaml").read_text())["resolution"] == 0.5
+    assert len(datasets.read_poses(tmp_path / "street.tum")[1]) == len(WAY)
+    clouds = [datasets.read_cloud(tmp_path / f"cloud.{kind}").points for kind in ("ply", "pcd")]
+    np.testing.assert_allclose(*clouds)
+    for origin in ("49", "north,east", "100,0", "1,2,3,4,5"):
+        problem = error_of(2, "map", "export", built, "-o", tmp_path / "other", "--origin", origin)
+        assert "origin" in str(problem)
+
+
+def test_a_map_is_shown_and_described(built: Path, tmp_path: Path) -> None:
+    page = tmp_path / "map.html"
+    shown = succeeds("map", "show", built, "-o", page).stdout
+    assert f"street: {len(WAY)} keyframes" in shown
+    assert page.stat().st_size > 100_000
+    described = succeeds("info", built).stdout
+    assert "session street" in described and f"{len(WAY)} keyframes" in described
+
+
+def test_a_damaged_map_is_found(site: Path) -> None:
+    succeeds("map", "check", site)
+    data = bytearray(site.read_bytes())
+    middle = len(data) // 2 // 65536 * 65536
+    data[middle : middle + 60_000] = bytes(60_000)
+    site.write_bytes(data)
+    result = run("map", "check", site)
+    assert result.exit_code == 1
+
+
+def test_data_without_odometry_say_how_to_get_it(street: Path, tmp_path: Path) -> None:
+    bare = shutil.copytree(street, tmp_path / "bare")
+    (bare / "odometry.txt").unlink()
+    problem = error_of(1, "map", "build", bare, "-o", tmp_path / "a.fsmap")
+    assert problem.code == "no-odometry" and "--odometry lidar" in str(problem)
+    problem = error_of(
+        1, "map", "build", bare, "-o", tmp_path / "b.fsmap", "--odometry", "truth+noise"
+    )
+    assert problem.code == "no-poses"
+
+
+def test_what_is_no_map_is_refused(street: Path, tmp_path: Path) -> None:
+    other = tmp_path / "poses.txt"
+    shutil.copy(street / "odometry.txt", other)
+    for command in ("show", "check", "export"):
+        assert error_of(1, "map", command, other).code == "other-format"
+        assert error_of(1, "map", command, tmp_path / "none.fsmap").code == "not-found"
