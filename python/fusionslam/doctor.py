@@ -58,7 +58,10 @@ EXTRAS = {
     "live": Extra({"rerun-sdk": "rerun"}, ("ratslam --live",)),
     "map": Extra(
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
-        ("fusionslam.registration", "fusionslam.mapping"),
+        (
+            *("map build", "map show", "map localize", "map export", "map check"),
+            *("fusionslam.registration", "fusionslam.mapping"),
+        ),
     ),
     "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
 }

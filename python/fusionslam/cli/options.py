@@ -215,6 +215,7 @@ Tuned = Annotated[
     str | None,
     one_of("--tuned", names=TUNED, check=False, help="Tuned values that come with fusionslam."),
 ]
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", help="A map's file (.fsmap).")]
 Rule = Annotated[
     str,
     one_of(

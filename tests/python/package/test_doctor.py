@@ -140,7 +140,12 @@ def test_without_the_core_other_commands_point_to_doctor_in_one_line(
 def test_the_uses_of_extras_are_those_of_the_commands() -> None:
     for path in (PACKAGE / "cli").rglob("*.py"):
         name = " ".join(path.relative_to(PACKAGE / "cli").with_suffix("").parts)
-        use = name.replace("recordings", "worlds").replace("_", " ").replace("calib ", "calib-")
+        use = (
+            name.replace("maps ", "map ")
+            .replace("recordings", "worlds")
+            .replace("_", " ")
+            .replace("calib ", "calib-")
+        )
         for call in ast.walk(ast.parse(path.read_text())):
             if isinstance(call, ast.Call) and ast.unparse(call.func) == "needs_extra":
                 for extra in (each.value for each in call.args if isinstance(each, ast.Constant)):

@@ -5,8 +5,10 @@
 import typer
 
 from fusionslam.cli.maps.build import build
-from fusionslam.cli.maps.files import check, export, show
+from fusionslam.cli.maps.check import check
+from fusionslam.cli.maps.export import export
 from fusionslam.cli.maps.localize import localize
+from fusionslam.cli.maps.show import show
 
 app = typer.Typer(
     help="Build maps that last, and find robots on them.",
