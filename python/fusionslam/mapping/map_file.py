@@ -10,7 +10,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +21,13 @@ from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.mapping.edge import Edge
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
-from fusionslam.storage.files import PathLike, cannot_write
+from fusionslam.storage.files import PathLike, cannot_write, why_not
 
 APPLICATION_ID = 0x66736D70
 VERSION = 1
 _PAGE = 65536
+_MOST_LOGGED = 64
+"""Pages in the write-ahead log, some 4 MB, before they go into the file."""
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
 
@@ -142,6 +144,7 @@ class MapFile:
         self.path = Path(path)
         self.read_only = read_only
         self._lock = -1
+        self._lock_file: Path | None = None
         self._connection: sqlite3.Connection | None = None
         try:
             with self._errors():
@@ -162,8 +165,10 @@ class MapFile:
             self._connection.close()
             self._connection = None
         if self._lock >= 0:
+            if self._lock_file is not None:
+                self._lock_file.unlink(missing_ok=True)
             os.close(self._lock)
-            self._lock = -1
+            self._lock, self._lock_file = -1, None
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
@@ -379,22 +384,19 @@ class MapFile:
         return self._connection
 
     def _open(self) -> None:
-        exists = self.path.exists()
-        if not exists and self.read_only:
+        if not self.path.exists() and self.read_only:
             raise DataError(
                 f"{self.path} does not exist: expected a map (.fsmap)",
                 code="not-found",
                 fields=(str(self.path),),
             )
-        if exists:
+        if self.path.exists():
             self._check_kind()
         if not self.read_only:
             self._take_lock()
-        mode = "ro" if self.read_only else "rwc"
-        place = self.path.resolve().as_uri()
-        self._connection = sqlite3.connect(
-            f"{place}?mode={mode}", uri=True, isolation_level=None, timeout=10
-        )
+            self._connection = _connect(self.path, "rwc")
+        else:
+            self._connection = _connect_read_only(self.path)
         version = self._one("PRAGMA user_version")
         found = self._one("PRAGMA application_id")
         is_new = version == (0,) and found == (0,) and not self._all("SELECT * FROM sqlite_master")
@@ -409,33 +411,45 @@ class MapFile:
         if not self.read_only:
             # Each step reaches the disk: what was acknowledged survives a power cut, too.
             self._database.execute("PRAGMA synchronous = FULL")
+            self._database.execute(f"PRAGMA wal_autocheckpoint = {_MOST_LOGGED}")
 
     def _check_kind(self) -> None:
-        """Raise DataError for what is no database before SQLite makes files beside it."""
-        if self.path.is_dir():
+        """Raise DataError for what is no map before SQLite makes files beside it.
+
+        Nothing but SQLite opens the file: closing it would give up the locks that other
+        connections of this process hold (POSIX).
+        """
+        if not self.path.is_file():
             raise self._other_format()
-        try:
-            with self.path.open("rb") as file:
-                head = file.read(16)
-        except OSError as error:
-            raise DataError(
-                f"cannot read {self.path}: {error.strerror}",
-                code="cannot-read",
-                fields=(str(self.path),),
-            ) from error
-        if head and head != b"SQLite format 3\0":
+        size = self.path.stat().st_size
+        if not size:
+            return
+        with closing(_connect_read_only(self.path)) as connection:
+            identity = connection.execute("PRAGMA application_id").fetchone()[0]
+            page = connection.execute("PRAGMA page_size").fetchone()[0]
+        if identity != APPLICATION_ID:
             raise self._other_format()
+        if size % page:
+            raise self._damaged(f"it is cut off, {size} bytes are no multiple of {page}")
 
     def _take_lock(self) -> None:
-        """Raise DataError if another process has the file open for changes."""
-        try:
-            self._lock = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise cannot_write(self.path, error.strerror) from error
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise self._locked() from error
+        """Raise DataError if another process has the map open for changes."""
+        beside = self.path.with_name(f"{self.path.name}-lock")
+        while True:
+            try:
+                lock = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            except OSError as error:
+                raise cannot_write(self.path, why_not(self.path, error)) from error
+            self._lock = lock
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise self._locked() from error
+            with suppress(FileNotFoundError):
+                if beside.stat().st_ino == os.fstat(lock).st_ino:
+                    self._lock_file = beside
+                    return
+            os.close(lock)  # its last owner deleted it meanwhile
 
     def _make(self) -> None:
         database = self._database
@@ -527,13 +541,37 @@ class MapFile:
 
 def is_map(path: PathLike) -> bool:
     """Whether a file is a map, whatever its name."""
-    try:
-        with Path(path).open("rb") as file:
-            head = file.read(72)
-    except OSError:
+    path = Path(path)
+    if not path.is_file() or not path.stat().st_size:
         return False
-    identity = head[68:72]
-    return head.startswith(b"SQLite format 3\0") and identity == APPLICATION_ID.to_bytes(4, "big")
+    try:
+        with closing(_connect_read_only(path)) as connection:
+            found = connection.execute("PRAGMA application_id").fetchone()
+    except sqlite3.Error:
+        return False
+    return bool(found == (APPLICATION_ID,))
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    place = path.resolve().as_uri()
+    return sqlite3.connect(f"{place}?mode={mode}", uri=True, isolation_level=None, timeout=10)
+
+
+def _connect_read_only(path: Path) -> sqlite3.Connection:
+    """Connect for reading, where nothing may be written beside the file, too."""
+    connection = _connect(path, "ro")
+    try:
+        connection.execute("PRAGMA schema_version")
+    except sqlite3.OperationalError as error:
+        connection.close()
+        beside = path.with_name(f"{path.name}-wal")
+        if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_CANTOPEN or beside.exists():
+            raise
+        return _connect(path, "ro&immutable=1")
+    except sqlite3.Error:
+        connection.close()
+        raise
+    return connection
 
 
 def numbers_of(keyframes: Sequence[StoredKeyframe]) -> Integers:

@@ -3,7 +3,10 @@
 """Maps of a made street: what is kept, found again and forgotten, and what goes wrong."""
 
 import shutil
+import signal
 import sqlite3
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from fusionslam import Cloud, ConfigError, DataError, FusionSlamError
 from fusionslam.mapping.config import MapConfig
-from fusionslam.mapping.map_file import APPLICATION_ID, VERSION, is_map
+from fusionslam.mapping.map_file import APPLICATION_ID, VERSION, MapFile, is_map
 from fusionslam.mapping.place_map import MapStep, PlaceMap
 from fusionslam.sensors.frame import Frame
 from refusals import refuses
@@ -259,3 +262,51 @@ def test_a_map_keeps_the_configuration_that_it_was_made_with(path: Path) -> None
     changed = MapConfig(keyframe_distance=1000.0)
     with PlaceMap.open(path, "monday", descriptor="cm2dp", config=changed) as site:
         assert site.add(frames(RETURN)[0], odometry=at(0, 12, 0)).keyframe == len(WAY)
+
+
+@pytest.mark.parametrize("touch", ["nothing", "is_map", "reader", "second writer"])
+def test_looking_at_a_map_leaves_its_writer_alone(tmp_path: Path, touch: str) -> None:
+    """Another program opens and closes the map between two commits; then the writer is killed."""
+    script = f"""
+import os, signal, sqlite3, subprocess, sys
+from fusionslam.errors import DataError
+from fusionslam.mapping.map_file import MapFile, is_map
+path, touch = {str(tmp_path / "site.fsmap")!r}, {touch!r}
+site = MapFile(path)
+with site.transaction():
+    site.add_session("one")
+if touch == "is_map":
+    assert is_map(path)
+elif touch == "reader":
+    MapFile(path, read_only=True).close()
+elif touch == "second writer":
+    try:
+        MapFile(path)
+    except DataError as error:
+        assert error.code == "locked"
+look = f"import sqlite3; c = sqlite3.connect({{path!r}}); "
+look += "c.execute('SELECT * FROM session'); c.close()"
+subprocess.run([sys.executable, "-c", look], check=True)
+with site.transaction():
+    site.add_session("two")
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    with MapFile(tmp_path / "site.fsmap") as file:
+        assert list(file.sessions()) == ["one", "two"]
+    assert {path.name for path in tmp_path.iterdir()} == {"site.fsmap"}
+
+
+def test_the_log_beside_a_map_stays_small(tmp_path: Path) -> None:
+    with MapFile(tmp_path / "site.fsmap") as file:
+        for number in range(200):
+            with file.transaction():
+                file.store_setting("a", "x" * 200_000 + str(number))
+        assert (tmp_path / "site.fsmap-wal").stat().st_size < 10e6
+
+
+def test_a_map_cut_by_some_bytes_is_damaged(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+    with refuses("damaged", str(path)):
+        PlaceMap.open(path, read_only=True)
