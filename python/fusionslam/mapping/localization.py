@@ -64,8 +64,11 @@ class Keyframes(Protocol):
     def map_from_cloud(self, number: int) -> Matrix:
         """The pose of a keyframe's cloud on the map, float64 (4, 4)."""
 
-    def near(self, place: Matrix, radius: float) -> Sequence[int]:
-        """Keyframes whose clouds lie this near to those of a pose, the nearest first."""
+    def near(self, place: Matrix, radius: float, keyframe: int) -> Sequence[int]:
+        """Keyframes whose clouds lie this near to that of a pose, the nearest first.
+
+        Only those of the given keyframe's part of the map, in whose frame the pose is.
+        """
 
 
 class Sight(NamedTuple):
@@ -99,6 +102,7 @@ class _Past(NamedTuple):
     pose: Matrix
     odometry: Matrix
     stamp_ns: int | None
+    keyframe: int
 
 
 class Localizer:
@@ -154,7 +158,7 @@ class Localizer:
         if self._fix is None or sight.odometry is None or self._is_old(self._fix, sight):
             return None
         expected = _move(self._fix, sight.odometry)
-        guesses = self._ask(sight, expected, exclude=None)
+        guesses = self._ask(sight, expected, self._fix.keyframe)
         for one in guesses:
             if _differ(one.pose, expected, 2.0, 10.0):
                 continue
@@ -180,7 +184,7 @@ class Localizer:
         return _Guess(pose, best.covariance, best.match, probability), None, best.match
 
     def _is_confirmed(self, sight: Sight, found: _Guess) -> bool:
-        guesses = self._ask(sight, found.pose, exclude=found.keyframe)
+        guesses = self._ask(sight, found.pose, found.keyframe, exclude=found.keyframe)
         if any(self._agree(found.pose, other.pose) for other in guesses):
             return True
         if sight.odometry is None:
@@ -188,10 +192,12 @@ class Localizer:
         recent = [past for past in self._past if not self._is_old(past, sight)]
         return any(self._agree(found.pose, _move(past, sight.odometry)) for past in recent)
 
-    def _ask(self, sight: Sight, pose: Matrix, exclude: int | None) -> list[_Guess]:
-        """Register the cloud with keyframes near a pose, starting there."""
+    def _ask(
+        self, sight: Sight, pose: Matrix, keyframe: int, exclude: int | None = None
+    ) -> list[_Guess]:
+        """Register the cloud with keyframes near a pose in a keyframe's part, starting there."""
         guesses = []
-        near = self._keyframes.near(pose, self._config.neighborhood)
+        near = self._keyframes.near(pose, self._config.neighborhood, keyframe)
         for number in [each for each in near if each != exclude][: self._config.confirmations]:
             there = self._keyframes.map_from_cloud(number)
             start = np.linalg.inv(there) @ pose
@@ -220,12 +226,12 @@ class Localizer:
 
     def _remember(self, sight: Sight, found: _Guess) -> None:
         if sight.odometry is not None:
-            self._past.append(_Past(found.pose, sight.odometry, sight.stamp_ns))
+            self._past.append(_Past(found.pose, sight.odometry, sight.stamp_ns, found.keyframe))
 
     def _accept(self, sight: Sight, found: _Guess) -> Localization:
         self._remember(sight, found)
         if sight.odometry is not None:
-            self._fix = _Past(found.pose, sight.odometry, sight.stamp_ns)
+            self._fix = _Past(found.pose, sight.odometry, sight.stamp_ns, found.keyframe)
         return Localization(found.pose, found.covariance, found.keyframe)
 
 

@@ -271,6 +271,14 @@ class PlaceMap:
             )
 
     @property
+    def reason(self) -> Refusal | None:
+        """What was wrong with the map as a whole when a loop was found last, as of ``Solution``.
+
+        None if nothing was, or no loop was found since the map was opened.
+        """
+        return self._reason
+
+    @property
     def last_frame(self) -> int | None:
         """Number of the session's last frame that is a keyframe; None if it has none."""
         mine = [each.frame for each in self._keyframes if each.session == self._session]
@@ -486,6 +494,7 @@ class PlaceMap:
         self._graph = self._new_graph()
         self._place(solution)
         self._localizer = None
+        self._reason: Refusal | None = None
 
     def _new_detector(self, vectors: Mapping[str, tuple[Integers, Any]]) -> LoopDetector:
         config = self._config
@@ -652,6 +661,9 @@ class PlaceMap:
     def _solve(self) -> list[Edge]:
         """Solve the graph; return the edges whose state has changed."""
         solution = self._graph.solve()
+        if solution.reason is not None and self._reason is None:
+            logger.warning("%s", solution.reason)
+        self._reason = solution.reason
         self._poses = [*solution.poses]
         self._parts = [self._keyframes[int(node)].id for node in solution.parts]
         return self._take_states(solution)
@@ -815,11 +827,14 @@ class _Keyframes:
     def map_from_cloud(self, number: int) -> Matrix:
         return self._site._poses[self._site._row[number]]
 
-    def near(self, place: Matrix, radius: float) -> Sequence[int]:
-        positions = np.array(self._site._poses)[:, :3, 3]
+    def near(self, place: Matrix, radius: float, keyframe: int) -> Sequence[int]:
+        site = self._site
+        parts = np.array(site._parts)
+        positions = np.array(site._poses)[:, :3, 3]
         apart = np.linalg.norm(positions - place[:3, 3], axis=1)
+        apart[parts != parts[site._row[keyframe]]] = np.inf
         order = np.argsort(apart, kind="stable")
-        return [self._site._keyframes[row].id for row in order if apart[row] <= radius]
+        return [site._keyframes[row].id for row in order if apart[row] <= radius]
 
 
 def _robot_from_cloud(frame: Frame, config: FusionConfig) -> Matrix:

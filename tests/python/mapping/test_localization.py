@@ -55,7 +55,7 @@ class Street:
     def map_from_cloud(self, number: int) -> Matrix:
         return WAY[number]
 
-    def near(self, place: Matrix, radius: float) -> list[int]:
+    def near(self, place: Matrix, radius: float, keyframe: int) -> list[int]:
         apart = {k: float(np.linalg.norm(WAY[k][:3, 3] - place[:3, 3])) for k in self.known}
         return [k for k in sorted(apart, key=apart.__getitem__) if apart[k] <= radius]
 

@@ -161,6 +161,33 @@ def test_the_cloud_and_the_grid_are_those_of_the_street(path: Path) -> None:
         assert np.nanmax(heights) > 4
 
 
+def test_keyframes_of_another_part_do_not_keep_a_robot_from_being_found(tmp_path: Path) -> None:
+    path = tmp_path / "site.fsmap"
+    # In its own frame the other street's crowd of keyframes is where the robot is in this one's.
+    crowd = [WAY[0], *(at(-11.0, -0.5, 20 * step) for step in range(8))]
+    build(path, frames(crowd, 300, place=13), "elsewhere")
+    build(path)
+    with PlaceMap.open(path, read_only=True) as site:
+        assert [each.parts for each in site.sessions] == [(0,), (len(crowd),)]
+        found = site.localize(Cloud(scan_blocks(at(-11.0, -0.5, 180), 99)))
+        assert found.reason is None and found.keyframe is not None
+        assert found.keyframe >= len(crowd)
+
+
+def test_a_map_says_that_odometry_was_trusted_too_much(tmp_path: Path) -> None:
+    drift = MapConfig().drift.model_dump()
+    config = MapConfig(drift={name: value / 10 for name, value in drift.items()})
+    with PlaceMap.open(tmp_path / "site.fsmap", "monday", **OPTIONS, config=config) as site:
+        for frame in FRAMES:
+            site.add(frame)
+        assert site.reason is not None and site.reason.code == "overconfident-odometry"
+        assert site.reason.number > 1.5
+    with PlaceMap.open(tmp_path / "other.fsmap", "monday", **OPTIONS) as site:
+        for frame in FRAMES:
+            site.add(frame)
+        assert site.reason is None
+
+
 def test_a_jump_of_odometry_begins_a_part(tmp_path: Path) -> None:
     with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
         site.add(FRAMES[0])
