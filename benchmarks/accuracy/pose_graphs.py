@@ -22,7 +22,7 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import PoseGraph, Solution
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.geometry.se3 import exp, inverse
-from fusionslam.storage.arrays import Floats
+from fusionslam.storage.arrays import Floats, Matrix
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
 LOOPS = 790
@@ -158,7 +158,7 @@ def make_drive(path: Floats, odometry: str, false: float, loops_wanted: int = LO
     pairs = find_revisits(path)
     spread = np.unique(np.linspace(0, len(pairs) - 1, loops_wanted).astype(int))
     loops = [(a, b, inverse(path[a]) @ path[b] @ _noise(rng)) for a, b in pairs[spread].tolist()]
-    invented = list(_invent_loops(path, round(false * len(loops)), rng))
+    invented = list(invent_loops(path, round(false * len(loops)), rng))
     return Drive(path, steps, sds, loops, invented)
 
 
@@ -185,15 +185,23 @@ def lengthen(path: Floats, nodes: int) -> Floats:
 
 
 def ate(poses: Floats, true: Floats) -> float:
-    """Root mean square of the distances, aligned by the best rigid motion (Kabsch 1976)."""
+    """Root mean square of the distances, aligned by the best rigid motion."""
+    aligned = fit_motion(poses, true) @ poses
+    return float(np.sqrt((np.linalg.norm((aligned - true)[:, :3, 3], axis=1) ** 2).mean()))
+
+
+def fit_motion(poses: Floats, true: Floats) -> Matrix:
+    """Rigid motion, float64 (4, 4), that brings positions to the true ones (Kabsch 1976)."""
     here, there = poses[:, :3, 3], true[:, :3, 3]
     a, b = here - here.mean(axis=0), there - there.mean(axis=0)
-    u, _, v = np.linalg.svd(a.T @ b)
-    turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
-    return float(np.sqrt((np.linalg.norm(a @ turn - b, axis=1) ** 2).mean()))
+    u, _, v = np.linalg.svd(b.T @ a)
+    motion = np.eye(4)
+    motion[:3, :3] = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+    motion[:3, 3] = there.mean(axis=0) - motion[:3, :3] @ here.mean(axis=0)
+    return motion
 
 
-def _invent_loops(
+def invent_loops(
     path: Floats, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[int, int, Floats]]:
     """Runs of loops from a stretch of the path to another, more than 20 m away, that agree."""

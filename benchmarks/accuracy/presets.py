@@ -73,7 +73,7 @@ def record_returns(seeds: Sequence[int]) -> list[Path]:
     jobs = os.cpu_count() or 1
     return [
         record(
-            SimConfig(town=TownConfig(seed=seed), seed=seed + _RETURN, drive=_RETURN_DRIVE),
+            SimConfig(town=TownConfig(seed=seed), seed=seed + RETURN, drive=RETURN_DRIVE),
             cache_folder() / f"town-{seed}-return",
             jobs=jobs,
         )
@@ -81,8 +81,8 @@ def record_returns(seeds: Sequence[int]) -> list[Path]:
     ]
 
 
-_RETURN = 1000
-_RETURN_DRIVE = DriveConfig(
+RETURN = 1000
+RETURN_DRIVE = DriveConfig(
     laps=(
         ((1, 0), (0, 0), (0, 1), (1, 1), (2, 1), (2, 0), (1, 0)),
         ((1, 0), (1, 1), (0, 1), (0, 0), (1, 0)),
