@@ -3,17 +3,19 @@
 """Kills writers with SIGKILL and counts what they lose: ``python -m fuzz.killed_writers --write``.
 
 A writer saves the same file again and again. After a kill the old or the new file must be there,
-and the next save must leave nothing else behind.
+and the next save must leave nothing else behind. A map grows instead: after a kill it must be
+whole, with every keyframe that was acknowledged, and the session goes on.
 """
 
 import os
 import signal
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -21,26 +23,31 @@ import typer
 from arrays import filled
 from bags import drive as bag_drive
 from bags import write_bag
-from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.markdown import read_rows, table, write_between
 from drives import circle_events, take
 from fusionslam import DescriptorIndex, LoopDetector
 from fusionslam.datasets import open_bag, read_cloud, write_cloud
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
+from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.ratslam import RatSlam
 from fusionslam.report.page.html import about_report, write_page
-from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage import files
 from fusionslam.storage.archive import load_archive, load_json, save_archive, save_json
 from fusionslam.views import SceneSet, ViewMatcher
 from fuzz.results import PAGE
 from pages import Page
 from scenes import LAPS, drive, place
+from streets import OPTIONS, WAY, frames
 
 FORMAT = "fusionslam.test.1"
 ROWS = np.zeros(200_000)
-# When a writer is killed, in seconds after it began: most saves take some milliseconds.
-KILLED_AFTER_S = (0.002, 0.05)
+FILES_KILLED_AFTER_S = (0.002, 0.05)
+"""Most saves take some milliseconds."""
+MAP_KILLED_AFTER_S = (0.005, 0.5)
+"""A map opens in 10 ms to 30 ms, and takes a keyframe in about 90 ms."""
+MOST_KEYFRAMES = 40
 
 
 @dataclass(frozen=True)
@@ -50,10 +57,12 @@ class Writer:
     Attributes:
         save: writes the file.
         check: reads it. Raises DataError or AssertionError if it is not whole.
+        killed_after: when it is killed, in seconds after it began: at least, and at most.
     """
 
     save: Callable[[Path], object]
     check: Callable[[Path], object]
+    killed_after: tuple[float, float] = FILES_KILLED_AFTER_S
 
 
 @dataclass(frozen=True)
@@ -72,7 +81,7 @@ def kill_writer(writer: Writer, folder: Path, kills: int, seed: int = 2) -> Kill
     rng = np.random.default_rng(seed)
     lost = 0
     for _ in range(kills):
-        kill_after(lambda: writer.save(folder), float(rng.uniform(*KILLED_AFTER_S)))
+        kill_after(lambda: writer.save(folder), float(rng.uniform(*writer.killed_after)))
         lost += _is_lost(writer, folder)
     files._cleaned.clear()  # this process looks for leftovers once per folder
     writer.save(folder)
@@ -165,10 +174,49 @@ def _check_report(folder: Path) -> None:
     assert text.count("a note") == 5_000 and text.rstrip().endswith("</html>")
 
 
+ACKNOWLEDGED = "acknowledged"
+
+
+def add_to_map(folder: Path) -> None:
+    """Go on with the session of a map; note the frame of every keyframe that it acknowledges."""
+    noted = os.open(folder / ACKNOWLEDGED, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+    with PlaceMap.open(folder / "a.fsmap", "drive", **OPTIONS) as site:
+        first = 0 if site.last_frame is None else site.last_frame + 1
+        for number in range(first, first + 3):
+            seen = street_frames()[number % len(WAY)]
+            frame = Frame(index=number, points=seen.points, odometry=seen.odometry)
+            if site.add(frame).keyframe is not None:
+                os.write(noted, f"{number}\n".encode())
+    os.close(noted)
+
+
+def check_map(folder: Path) -> None:
+    """The map is whole and has all that it acknowledged; a long one forgets what it has."""
+    noted = folder / ACKNOWLEDGED
+    path = folder / "a.fsmap"
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.check() == []
+        kept = site.frames("drive").tolist() if site.sessions else []
+        assert {int(line) for line in noted.read_text().split()} <= {*kept}
+        assert len({*kept}) == len(kept) == len(site)
+        if site.sessions:
+            assert np.isfinite(site.trajectory("drive")[1]).all()
+    if len(kept) > MOST_KEYFRAMES:
+        with PlaceMap.open(path) as site:
+            site.forget("drive")
+        noted.write_text("")
+
+
+@cache
+def street_frames() -> list[Frame]:
+    """The frames of a drive up and down a street, which closes loops."""
+    return frames(WAY)
+
+
 DETECTOR, SLAM, MATCHER, SCENES, INDEX = _detector(), _slam(), _matcher(), drive(LAPS), filled(500)
 CLOUD, RUN = Cloud(np.ones((20_000, 3), np.float32)), _descriptor_run()
 ABOUT = about_report("a test", "fusionslam", {})
-WRITERS = {
+REPLACING = {
     "archive": Writer(
         lambda at: save_archive(at / "a.npz", FORMAT, {}, {"rows": ROWS}), _check_archive
     ),
@@ -193,39 +241,39 @@ WRITERS = {
     ),
     "page of a report": Writer(_write_report, _check_report),
 }
+"""Writers that put a new file in the place of the old one."""
+WRITERS = REPLACING | {"map": Writer(add_to_map, check_map, MAP_KILLED_AFTER_S)}
 
 
 def main(
     kills: Annotated[int, typer.Option(min=1, help="Kills of each writer.")] = 112,
+    writer: Annotated[list[str] | None, typer.Option(help="Writer; default: all.")] = None,
     write: Annotated[
         bool, typer.Option("--write", help="Write the table of docs/results/robustness.md.")
     ] = False,
 ) -> None:
-    """Kill every writer; ends with 1 if a file is lost or left behind."""
-    rows: list[tuple[str, KillCount]] = []
-    for name, writer in WRITERS.items():
+    """Kill writers; ends with 1 if a file is lost or left behind."""
+    counts: dict[str, KillCount] = {}
+    for name in writer or WRITERS:
         with tempfile.TemporaryDirectory() as folder:
-            rows.append((name, kill_writer(writer, Path(folder), kills)))
-            print(name, rows[-1][1])
-    counts = [count for _, count in rows]
-    total = KillCount(*(sum(getattr(count, key) for count in counts) for key in _COLUMNS))
+            counts[name] = kill_writer(WRITERS[name], Path(folder), kills)
+            print(name, counts[name])
     if write:
-        write_between(PAGE, "kills", _table([*rows, ("all", total)]))
-    raise typer.Exit(1 if total.lost or total.left else 0)
+        write_between(PAGE, "kills", _table(counts))
+    raise typer.Exit(1 if any(count.lost or count.left for count in counts.values()) else 0)
 
 
-_COLUMNS = {
-    "kills": "kills",
-    "lost": "files lost",
-    "left": "files left behind after the next save",
-}
+_COLUMNS = ("kills", "files lost", "files left behind after the next save")
 
 
-def _table(rows: list[tuple[str, KillCount]]) -> str:
-    cells: list[list[Any]] = [
-        [name, *(f"{getattr(count, key):,}" for key in _COLUMNS)] for name, count in rows
-    ]
-    return table(["writer", *_COLUMNS.values()], cells)
+def _table(counts: Mapping[str, KillCount]) -> str:
+    """One row a writer, and the sums; rows of writers that were not killed stay."""
+    stored = read_rows(PAGE, "kills")[:-1]
+    rows = {name: [int(cell.replace(",", "")) for cell in cells] for name, *cells in stored}
+    rows |= {name: [count.kills, count.lost, count.left] for name, count in counts.items()}
+    rows["all"] = [sum(column) for column in zip(*rows.values(), strict=True)]
+    cells = [[name, *(f"{value:,}" for value in values)] for name, values in rows.items()]
+    return table(["writer", *_COLUMNS], cells)
 
 
 if __name__ == "__main__":

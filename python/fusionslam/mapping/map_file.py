@@ -5,20 +5,25 @@
 docs/reference/map_file.md describes the tables.
 """
 
+import errno
 import fcntl
 import json
+import math
 import os
 import sqlite3
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
+from operator import index
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.mapping.edge import Edge
+from fusionslam.geometry.rigid import is_rigid
+from fusionslam.mapping.edge import Edge, Kind, State, check_covariance
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 from fusionslam.storage.files import PathLike, cannot_write, why_not
@@ -209,7 +214,8 @@ class MapFile:
     def setting(self, name: str) -> Any:
         """Return a value that was stored; None if there is none."""
         row = self._one("SELECT value FROM setting WHERE name = ?", name)
-        return None if row is None else json.loads(row[0])
+        with self.decoding():
+            return None if row is None else json.loads(row[0])
 
     def store_setting(self, name: str, value: Any) -> None:
         """Store a value, which JSON can hold."""
@@ -217,9 +223,9 @@ class MapFile:
 
     def sessions(self) -> dict[str, int]:
         """Return the numbers of the sessions by name, in the order in which they began."""
-        return {
-            str(name): int(number) for number, name in self._all("SELECT id, name FROM session")
-        }
+        rows = self._all("SELECT id, name FROM session ORDER BY id")
+        with self.decoding():
+            return {_text(name): number for number, name in rows}
 
     def add_session(self, name: str) -> int:
         """Add a session; return its number."""
@@ -246,9 +252,16 @@ class MapFile:
     def keyframes(self) -> list[StoredKeyframe]:
         """Return all keyframes, by number."""
         rows = self._all("SELECT * FROM keyframe ORDER BY id")
-        with self._decoding():
+        with self.decoding():
             return [
-                StoredKeyframe(number, session, frame, stamp, _matrix(odometry), _matrix(mount))
+                StoredKeyframe(
+                    number,
+                    index(session),
+                    index(frame),
+                    index(stamp),
+                    _pose(odometry),
+                    _pose(mount),
+                )
                 for number, session, frame, stamp, odometry, mount in rows
             ]
 
@@ -273,14 +286,20 @@ class MapFile:
         )
         if row is None:
             raise self._damaged(f"keyframe {keyframe} has no cloud")
-        return StoredCloud(*row)
+        evidence, image, level, points = row
+        with self.decoding():
+            bits = None if image is None else bytes(memoryview(image))
+            return StoredCloud(
+                bytes(memoryview(evidence)), bits, _finite(level), bytes(memoryview(points))
+            )
 
     def search_image(self, keyframe: int) -> tuple[bytes | None, float]:
         """Return the bits of a keyframe's images from above, and its ground level."""
         row = self._one("SELECT image, ground_level FROM cloud WHERE keyframe = ?", keyframe)
         if row is None:
             raise self._damaged(f"keyframe {keyframe} has no cloud")
-        return row[0], float(row[1])
+        with self.decoding():
+            return None if row[0] is None else bytes(memoryview(row[0])), _finite(row[1])
 
     def vectors(self) -> dict[str, tuple[Integers, Floats32]]:
         """Return the numbers of keyframes, and their vectors, float32 (n, D), by descriptor."""
@@ -288,7 +307,7 @@ class MapFile:
         stored = self._all(
             "SELECT descriptor, keyframes, rows FROM vector ORDER BY descriptor, first"
         )
-        with self._decoding():
+        with self.decoding():
             for name, keyframes, rows in stored:
                 numbers = np.frombuffer(keyframes, np.int64)
                 values = np.frombuffer(rows, np.float32).reshape(len(numbers), -1)
@@ -304,17 +323,17 @@ class MapFile:
     def edges(self) -> list[Edge]:
         """Return all edges, by number; their nodes are keyframes."""
         rows = self._all("SELECT * FROM edge ORDER BY id")
-        with self._decoding():
+        with self.decoding():
             return [
                 Edge(
                     number,
-                    kind,
-                    a,
-                    b,
-                    _matrix(pose),
-                    np.frombuffer(covariance).reshape(6, 6),
-                    state,
-                    None if code is None else Refusal(code, value, text),
+                    _one_of(kind, Kind),
+                    index(a),
+                    index(b),
+                    _pose(pose),
+                    check_covariance("covariance", np.frombuffer(covariance).reshape(6, 6)),
+                    _one_of(state, State),
+                    None if code is None else Refusal(_text(code), _finite(value), _text(text)),
                 )
                 for number, kind, a, b, pose, covariance, state, code, value, text in rows
             ]
@@ -338,10 +357,12 @@ class MapFile:
         row = self._one("SELECT keyframes, poses, parts FROM solution")
         if row is None:
             return None
-        with self._decoding():
+        with self.decoding():
             numbers, parts = (np.frombuffer(row[k], np.int64) for k in (0, 2))
             poses = np.tile(np.eye(4), (len(numbers), 1, 1))
             poses[:, :3] = np.frombuffer(row[1]).reshape(-1, 3, 4)
+            if len(parts) != len(numbers) or not np.isfinite(poses).all():
+                raise ValueError("the solution is not that of its keyframes")
             return numbers, poses, parts
 
     def store_solution(self, keyframes: Integers, poses: Floats, parts: Integers) -> None:
@@ -384,13 +405,25 @@ class MapFile:
         return self._connection
 
     def _open(self) -> None:
-        if not self.path.exists() and self.read_only:
+        try:
+            mode_bits = self.path.stat().st_mode
+        except (FileNotFoundError, NotADirectoryError):
+            exists = False
+        except (OSError, ValueError) as error:  # a name that is too long, or holds a null byte
+            raise cannot_read(self.path, getattr(error, "strerror", error)) from error
+        else:
+            exists = True
+            if not stat.S_ISREG(mode_bits):  # a pipe would be waited for
+                raise self._other_format()
+            if not os.access(self.path, os.R_OK):
+                raise cannot_read(self.path, os.strerror(errno.EACCES))
+        if not exists and self.read_only:
             raise DataError(
                 f"{self.path} does not exist: expected a map (.fsmap)",
                 code="not-found",
                 fields=(str(self.path),),
             )
-        if self.path.exists():
+        if exists:
             self._check_kind()
         if not self.read_only:
             self._take_lock()
@@ -419,8 +452,6 @@ class MapFile:
         Nothing but SQLite opens the file: closing it would give up the locks that other
         connections of this process hold (POSIX).
         """
-        if not self.path.is_file():
-            raise self._other_format()
         size = self.path.stat().st_size
         if not size:
             return
@@ -434,7 +465,8 @@ class MapFile:
 
     def _take_lock(self) -> None:
         """Raise DataError if another process has the map open for changes."""
-        beside = self.path.with_name(f"{self.path.name}-lock")
+        path = self.path.resolve()  # links to a map lead to the same lock
+        beside = path.with_name(f"{path.name}-lock")
         while True:
             try:
                 lock = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -511,14 +543,18 @@ class MapFile:
             raise cannot_write(self.path, error) from error
 
     @contextmanager
-    def _decoding(self) -> Iterator[None]:
-        """Raise DataError for values that are not what they should be."""
+    def decoding(self) -> Iterator[None]:
+        """Raise DataError (code "damaged") for values that are not what they should be."""
         try:
             yield
-        except FusionSlamError:
-            raise
-        except (ValueError, TypeError) as error:
+        except DataError as error:
+            if str(self.path) in str(error):
+                raise
             raise self._damaged(str(error)) from error
+        except (FusionSlamError, ValueError, TypeError, LookupError, OverflowError) as error:
+            raise self._damaged(str(error)) from error
+        except RecursionError as error:
+            raise self._damaged("values are nested too deeply") from error
 
     def _locked(self) -> DataError:
         return DataError(
@@ -539,10 +575,18 @@ class MapFile:
         return DataError(f"{self.path} is damaged: {why}", code="damaged", fields=(str(self.path),))
 
 
+def cannot_read(path: Path, why: object) -> DataError:
+    """Make the error of a file that cannot be read."""
+    return DataError(f"cannot read {path}: {why}", code="cannot-read", fields=(str(path),))
+
+
 def is_map(path: PathLike) -> bool:
     """Whether a file is a map, whatever its name."""
     path = Path(path)
-    if not path.is_file() or not path.stat().st_size:
+    try:
+        if not path.is_file() or not path.stat().st_size:
+            return False
+    except (OSError, ValueError):
         return False
     try:
         with closing(_connect_read_only(path)) as connection:
@@ -554,7 +598,9 @@ def is_map(path: PathLike) -> bool:
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:
     place = path.resolve().as_uri()
-    return sqlite3.connect(f"{place}?mode={mode}", uri=True, isolation_level=None, timeout=10)
+    return sqlite3.connect(
+        f"{place}?mode={mode}", uri=True, isolation_level=None, timeout=10, check_same_thread=False
+    )
 
 
 def _connect_read_only(path: Path) -> sqlite3.Connection:
@@ -564,8 +610,9 @@ def _connect_read_only(path: Path) -> sqlite3.Connection:
         connection.execute("PRAGMA schema_version")
     except sqlite3.OperationalError as error:
         connection.close()
-        beside = path.with_name(f"{path.name}-wal")
-        if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_CANTOPEN or beside.exists():
+        beside = Path(f"{path.resolve()}-wal")
+        refused = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY)
+        if error.sqlite_errorcode & 0xFF not in refused or beside.exists():
             raise
         return _connect(path, "ro&immutable=1")
     except sqlite3.Error:
@@ -579,6 +626,26 @@ def numbers_of(keyframes: Sequence[StoredKeyframe]) -> Integers:
     return np.array([each.id for each in keyframes], np.int64)
 
 
-def _matrix(data: bytes) -> Matrix:
+def _pose(data: bytes) -> Matrix:
     matrix: Matrix = np.frombuffer(data).reshape(4, 4).copy()
+    if not is_rigid(matrix):
+        raise ValueError(f"a pose is no rotation and translation: {matrix.tolist()}")
     return matrix
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"a text is {type(value).__name__}")
+    return value
+
+
+def _finite(value: Any) -> float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"a number is {value!r}")
+    return float(value)
+
+
+def _one_of(value: Any, choices: Any) -> Any:
+    if value not in get_args(choices):
+        raise ValueError(f"{value!r}: expected {', '.join(get_args(choices))}")
+    return value

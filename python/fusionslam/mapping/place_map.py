@@ -3,9 +3,11 @@
 """A map that lasts: keyframes, loops and poses in one file, extended by each drive."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from functools import wraps
+from typing import Any, Concatenate, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from fusionslam._core import voxel_downsample
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig, find_descriptor
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
@@ -23,7 +25,7 @@ from fusionslam.loop_closure.memory import FrameMemory
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping.clouds import FileClouds, pack_cloud, unpack_cloud
 from fusionslam.mapping.config import MapConfig, odometry_covariance
-from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.edge import Edge, check_pose
 from fusionslam.mapping.grids import (
     GridConfig,
     HeightGrid,
@@ -43,6 +45,23 @@ from fusionslam.storage.files import PathLike
 logger = logging.getLogger(__name__)
 
 _STATES = ("believed", "refused", "pending")
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _one_at_a_time(
+    method: Callable[Concatenate["PlaceMap", _P], _T],
+) -> Callable[Concatenate["PlaceMap", _P], _T]:
+    """Let one thread at a time into a map."""
+
+    @wraps(method)
+    def alone(self: "PlaceMap", /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with self._lock:
+            return method(self, *args, **kwargs)
+
+    return alone
+
+
 _WINDOW = 20
 """Keyframes that are no candidates: odometry is still good."""
 
@@ -118,13 +137,14 @@ class PlaceMap:
     """A map of places in one file (.fsmap): sessions, keyframes, loops and poses.
 
     Each ``add`` is a transaction: what it returned is on the disk. One process at a time may add;
-    others may read. ``open`` makes one; ``with`` closes it.
+    others may read. Threads may share one. ``open`` makes one; ``with`` closes it.
 
     Poses are map_from_robot: the first robot pose of the map is its origin. A session that no loop
     joins with the others is a part of its own, with its first pose as origin.
     """
 
     def __init__(self, file: MapFile, session: str | None, config: _Config) -> None:
+        self._lock = threading.RLock()
         self._file, self._session_name, self._config = file, session, config
         self._localizer: Localizer | None = None
         self._last_odometry: Matrix | None = None
@@ -158,8 +178,11 @@ class PlaceMap:
             DataError: the file is no map (code "other-format"), damaged ("damaged"), of a later
                 version ("newer-version"), changed by another process ("locked"), missing
                 ("not-found") or cannot be written ("cannot-write").
+            ConfigError: a session's name that is empty or not printable (code "session-name").
             FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
         """
+        if session is not None:
+            _check_name(session)
         file = MapFile(path, read_only=read_only)
         try:
             stored = file.setting("config")
@@ -173,12 +196,18 @@ class PlaceMap:
                     config or MapConfig(),
                 )
             else:
-                made = _Config.load(stored)
+                with file.decoding():
+                    made = _Config.load(stored)
             made = replace(made, loops=merged(made.loops, {"max_frames": 0, "verify": True}))
             return cls(file, session, made)
         except BaseException:
             file.close()
             raise
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            f"{self!r} is an open file and cannot be pickled: open it read-only in each process"
+        )
 
     def __enter__(self) -> "PlaceMap":
         return self
@@ -194,11 +223,13 @@ class PlaceMap:
         count = len(self._sessions)
         return f"PlaceMap({str(self._file.path)!r}, {len(self)} keyframes of {count} sessions)"
 
+    @_one_at_a_time
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
     @property
+    @_one_at_a_time
     def sessions(self) -> tuple[Session, ...]:
         """The drives, in the order in which they began."""
         return tuple(
@@ -211,11 +242,13 @@ class PlaceMap:
         )
 
     @property
+    @_one_at_a_time
     def edges(self) -> tuple[Edge, ...]:
         """Odometry and loops between keyframes, whose numbers are their nodes."""
         return tuple(self._edges.values())
 
     @property
+    @_one_at_a_time
     def loops(self) -> tuple[Edge, ...]:
         """Loops between keyframes, believed, refused or pending.
 
@@ -232,6 +265,7 @@ class PlaceMap:
         """How frames are fused into the map's clouds."""
         return self._config.fusion
 
+    @_one_at_a_time
     def describe(self) -> str:
         """Say what is in the map, a line for each session."""
         loops = self.loops
@@ -250,6 +284,7 @@ class PlaceMap:
         )
         return "\n".join(lines)
 
+    @_one_at_a_time
     def check_recording(self, name: str) -> None:
         """Bind the open session to a recording, by its name.
 
@@ -279,11 +314,13 @@ class PlaceMap:
         return self._reason
 
     @property
+    @_one_at_a_time
     def last_frame(self) -> int | None:
         """Number of the session's last frame that is a keyframe; None if it has none."""
         mine = [each.frame for each in self._keyframes if each.session == self._session]
         return max(mine, default=None)
 
+    @_one_at_a_time
     def add(
         self,
         frame: Frame,
@@ -300,11 +337,13 @@ class PlaceMap:
             What became of it.
 
         Raises:
-            DataError: a frame without odometry (code "no-odometry"), one that cannot be described,
-                or the file cannot be written; nothing has changed then.
+            DataError: a frame without odometry (code "no-odometry"), odometry that is no rigid
+                motion ("not-a-rotation", "not-finite"), a frame that cannot be described, or the
+                file cannot be written; nothing has changed then.
             ConfigError: the map was opened without a session, or read-only.
         """
         self._check_session()
+        _check_frame(frame)
         robot = self._odometry_of(frame, odometry)
         robot_from_cloud = _robot_from_cloud(frame, self._config.fusion)
         reason = self._check_jump(robot)
@@ -321,6 +360,7 @@ class PlaceMap:
             self._load()  # what is in memory follows the file
             raise
 
+    @_one_at_a_time
     def localize(
         self,
         frame_or_cloud: Frame | Cloud,
@@ -349,7 +389,7 @@ class PlaceMap:
             mount = _robot_from_cloud(frame_or_cloud, self._config.fusion)
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
             odometry = frame_or_cloud.odometry if odometry is None else odometry
-        moved = None if odometry is None else odometry @ mount
+        moved = None if odometry is None else check_pose("odometry", odometry) @ mount
         seen = self._detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
         assert seen.evidence is not None
         if self._localizer is None:
@@ -360,11 +400,13 @@ class PlaceMap:
             return found
         return replace(found, map_from_robot=found.map_from_robot @ np.linalg.inv(mount))
 
+    @_one_at_a_time
     def forget_motion(self) -> None:
         """Localise without regard to what was localised before, as after the robot was carried."""
         if self._localizer is not None:
             self._localizer.forget()
 
+    @_one_at_a_time
     def forget(self, session: str) -> None:
         """Delete a session: its keyframes, and their loops.
 
@@ -384,6 +426,7 @@ class PlaceMap:
         self._load()
         self._solve_again()
 
+    @_one_at_a_time
     def trajectory(self, session: str) -> tuple[NDArray[np.int64], Floats]:
         """Return stamps, int64 (n,), and map_from_robot, float64 (n, 4, 4), of a session.
 
@@ -399,6 +442,7 @@ class PlaceMap:
         ]
         return stamps, np.array(poses, np.float64).reshape(-1, 4, 4)
 
+    @_one_at_a_time
     def odometry(self, session: str) -> Floats:
         """Return odom_from_robot, float64 (n, 4, 4), of a session's keyframes.
 
@@ -412,6 +456,7 @@ class PlaceMap:
         ]
         return np.array(poses, np.float64).reshape(-1, 4, 4)
 
+    @_one_at_a_time
     def frames(self, session: str) -> Integers:
         """Return the numbers, int64 (n,), of a session's frames that are keyframes.
 
@@ -422,12 +467,14 @@ class PlaceMap:
         return np.array([self._keyframes[row].frame for row in rows], np.int64)
 
     @property
+    @_one_at_a_time
     def positions(self) -> dict[int, Floats]:
         """Where the clouds of keyframes were taken, float64 (3,), by number, each in its part."""
         return {
             each.id: pose[:3, 3] for each, pose in zip(self._keyframes, self._poses, strict=True)
         }
 
+    @_one_at_a_time
     def cloud(self, voxel: float = 0.1) -> Cloud:
         """Return the map's coloured cloud: one point for each voxel, of the map's first part."""
         points: list[NDArray[np.float32]] = []
@@ -446,16 +493,19 @@ class PlaceMap:
         kept, kept_colors, _ = voxel_downsample(whole, shades, size=voxel)
         return Cloud(kept, None if shades is None else kept_colors)
 
+    @_one_at_a_time
     def grid(self, resolution: float = 0.05, config: GridConfig | None = None) -> OccupancyGrid:
         """Draw where a robot can drive, on the map's first part; see ``draw_occupancy``."""
         config = merged(config or GridConfig(), {"resolution": resolution})
         return draw_occupancy(self._placed_clouds(), self._positions(), config)
 
+    @_one_at_a_time
     def heights(self, resolution: float = 0.2, config: GridConfig | None = None) -> HeightGrid:
         """Draw how high the map's first part is; see ``draw_heights``."""
         config = merged(config or GridConfig(), {"resolution": resolution})
         return draw_heights(self._placed_clouds(), self._positions(), config)
 
+    @_one_at_a_time
     def check(self) -> list[str]:
         """Return what is damaged in the file; nothing if it is whole."""
         problems = self._file.check()
@@ -480,7 +530,17 @@ class PlaceMap:
             self._edges = {edge.number: edge for edge in file.edges()}
             solution = file.solution()
         if stored is not None:
-            self._config = _Config.load(stored)
+            with file.decoding():
+                self._config = _Config.load(stored)
+        with file.decoding():
+            self._build(vectors, solution)
+
+    def _build(
+        self,
+        vectors: Mapping[str, tuple[Integers, Any]],
+        solution: tuple[Integers, Floats, Integers] | None,
+    ) -> None:
+        """Make of what was read what is kept in memory."""
         self._row = {each.id: row for row, each in enumerate(self._keyframes)}
         self._odometry = {each.id: each.odometry for each in self._keyframes}
         self._session = self._sessions.get(self._session_name or "", -1)
@@ -488,7 +548,7 @@ class PlaceMap:
         if (row := self._last_row()) is not None:
             last = self._keyframes[row]
             self._last_odometry = last.odometry @ np.linalg.inv(last.robot_from_cloud)
-        self._kept = FileClouds(file, self._odometry)
+        self._kept = FileClouds(self._file, self._odometry)
         self._detector = self._new_detector(vectors)
         self._everywhere: FrameMemory | None = None
         self._graph = self._new_graph()
@@ -506,7 +566,8 @@ class PlaceMap:
             registration=config.registration,
         )
         numbers = np.array([each.id for each in self._keyframes], np.int64)
-        for name, (known, _) in vectors.items():
+        for name in {config.descriptor, *vectors}:
+            known = vectors[name][0] if name in vectors else numbers[:0]
             if not np.array_equal(known, numbers):
                 raise DataError(
                     f"{self._file.path} is damaged: vectors of {name} of {len(known)} keyframes "
@@ -720,15 +781,15 @@ class PlaceMap:
             self._everywhere.add(number, seen.vectors, seen.stamp_ns, np.inf, None)
 
     def _odometry_of(self, frame: Frame, odometry: Matrix | None) -> Matrix:
-        pose = frame.odometry if odometry is None else np.asarray(odometry, np.float64)
-        if pose is None or not np.isfinite(pose).all():
+        pose = frame.odometry if odometry is None else odometry
+        if pose is None:
             raise DataError(
                 f"frame {frame.number} has no odometry, which a map needs: record it, or take "
                 "that of its scans (fusionslam odometry)",
                 code="no-odometry",
                 fields=(str(frame.number),),
             )
-        return pose
+        return check_pose("odometry", pose)
 
     def _check_jump(self, robot: Matrix) -> Refusal | None:
         if self._last_odometry is None:
@@ -835,6 +896,26 @@ class _Keyframes:
         apart[parts != parts[site._row[keyframe]]] = np.inf
         order = np.argsort(apart, kind="stable")
         return [site._keyframes[row].id for row in order if apart[row] <= radius]
+
+
+def _check_name(session: str) -> None:
+    if not isinstance(session, str) or not session.strip() or not session.isprintable():
+        raise ConfigError(
+            f"session is {session!r}: expected a name of printable characters",
+            code="session-name",
+            fields=("session", repr(session)),
+        )
+
+
+def _check_frame(frame: Frame) -> None:
+    if not isinstance(frame, Frame):
+        raise ShapeError(f"expected a Frame, got {type(frame).__name__}")
+    if not isinstance(frame.number, int | np.integer) or not 0 <= frame.number < 2**63:
+        raise DataError(
+            f"a frame has number {frame.number!r}: expected an integer from 0 on",
+            code="frame-number",
+            fields=(repr(frame.number),),
+        )
 
 
 def _robot_from_cloud(frame: Frame, config: FusionConfig) -> Matrix:

@@ -21,7 +21,7 @@ from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
 from fusionslam.storage import files
 from fusionslam.storage.files import atomic_path, scratch_folder
-from fuzz.killed_writers import WRITERS, KillCount, Writer, kill_after, kill_writer
+from fuzz.killed_writers import REPLACING, KillCount, Writer, kill_after, kill_writer
 from kitti import write_sequence
 
 
@@ -127,9 +127,9 @@ def test_old_leftovers_of_other_machines_are_deleted(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["a"]
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", REPLACING)
 def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: str) -> None:
-    assert kill_writer(WRITERS[name], tmp_path, kills=3) == KillCount(kills=3, lost=0, left=0)
+    assert kill_writer(REPLACING[name], tmp_path, kills=3) == KillCount(kills=3, lost=0, left=0)
 
 
 def test_kills_of_a_writer_that_is_not_atomic_lose_and_leave_files(tmp_path: Path) -> None:
@@ -175,12 +175,12 @@ def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path:
         assert clouds(folder) == whole and sorted(os.listdir(folder)) == names
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", REPLACING)
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.9])
 def test_a_full_disk_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, name: str, share: float
 ) -> None:
-    save, check = WRITERS[name].save, WRITERS[name].check
+    save, check = REPLACING[name].save, REPLACING[name].check
     save(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     room = int(share * max(map(len, before.values())))

@@ -4,6 +4,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from fusionslam.sensors.frame import Frame
 
 Floats = NDArray[np.float64]
 
-OPTIONS = {
+OPTIONS: dict[str, Any] = {
     "descriptor": "m2dp",
     "fusion": FusionConfig(source="cloud"),
     "loops": LoopConfig(window=3),

@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps answer bad input by typed errors, and lose nothing."""
+
+import os
+import pickle
+import shutil
+import sqlite3
+import subprocess
+import traceback
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.mapping.map_file import is_map
+from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.sensors.frame import Frame
+from refusals import refuses
+from streets import OPTIONS, WAY, at, frames
+
+pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
+
+FRAMES = frames(WAY)
+STORED = 4
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("map") / "site.fsmap"
+    with PlaceMap.open(path, "monday", **OPTIONS) as site:
+        for frame in FRAMES[:STORED]:
+            site.add(frame)
+    return path
+
+
+@pytest.fixture
+def path(built: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(built, tmp_path / "site.fsmap"))
+
+
+@pytest.mark.parametrize("name", ["", " ", "a\0b", "a\n", "\ud800", 5, b"monday"])
+def test_names_of_sessions_are_printable(path: Path, name: Any) -> None:
+    with refuses("session-name", error=ConfigError):
+        PlaceMap.open(path, name)
+
+
+@pytest.mark.parametrize("name", ["../x", "Montag früh", "'; DROP TABLE session; --", "x" * 10_000])
+def test_other_names_of_sessions_are_kept(path: Path, name: str) -> None:
+    with PlaceMap.open(path, name) as site:
+        site.add(FRAMES[0])
+    with PlaceMap.open(path, read_only=True) as site:
+        assert [each.name for each in site.sessions] == ["monday", name]
+
+
+SCALED, MIRRORED, SHEARED = at(20, 0, 0), at(20, 0, 0), at(20, 0, 0)
+SCALED[:3, :3] *= 2
+MIRRORED[2, 2] = -1
+SHEARED[3] = 1, 2, 3, 4
+
+
+@pytest.mark.parametrize(
+    ("odometry", "code"),
+    [
+        (np.full((4, 4), np.nan), "not-finite"),
+        (at(np.inf, 0, 0), "not-finite"),
+        (SCALED, "not-a-rotation"),
+        (MIRRORED, "not-a-rotation"),
+        (SHEARED, "not-a-rotation"),
+        (np.zeros((4, 4)), "not-a-rotation"),
+    ],
+)
+def test_odometry_that_is_no_rigid_motion_changes_nothing(
+    path: Path, odometry: Any, code: str
+) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        with refuses(code):
+            site.add(FRAMES[STORED], odometry=odometry)
+        with refuses(code):
+            site.localize(FRAMES[STORED], odometry=odometry)
+        assert len(site) == STORED
+        assert site.add(FRAMES[STORED]).reason is None  # what was refused was no jump either
+
+
+@pytest.mark.parametrize("odometry", [np.eye(3), "north"])
+def test_odometry_of_another_shape_changes_nothing(path: Path, odometry: Any) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        with pytest.raises(ShapeError):
+            site.add(FRAMES[STORED], odometry=odometry)
+        with pytest.raises(ShapeError):
+            site.localize(FRAMES[STORED], odometry=odometry)
+        assert len(site) == STORED
+
+
+@pytest.mark.parametrize("number", [-1, 2**70, 1.5, "x"])
+def test_numbers_of_frames_are_integers(path: Path, number: Any) -> None:
+    last = FRAMES[STORED]
+    frame = Frame(index=0, number=number, points=last.points, odometry=last.odometry)
+    with PlaceMap.open(path, "monday") as site:
+        with refuses("frame-number"):
+            site.add(frame)
+        with pytest.raises(ShapeError):
+            site.add(last.points)
+        assert len(site) == STORED
+
+
+def test_stamps_that_go_back_are_kept_in_the_order_of_the_frames(path: Path) -> None:
+    stamps = [-5, 2**63 - 1, 0]
+    with PlaceMap.open(path, "monday") as site:
+        for stamp, seen in zip(stamps, FRAMES[STORED:], strict=False):
+            frame = Frame(
+                index=seen.number, stamp_ns=stamp, points=seen.points, odometry=seen.odometry
+            )
+            site.add(frame)
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.trajectory("monday")[0][STORED:].tolist() == stamps
+        assert site.check() == []
+
+
+def test_threads_share_a_map(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site, ThreadPoolExecutor(4) as pool:
+
+        def add(number: int) -> int | None:
+            assert site.localize(FRAMES[0]).reason is None and site.sessions
+            return site.add(FRAMES[number]).keyframe
+
+        keyframes = [*pool.map(add, range(STORED, STORED + 6))]
+        assert sorted(k for k in keyframes if k is not None) == [*range(STORED, STORED + 6)]
+        assert site.check() == [] and len(site) == STORED + 6
+
+
+def test_an_open_map_cannot_be_pickled(path: Path) -> None:
+    with PlaceMap.open(path) as site, pytest.raises(TypeError, check=lambda e: str(path) in str(e)):
+        pickle.dumps(site)
+
+
+def test_a_link_leads_to_the_map_and_stays(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "links").mkdir()
+    link, new = tmp_path / "links/a.fsmap", tmp_path / "links/new.fsmap"
+    link.symlink_to("../site.fsmap")
+    new.symlink_to("../new.fsmap")
+    for each in (link, new):
+        with PlaceMap.open(each, "tuesday", **OPTIONS) as site:
+            site.add(FRAMES[0])
+            with refuses("locked"):  # the same file by another name
+                PlaceMap.open(each.resolve(), "other")
+        assert each.is_symlink() and is_map(each.resolve())
+    assert sorted(os.listdir(tmp_path / "links")) == ["a.fsmap", "new.fsmap"]
+    with PlaceMap.open(path, read_only=True) as site:
+        assert len(site) == STORED + 1
+
+
+@pytest.mark.parametrize("read_only", [True, False])
+def test_what_is_no_file_is_refused(tmp_path: Path, read_only: bool) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    for name in ("pipe", "loop", "x" * 300, "a\0b", "/dev/null", "none/a.fsmap", ""):
+        assert not is_map(tmp_path / name)
+        with pytest.raises(DataError):
+            PlaceMap.open(tmp_path / name, read_only=read_only)
+
+
+def as_another_user(work: Any) -> None:
+    """Run something in a child process that may not write what root owns."""
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            os.setgid(65534)
+            os.setuid(65534)
+            work()
+            code = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+@pytest.fixture
+def foreign(built: Path, tmp_path: Path) -> Iterator[Path]:
+    """A map that another user owns, in a folder that only that user may change."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can become another user")
+    for folder in (tmp_path, *tmp_path.parents[:2]):
+        folder.chmod(0o755)
+    yield Path(shutil.copy(built, tmp_path / "site.fsmap"))
+
+
+def test_a_map_in_a_folder_that_cannot_be_written_is_read(foreign: Path) -> None:
+    def read() -> None:
+        with PlaceMap.open(foreign, read_only=True) as site:
+            assert len(site) == STORED and site.check() == []
+        for path in (foreign, foreign.with_name("new.fsmap")):
+            with refuses("cannot-write", str(path)):
+                PlaceMap.open(path, "tuesday")
+
+    as_another_user(read)
+    assert os.listdir(foreign.parent) == ["site.fsmap"]
+
+
+def test_a_map_that_may_not_be_read_is_named(foreign: Path) -> None:
+    foreign.chmod(0o600)
+
+    def read() -> None:
+        assert not is_map(foreign)
+        with refuses("cannot-read", str(foreign)):
+            PlaceMap.open(foreign, read_only=True)
+
+    as_another_user(read)
+
+
+def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(tmp_path)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted")
+    try:
+        path = tmp_path / "site.fsmap"
+        kept = 0
+        with PlaceMap.open(path, "monday", **OPTIONS) as site:
+            with pytest.raises(DataError, check=lambda e: e.code == "cannot-write"):
+                for frame in FRAMES * 9:
+                    kept += site.add(frame).keyframe is not None
+            assert len(site) == kept > 2
+        with PlaceMap.open(path, read_only=True) as site:
+            assert len(site) == kept and site.check() == []
+    finally:
+        subprocess.run(["umount", "--lazy", str(tmp_path)], check=True)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE keyframe SET frame = 'x'",
+        "UPDATE keyframe SET stamp_ns = 0.5",
+        "UPDATE keyframe SET odometry = zeroblob(128)",
+        "UPDATE keyframe SET session = 77",
+        "UPDATE edge SET kind = 'x'",
+        "UPDATE edge SET state = 'x'",
+        "UPDATE edge SET a = 99",
+        "UPDATE edge SET covariance = zeroblob(288)",
+        "UPDATE cloud SET evidence = 7",
+        "UPDATE cloud SET points = x'00'",
+        "UPDATE session SET name = x'00'",
+        "UPDATE setting SET value = '[1]'",
+        "UPDATE setting SET value = '{'",
+        "UPDATE vector SET rows = x'00'",
+        "DELETE FROM cloud",
+        "DELETE FROM vector",
+        "DROP TABLE edge",
+    ],
+)
+def test_values_that_make_no_sense_are_damage(path: Path, statement: str) -> None:
+    database = sqlite3.connect(path)
+    try:
+        database.execute(statement)
+        database.commit()
+    except sqlite3.IntegrityError:
+        pytest.skip("SQLite refuses it")
+    finally:
+        database.close()
+    try:
+        with PlaceMap.open(path, read_only=True) as site:
+            problems = site.check()
+            raise DataError("; ".join(problems) or "nothing found", code="damaged")
+    except FusionSlamError as error:
+        assert error.code == "damaged" and "nothing found" not in str(error)
