@@ -469,6 +469,7 @@ class MapFile:
         beside = path.with_name(f"{path.name}-lock")
         while True:
             try:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
                 lock = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
             except OSError as error:
                 raise cannot_write(self.path, why_not(self.path, error)) from error

@@ -89,6 +89,15 @@ def test_frames_nearby_are_no_keyframes(tmp_path: Path) -> None:
         assert site.add(FRAMES[1], odometry=at(0.0, 0.0, 20.0, 0.0)).keyframe == 1
 
 
+def test_the_folder_of_a_new_map_is_made(tmp_path: Path) -> None:
+    path = tmp_path / "out" / "new" / "site.fsmap"
+    build(path, FRAMES[:1])
+    assert is_map(path)
+    path.parent.joinpath("file").touch()
+    with refuses("cannot-write"):
+        build(path.parent / "file" / "site.fsmap", FRAMES[:1])
+
+
 def test_others_read_while_one_writes(tmp_path: Path) -> None:
     path = tmp_path / "site.fsmap"
     with PlaceMap.open(path, "monday", **OPTIONS) as site:
