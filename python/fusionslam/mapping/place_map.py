@@ -176,8 +176,9 @@ class PlaceMap:
 
         Raises:
             DataError: the file is no map (code "other-format"), damaged ("damaged"), of a later
-                version ("newer-version"), changed by another process ("locked"), missing
-                ("not-found") or cannot be written ("cannot-write").
+                version ("newer-version"), of an earlier one and opened read-only
+                ("older-version"), changed by another process ("locked"), missing ("not-found"),
+                or it cannot be read ("cannot-read") or written ("cannot-write").
             ConfigError: a session's name that is empty or not printable (code "session-name").
             FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
         """
