@@ -19,7 +19,11 @@ from fusionslam.storage.arrays import Matrix
 class LocalizationConfig(Section):
     """When a pose on a map is believed."""
 
-    min_probability: float = option(0.5, "less probable poses are not even asked about", ge=0, le=1)
+    # Keyframes beside each other are deceived together: in a street that looks like another one,
+    # two agree on poses of 0.5 to 0.7. Right poses of towns are above 0.85.
+    min_probability: float = option(
+        0.8, "less probable poses are neither believed nor confirm others", ge=0, le=1
+    )
     neighborhood: float = option(
         10.0, "keyframes this near confirm a pose", unit="m", gt=0, allow_inf_nan=False
     )
@@ -179,7 +183,11 @@ class Localizer:
             return None, best.reason, best.match
         probability = best.probability or 0.0
         if probability < self._config.min_probability:
-            return None, best.reason, best.match
+            text = (
+                f"keyframe {best.match} fits with probability {probability:.2f}, expected "
+                f"{self._config.min_probability:g} at least"
+            )
+            return None, best.reason or Refusal("improbable", probability, text), best.match
         pose = self._keyframes.map_from_cloud(best.match) @ best.match_from_query
         return _Guess(pose, best.covariance, best.match, probability), None, best.match
 

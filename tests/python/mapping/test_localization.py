@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot on a map of nine keyframes along a street, whose true poses are known."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
 from fusionslam.loop_closure.verification import StoredFrame
+from fusionslam.mapping import localization
 from fusionslam.mapping.localization import (
     Localization,
     LocalizationConfig,
@@ -77,6 +80,30 @@ def test_another_place_has_no_pose_but_a_reason() -> None:
     found = Localizer(Street()).localize(Sight(PreparedCloud(points), EVERY))
     assert found.pose is None and found.covariance is None
     assert found.reason is not None and found.reason.code
+
+
+@pytest.mark.parametrize(("probability", "code"), [(0.7, "improbable"), (0.95, None)])
+def test_neighbors_that_agree_on_an_improbable_pose_do_not_make_it_right(
+    monkeypatch: pytest.MonkeyPatch, probability: float, code: str | None
+) -> None:
+    for name in ("register", "verify_candidates"):
+        monkeypatch.setattr(localization, name, _weighed(name, probability))
+    found = Localizer(Street()).localize(Sight(seen_at(at(1.0, 0.5, 10), 50), EVERY))
+    assert (found.reason and found.reason.code) == code
+    assert (found.pose is None) == (code is not None)
+
+
+def _weighed(name: str, probability: float) -> Callable[..., Any]:
+    """Registration whose results are all of one probability."""
+    original = getattr(localization, name)
+
+    def run(*arguments: Any, **options: Any) -> Any:
+        found = original(*arguments, **options)
+        if name == "register":
+            return replace(found, probability=probability)
+        return replace(found[0], probability=probability), *found[1:]
+
+    return run
 
 
 def test_a_place_that_is_like_no_keyframe_has_no_candidates() -> None:
