@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.errors import DataError
 from fusionslam.storage.arrays import Floats, Matrix, Points
 
 Spectra = NDArray[np.complex64]
@@ -51,10 +52,21 @@ class SearchImage:
     Attributes:
         bits: the cells with points, (layers, cells, cells), packed.
         ground_level: height of the ground, metres.
+
+    Raises:
+        DataError: bits of another length (code "damaged").
     """
 
     bits: bytes
     ground_level: float
+
+    def __post_init__(self) -> None:
+        expected = (len(_LAYERS) + 1) * _CELLS**2 // 8
+        if len(self.bits) != expected:
+            raise DataError(
+                f"images from above are damaged: {len(self.bits)} bytes of {expected}",
+                code="damaged",
+            )
 
     @classmethod
     def of(cls, points: Points, ground: float, cell: float) -> "SearchImage":
