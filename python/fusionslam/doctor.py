@@ -59,7 +59,7 @@ EXTRAS = {
     "map": Extra(
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (
-            *("map build", "map show", "map localize", "map export", "map check"),
+            *("map build", "map show", "map localize", "map merge", "map export", "map check"),
             *("fusionslam.registration", "fusionslam.mapping"),
         ),
     ),

@@ -21,7 +21,7 @@ from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector, Observation
 from fusionslam.loop_closure.loop import Rejected
-from fusionslam.loop_closure.memory import FrameMemory
+from fusionslam.loop_closure.memory import FrameMemory, Vectors
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping.clouds import FileClouds, pack_cloud, unpack_cloud
 from fusionslam.mapping.config import MapConfig, odometry_covariance
@@ -35,15 +35,23 @@ from fusionslam.mapping.grids import (
     draw_occupancy,
 )
 from fusionslam.mapping.localization import Localization, Localizer, Sight
-from fusionslam.mapping.map_file import MapFile, StoredKeyframe
+from fusionslam.mapping.map_file import MapFile, StoredCloud, StoredKeyframe
+from fusionslam.mapping.map_merging import (
+    Merge,
+    check_mergeable,
+    find_loops_between,
+    judge_merge,
+)
 from fusionslam.mapping.pose_graph import PoseGraph, Solution
 from fusionslam.registration import PreparedCloud, Refusal, RegistrationConfig, register
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.arrays import Floats, Integers, Matrix
+from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 from fusionslam.storage.files import PathLike
+from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 
+_COMPARED = ("descriptor", "descriptors", "fusion", "registration")
 _STATES = ("believed", "refused", "pending")
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -395,11 +403,104 @@ class PlaceMap:
         assert seen.evidence is not None
         if self._localizer is None:
             self._localizer = Localizer(_Keyframes(self), self._config.loops)
-        sight = Sight(seen.evidence.cloud, self._candidates(seen), moved, stamp_ns)
+        sight = Sight(seen.evidence.cloud, self.nearest_keyframes(seen.vectors), moved, stamp_ns)
         found = self._localizer.localize(sight)
         if found.map_from_robot is None:
             return found
         return replace(found, map_from_robot=found.map_from_robot @ np.linalg.inv(mount))
+
+    @_one_at_a_time
+    def merge(self, other: PathLike, *, progress: Progress | None = None) -> Merge:
+        """Take in the sessions of another map, if three loops between both agree.
+
+        Else nothing changes, and the result says why. ``forget`` of its sessions undoes it. The
+        other map stays as it is.
+
+        Args:
+            other: file of the other map.
+            progress: called with (keyframes compared, total).
+
+        Raises:
+            ConfigError: the maps were made with different configurations (code
+                "other-configuration"), have a session of one name ("same-session"), or this one is
+                read-only.
+            DataError: the other file is no map, or this one cannot be written; nothing has changed.
+        """
+        self._check_writable()
+        with PlaceMap.open(other, read_only=True) as second:
+            check_mergeable(self, second)
+            between = find_loops_between(self, second, progress)
+            merge = judge_merge(self, second, between)
+            if merge.reason is None:
+                with self._file.transaction():
+                    self._copy_from(second, between)
+        if merge.reason is None:
+            self._load()
+            self._solve_again()
+        return merge
+
+    def _copy_from(self, other: "PlaceMap", between: Sequence[Edge]) -> None:
+        """Write another map's keyframes and edges into the file, under new numbers."""
+        sessions = {
+            number: self._file.add_session(name) for name, number in other._sessions.items()
+        }
+        first = len(self._detector)
+        renamed = {number: first + row for row, number in enumerate(other.numbers)}
+        vectors = other.vectors
+        for row, keyframe in enumerate(other._keyframes):
+            copied = keyframe._replace(id=renamed[keyframe.id], session=sessions[keyframe.session])
+            own = {name: rows[row] for name, (_, rows) in vectors.items()}
+            self._file.add_keyframe(copied, other.stored_cloud(keyframe.id), own)
+        edges = [replace(edge, a=renamed[edge.a], b=renamed[edge.b]) for edge in other.edges]
+        edges += [replace(edge, b=renamed[edge.b]) for edge in between]
+        for offset, edge in enumerate(edges):
+            self._file.store_edge(replace(edge, number=self._next_edge(offset)))
+
+    @property
+    def comparable(self) -> dict[str, Any]:
+        """What maps must have in common for their keyframes to be compared."""
+        values = self._config.dump()
+        return {key: values[key] for key in _COMPARED}
+
+    @property
+    def loop_config(self) -> LoopConfig:
+        """Which candidates are tried and accepted."""
+        return self._config.loops
+
+    @property
+    def registration(self) -> RegistrationConfig:
+        """How clouds were prepared."""
+        return self._config.registration
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the keyframes, ascending."""
+        return [each.id for each in self._keyframes]
+
+    @property
+    def vectors(self) -> dict[str, tuple[Integers, Floats32]]:
+        """Numbers of the keyframes, and their vectors, float32 (n, D), by descriptor."""
+        return self._file.vectors()
+
+    def mount(self, keyframe: int) -> Matrix:
+        """Return robot_from_cloud of a keyframe."""
+        return self._keyframes[self._row[keyframe]].robot_from_cloud
+
+    def stored_cloud(self, keyframe: int) -> StoredCloud:
+        """Return the packed clouds of a keyframe."""
+        return self._file.cloud(keyframe)
+
+    def stored_frame(self, keyframe: int) -> StoredFrame:
+        """Return a keyframe as the verification of loops takes it."""
+        return self._memory_of_all.frame(keyframe)
+
+    def nearest_keyframes(self, vectors: Vectors) -> dict[int, float]:
+        """Return the nearest keyframes of each descriptor, and their distances, all sessions'."""
+        found: dict[int, float] = {}
+        k = self._config.loops.candidates
+        for pairs in self._memory_of_all.query(vectors, k, None).values():
+            found |= {match: far for match, far in pairs if match not in found}
+        return found
 
     @_one_at_a_time
     def forget_motion(self) -> None:
@@ -754,15 +855,12 @@ class PlaceMap:
                 self._file.store_edge(edge)
             self._store_solution()
 
-    def _candidates(self, seen: Observation) -> dict[int, float]:
-        """The nearest keyframes of each descriptor, the newest ones included."""
+    @property
+    def _memory_of_all(self) -> FrameMemory:
+        """All keyframes, the newest ones included."""
         if self._everywhere is None:
             self._everywhere = self._new_memory()
-        found: dict[int, float] = {}
-        k = self._config.loops.candidates
-        for pairs in self._everywhere.query(seen.vectors, k, seen.stamp_ns).values():
-            found |= {match: far for match, far in pairs if match not in found}
-        return found
+        return self._everywhere
 
     def _new_memory(self) -> FrameMemory:
         """Vectors of all keyframes without a window."""
@@ -882,9 +980,7 @@ class _Keyframes:
         self._site = site
 
     def stored(self, number: int) -> StoredFrame:
-        memory = self._site._everywhere
-        assert memory is not None
-        return memory.frame(number)
+        return self._site.stored_frame(number)
 
     def map_from_cloud(self, number: int) -> Matrix:
         return self._site._poses[self._site._row[number]]

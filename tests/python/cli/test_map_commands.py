@@ -134,3 +134,16 @@ def test_what_is_no_map_is_refused(street: Path, tmp_path: Path) -> None:
     for command in ("show", "check", "export"):
         assert error_of(1, "map", command, other).code == "other-format"
         assert error_of(1, "map", command, tmp_path / "none.fsmap").code == "not-found"
+
+
+def test_two_maps_are_merged(site: Path, street: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.fsmap"
+    succeeds("map", "build", write_street(tmp_path / "tuesday", RETURN, 200), "-o", other, *OPTIONS)
+    merged = succeeds("map", "merge", site, other).stdout
+    assert "tuesday: 9 keyframes" in merged and "in 1 part" in merged
+    elsewhere = write_street(tmp_path / "elsewhere", RETURN, 200, place=13)
+    third = tmp_path / "third.fsmap"
+    succeeds("map", "build", elsewhere, "-o", third, *OPTIONS)
+    before = site.read_bytes()
+    assert run("map", "merge", site, third).exit_code == 1
+    assert site.read_bytes() == before

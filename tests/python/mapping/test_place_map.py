@@ -346,3 +346,45 @@ def test_a_map_cut_by_some_bytes_is_damaged(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
     with refuses("damaged", str(path)):
         PlaceMap.open(path, read_only=True)
+
+
+def test_two_maps_become_one_that_can_be_undone(path: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.fsmap"
+    build(other, frames(RETURN, 200, day=1), "tuesday")
+    with PlaceMap.open(path) as site:
+        before = site.trajectory("monday")[1]
+        merge = site.merge(other)
+        assert merge.sessions == ("tuesday",) and merge.reason is None
+        assert len(merge.believed) >= 3
+        assert [each.parts for each in site.sessions] == [(0,), (0,)]
+        truth = [np.linalg.inv(WAY[0]) @ pose for pose in RETURN]
+        off = site.trajectory("tuesday")[1][:, :3, 3] - np.array(truth)[:, :3, 3]
+        assert np.linalg.norm(off, axis=1).max() < 0.6
+        assert site.check() == []
+        with refuses("same-session", "session", "tuesday", error=ConfigError):
+            site.merge(other)
+        site.forget("tuesday")
+        np.testing.assert_allclose(site.trajectory("monday")[1], before, atol=1e-6)
+    with PlaceMap.open(other, read_only=True) as unchanged:
+        assert [each.name for each in unchanged.sessions] == ["tuesday"]
+
+
+def test_maps_of_different_places_are_not_merged(path: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.fsmap"
+    build(other, frames(RETURN, 200, place=13), "elsewhere")
+    with PlaceMap.open(path) as site:
+        merge = site.merge(other)
+        assert merge.sessions == () and not merge.believed
+        assert merge.reason is not None and merge.reason.code == "few-merges"
+        assert [each.name for each in site.sessions] == ["monday"]
+
+
+def test_maps_of_other_configurations_are_not_merged(path: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.fsmap"
+    with PlaceMap.open(other, "a", **(OPTIONS | {"descriptor": "scan_context"})) as site:
+        site.add(FRAMES[0])
+    with (
+        PlaceMap.open(path) as site,
+        refuses("other-configuration", "descriptor", error=ConfigError),
+    ):
+        site.merge(other)

@@ -71,9 +71,9 @@ def error(poses: Floats, truth: list[Floats]) -> float:
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
-def write_street(folder: Path, way: list[Floats], seed: int = 0) -> Path:
+def write_street(folder: Path, way: list[Floats], seed: int = 0, *, place: int = 12) -> Path:
     """A plain folder of what the robot sees, with odometry.txt."""
-    driven = frames(way, seed)
+    driven = frames(way, seed, place=place)
     for frame in driven:
         assert frame.points is not None
         write_cloud(folder / f"clouds/{frame.index:06d}.bin", Cloud(frame.points))

@@ -8,6 +8,7 @@ from fusionslam.cli.maps.build import build
 from fusionslam.cli.maps.check import check
 from fusionslam.cli.maps.export import export
 from fusionslam.cli.maps.localize import localize
+from fusionslam.cli.maps.merge import merge
 from fusionslam.cli.maps.show import show
 
 app = typer.Typer(
@@ -15,5 +16,5 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-for command in (build, show, localize, export, check):
+for command in (build, show, localize, merge, export, check):
     app.command()(command)

@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Takes the sessions of another map into a map, if enough loops between both agree."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fusionslam.errors import ConfigError
+from fusionslam.loop_closure.verification import verify_candidates
+from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.pose_graph import PoseGraph
+from fusionslam.registration import PreparedCloud, Refusal
+from fusionslam.storage.progress import Progress
+
+if TYPE_CHECKING:
+    from fusionslam.mapping.place_map import PlaceMap
+
+
+@dataclass(frozen=True)
+class Merge:
+    """Whether another map was taken in.
+
+    Attributes:
+        sessions: names of the sessions that were taken in; none if there is a reason.
+        believed, refused: loops between the maps; ``a`` is a keyframe of this map, ``b`` one of the
+            other, by their numbers there.
+        reason: why the other map was not taken in; None if it was.
+    """
+
+    sessions: tuple[str, ...]
+    believed: tuple[Edge, ...]
+    refused: tuple[Edge, ...]
+    reason: Refusal | None = None
+
+
+def check_mergeable(site: "PlaceMap", other: "PlaceMap") -> None:
+    """Raise ConfigError for maps that cannot be compared, or with a session in common."""
+    if site.comparable != other.comparable:
+        differing = [
+            key for key, value in site.comparable.items() if value != other.comparable[key]
+        ]
+        raise ConfigError(
+            f"both maps were made with other {' and '.join(differing)}: their keyframes cannot be "
+            "compared",
+            code="other-configuration",
+            fields=tuple(differing),
+        )
+    common = {each.name for each in site.sessions} & {each.name for each in other.sessions}
+    if common:
+        raise ConfigError(
+            f"both maps have a session {min(common)!r}: expected other names",
+            code="same-session",
+            fields=("session", min(common)),
+        )
+
+
+def find_loops_between(
+    site: "PlaceMap", other: "PlaceMap", progress: Progress | None = None
+) -> list[Edge]:
+    """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
+    vectors = other.vectors
+    edges: list[Edge] = []
+    for done, number in enumerate(other.numbers, start=1):
+        row = {name: rows[done - 1] for name, (_, rows) in vectors.items()}
+        cloud = PreparedCloud.from_bytes(other.stored_cloud(number).evidence, site.registration)
+        candidates = site.nearest_keyframes(row)
+        best, _ = verify_candidates(number, cloud, candidates, site.stored_frame, site.loop_config)
+        if best is not None and best.reason is None and best.match_from_query is not None:
+            covariance = np.asarray(best.covariance)
+            edges.append(
+                Edge(
+                    len(edges),
+                    "merge",
+                    best.match,
+                    number,
+                    best.match_from_query,
+                    covariance,
+                    "pending",
+                )
+            )
+        if progress is not None:
+            progress(done, len(other.numbers))
+    return edges
+
+
+def judge_merge(site: "PlaceMap", other: "PlaceMap", between: list[Edge]) -> Merge:
+    """Solve the graph of both maps with the loops between them."""
+    graph = PoseGraph()
+    rows = {("site", number): graph.add_node(site.mount(number)) for number in site.numbers}
+    rows |= {("other", number): graph.add_node(other.mount(number)) for number in other.numbers}
+    for name, each in (("site", site), ("other", other)):
+        for edge in each.edges:
+            a, b = rows[name, edge.a], rows[name, edge.b]
+            graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
+    first = len(graph.edges)
+    for edge in between:
+        a, b = rows["site", edge.a], rows["other", edge.b]
+        graph.add_edge(a, b, edge.pose, edge.covariance, "merge")
+    solution = graph.solve()
+    states = {edge.number: edge for edge in (*solution.believed, *solution.refused)}
+    judged = [
+        replace(edge, state=states[first + k].state, reason=states[first + k].reason)
+        for k, edge in enumerate(between)
+    ]
+    believed = tuple(edge for edge in judged if edge.state == "believed")
+    refused = tuple(edge for edge in judged if edge.state != "believed")
+    if believed:
+        return Merge(tuple(each.name for each in other.sessions), believed, refused)
+    text = (
+        f"{len(between)} loops between the maps, and no three of them agree: they show other "
+        "places, or too little of the same"
+    )
+    return Merge((), (), refused, Refusal("few-merges", len(between), text))
