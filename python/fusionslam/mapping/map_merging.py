@@ -3,19 +3,43 @@
 """Takes the sessions of another map into a map, if enough loops between both agree."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
 from fusionslam.errors import ConfigError
-from fusionslam.loop_closure.verification import verify_candidates
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.memory import Vectors
+from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
 from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.map_file import StoredCloud
 from fusionslam.mapping.pose_graph import PoseGraph
-from fusionslam.registration import PreparedCloud, Refusal
+from fusionslam.registration import PreparedCloud, Refusal, RegistrationConfig
+from fusionslam.storage.arrays import Floats32, Integers, Matrix
 from fusionslam.storage.progress import Progress
 
-if TYPE_CHECKING:
-    from fusionslam.mapping.place_map import PlaceMap
+
+class ComparedMap(Protocol):
+    """What merging asks of a ``PlaceMap``; numbers are those of keyframes."""
+
+    @property
+    def comparable(self) -> dict[str, Any]: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def numbers(self) -> list[int]: ...
+    @property
+    def edges(self) -> tuple[Edge, ...]: ...
+    @property
+    def vectors(self) -> dict[str, tuple[Integers, Floats32]]: ...
+    @property
+    def loop_config(self) -> LoopConfig: ...
+    @property
+    def registration(self) -> RegistrationConfig: ...
+    def mount(self, keyframe: int) -> Matrix: ...
+    def stored_cloud(self, keyframe: int) -> StoredCloud: ...
+    def stored_frame(self, keyframe: int) -> StoredFrame: ...
+    def nearest_keyframes(self, vectors: Vectors) -> dict[int, float]: ...
 
 
 @dataclass(frozen=True)
@@ -35,7 +59,7 @@ class Merge:
     reason: Refusal | None = None
 
 
-def check_mergeable(site: "PlaceMap", other: "PlaceMap") -> None:
+def check_mergeable(site: ComparedMap, other: ComparedMap) -> None:
     """Raise ConfigError for maps that cannot be compared, or with a session in common."""
     if site.comparable != other.comparable:
         differing = [
@@ -47,7 +71,7 @@ def check_mergeable(site: "PlaceMap", other: "PlaceMap") -> None:
             code="other-configuration",
             fields=tuple(differing),
         )
-    common = {each.name for each in site.sessions} & {each.name for each in other.sessions}
+    common = {*site.names} & {*other.names}
     if common:
         raise ConfigError(
             f"both maps have a session {min(common)!r}: expected other names",
@@ -57,7 +81,7 @@ def check_mergeable(site: "PlaceMap", other: "PlaceMap") -> None:
 
 
 def find_loops_between(
-    site: "PlaceMap", other: "PlaceMap", progress: Progress | None = None
+    site: ComparedMap, other: ComparedMap, progress: Progress | None = None
 ) -> list[Edge]:
     """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
     vectors = other.vectors
@@ -85,7 +109,7 @@ def find_loops_between(
     return edges
 
 
-def judge_merge(site: "PlaceMap", other: "PlaceMap", between: list[Edge]) -> Merge:
+def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> Merge:
     """Solve the graph of both maps with the loops between them."""
     graph = PoseGraph()
     rows = {("site", number): graph.add_node(site.mount(number)) for number in site.numbers}
@@ -107,7 +131,7 @@ def judge_merge(site: "PlaceMap", other: "PlaceMap", between: list[Edge]) -> Mer
     believed = tuple(edge for edge in judged if edge.state == "believed")
     refused = tuple(edge for edge in judged if edge.state != "believed")
     if believed:
-        return Merge(tuple(each.name for each in other.sessions), believed, refused)
+        return Merge(other.names, believed, refused)
     text = (
         f"{len(between)} loops between the maps, and no three of them agree: they show other "
         "places, or too little of the same"

@@ -473,6 +473,11 @@ class PlaceMap:
         return self._config.registration
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sessions, in the order in which they began."""
+        return tuple(self._sessions)
+
+    @property
     def numbers(self) -> list[int]:
         """Numbers of the keyframes, ascending."""
         return [each.id for each in self._keyframes]
