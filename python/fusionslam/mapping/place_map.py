@@ -24,7 +24,7 @@ from fusionslam.loop_closure.loop import Rejected
 from fusionslam.loop_closure.memory import FrameMemory, Vectors
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping.clouds import FileClouds, pack_cloud, unpack_cloud
-from fusionslam.mapping.config import MapConfig, odometry_covariance
+from fusionslam.mapping.config import MapConfig, odometry_covariance, step_covariance
 from fusionslam.mapping.edge import Edge, check_pose
 from fusionslam.mapping.grids import (
     GridConfig,
@@ -817,6 +817,8 @@ class PlaceMap:
         if found.target_from_source is None or found.covariance is None:
             return []
         pose, covariance = found.target_from_source, found.covariance
+        if cloud.scene is None:
+            covariance = step_covariance(covariance, cloud.config, self._config.map)
         number = self._next_edge(1)
         return [Edge(number, "loop", before.id, after.id, pose, covariance, "pending")]
 

@@ -197,6 +197,21 @@ def test_a_map_says_that_odometry_was_trusted_too_much(tmp_path: Path) -> None:
         assert site.reason is None
 
 
+def test_steps_that_clouds_measure_are_firmer_than_loops(
+    built: tuple[Path, list[MapStep]],
+) -> None:
+    config = MapConfig()
+    with PlaceMap.open(built[0], read_only=True) as site:
+        measured = [edge for edge in site.edges if edge.kind == "loop" and edge.b == edge.a + 1]
+        loops = site.loops
+    assert len(measured) > 10
+    for edge in measured:
+        assert np.linalg.eigvalsh(edge.covariance)[0] > 0
+        assert np.sqrt(edge.covariance[0, 0]) >= config.step_sd
+    firmest = min(np.sqrt(edge.covariance[0, 0]) for edge in loops)
+    assert np.median([np.sqrt(edge.covariance[0, 0]) for edge in measured]) < firmest
+
+
 def test_a_jump_of_odometry_begins_a_part(tmp_path: Path) -> None:
     with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
         site.add(FRAMES[0])
