@@ -99,8 +99,8 @@ std::int64_t OdometryTree::add(std::int64_t parent, const Pose3& step,
 
 PoseCovariance OdometryTree::drift(std::int64_t a, std::int64_t b) const {
   if (at(a).root != at(b).root)
-    throw DataError("odometry does not connect nodes " + std::to_string(a) + " and " +
-                    std::to_string(b));
+    throw DataError("nodes " + std::to_string(a) + " and " + std::to_string(b) +
+                    " are of different sessions: no odometry leads from one to the other");
   const PoseCovariance &first = nodes_[a].total, &last = nodes_[b].total,
                        &common = nodes_[meet(a, b)].total;
   PoseCovariance between;
