@@ -79,17 +79,17 @@ class MapStep(NamedTuple):
 
     Attributes:
         keyframe: its number; None if the frame is too near the last keyframe.
-        loop: the edge that the keyframe closes a loop by, as solved; None if it closes none.
-        rejected: candidates that are no loop, and why.
+        loops: edges that the keyframe closes loops by, as solved.
+        refused: candidates that are no loop, and why.
         pose: float64 (4, 4), map_from_robot.
-        reason: what is unusual about the frame, such as "jump"; None if nothing is.
+        why: what is unusual about the frame, such as "jump"; None if nothing is.
     """
 
     keyframe: int | None
-    loop: Edge | None
-    rejected: tuple[Rejected, ...]
+    loops: tuple[Edge, ...]
+    refused: tuple[Rejected, ...]
     pose: Matrix
-    reason: Refusal | None = None
+    why: Refusal | None = None
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ class PlaceMap:
         return tuple(
             edge
             for edge in self._edges.values()
-            if edge.kind != "odometry" and self._row[edge.b] - self._row[edge.a] != 1
+            if edge.kind != "odometry" and not self._is_step(edge)
         )
 
     @property
@@ -359,7 +359,7 @@ class PlaceMap:
         self._last_odometry = robot
         last = self._last_row()
         if last is not None and reason is None and not self._is_far(robot, last):
-            return MapStep(None, None, (), self._predict(robot, last))
+            return MapStep(None, (), (), self._predict(robot, last))
         seen = self._detector.observe(
             frame, stamp_ns=frame.stamp_ns, odometry=robot @ robot_from_cloud
         )
@@ -436,7 +436,7 @@ class PlaceMap:
                     self._copy_from(second, between)
         if merge.reason is None:
             self._load()
-            self._solve_again()
+            self.solve()
         return merge
 
     def _copy_from(self, other: "PlaceMap", between: Sequence[Edge]) -> None:
@@ -515,23 +515,17 @@ class PlaceMap:
 
     @_one_at_a_time
     def forget(self, session: str) -> None:
-        """Delete a session: its keyframes, and their loops.
+        """Delete a session: its keyframes, and their loops. If it is open, it begins anew.
 
         Raises:
-            ConfigError: there is no such session, it is the open one, or the map is read-only.
+            ConfigError: there is no such session, or the map is read-only.
         """
         self._check_writable()
         number = self._find_session(session)
-        if session == self._session_name:
-            raise ConfigError(
-                f"session {session!r} is open: expected another one",
-                code="choice",
-                fields=("session", session),
-            )
         with self._file.transaction():
             self._file.forget_session(number)
         self._load()
-        self._solve_again()
+        self.solve()
 
     @_one_at_a_time
     def trajectory(self, session: str) -> tuple[NDArray[np.int64], Floats]:
@@ -780,7 +774,7 @@ class PlaceMap:
                 self._store_solution()
         self._kept.written()
         self._add_everywhere(number, seen)
-        closed = self._edges[edges[-1].number] if loop is not None and edges else None
+        closed = (self._edges[edges[-1].number],) if loop is not None and edges else ()
         pose = self._poses[-1] @ np.linalg.inv(mount)
         return MapStep(number, closed, tuple(self._detector.rejected), pose, reason)
 
@@ -825,6 +819,10 @@ class PlaceMap:
     def _next_edge(self, offset: int) -> int:
         return max(self._edges, default=-1) + 1 + offset
 
+    def _is_step(self, edge: Edge) -> bool:
+        a, b = self._row[edge.a], self._row[edge.b]
+        return b - a == 1 and self._keyframes[a].session == self._keyframes[b].session
+
     def _is_own(self, keyframe: int) -> bool:
         return self._keyframes[self._row[keyframe]].session == self._session
 
@@ -834,6 +832,7 @@ class PlaceMap:
         if solution.reason is not None and self._reason is None:
             logger.warning("%s", solution.reason)
         self._reason = solution.reason
+        self.forget_motion()  # its poses are those of the former solution
         self._poses = [*solution.poses]
         self._parts = [self._keyframes[int(node)].id for node in solution.parts]
         return self._take_states(solution)
@@ -853,7 +852,13 @@ class PlaceMap:
         numbers = np.array([each.id for each in self._keyframes], np.int64)
         self._file.store_solution(numbers, np.array(self._poses), np.array(self._parts, np.int64))
 
-    def _solve_again(self) -> None:
+    @_one_at_a_time
+    def solve(self) -> None:
+        """Solve the graph of the map anew and store the poses, as at the end of a drive.
+
+        ``add`` solves it at each loop only: until then, steps measured by clouds do not count.
+        """
+        self._check_writable()
         if not len(self):
             return
         changed = self._solve()

@@ -151,13 +151,15 @@ def build_map(
                         raise frame
                     added = site.add(frame, odometry=None if odometry is None else odometry[index])
                 keyframes += added.keyframe is not None
-                loops += added.loop is not None
+                loops += len(added.loops)
             except DataError as error:
                 if bad_frames != "skip" or error.code == "cannot-write":
                     raise
                 skipped[int(dataset.numbers[index])] = str(error)
             if progress is not None:
                 progress(index + 1, len(dataset))
+    if keyframes:
+        site.solve()
     return Built(len(dataset) - begin, keyframes, loops, skipped)
 
 

@@ -85,7 +85,7 @@ def test_odometry_that_is_no_rigid_motion_changes_nothing(
         with refuses(code):
             site.localize(FRAMES[STORED], odometry=odometry)
         assert len(site) == STORED
-        assert site.add(FRAMES[STORED]).reason is None  # what was refused was no jump either
+        assert site.add(FRAMES[STORED]).why is None  # what was refused was no jump either
 
 
 @pytest.mark.parametrize("odometry", [np.eye(3), "north"])

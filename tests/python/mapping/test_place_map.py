@@ -49,7 +49,7 @@ def path(built: tuple[Path, list[MapStep]], tmp_path: Path) -> Path:
 def test_loops_correct_the_trajectory(built: tuple[Path, list[MapStep]]) -> None:
     path, steps = built
     assert [step.keyframe for step in steps] == list(range(len(WAY)))
-    assert sum(step.loop is not None for step in steps) >= 6
+    assert sum(len(step.loops) for step in steps) >= 6
     with PlaceMap.open(path, read_only=True) as site:
         stamps, poses = site.trajectory("monday")
         assert stamps.tolist() == [frame.stamp_ns for frame in FRAMES]
@@ -64,7 +64,7 @@ def test_a_step_returns_where_the_robot_is_now(built: tuple[Path, list[MapStep]]
     path, steps = built
     with PlaceMap.open(path, read_only=True) as site:
         np.testing.assert_allclose(steps[-1].pose, site.trajectory("monday")[1][-1], atol=1e-9)
-    assert steps[0].loop is None and steps[0].reason is None
+    assert steps[0].loops == () and steps[0].why is None
 
 
 def test_a_map_that_is_closed_in_between_is_the_same(
@@ -147,6 +147,33 @@ def test_the_next_day_joins_the_map_and_can_be_forgotten(path: Path) -> None:
             site.trajectory("tuesday")
 
 
+def test_an_open_session_that_is_forgotten_begins_anew(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        site.forget("monday")
+        assert len(site) == 0 and not site.sessions
+        assert [site.add(frame).keyframe is not None for frame in FRAMES[:2]] == [True, True]
+        assert [each.keyframes for each in site.sessions] == [2]
+    with PlaceMap.open(path, read_only=True) as site:
+        assert len(site) == 2 and site.check() == []
+
+
+def test_steps_count_without_loops_once_the_map_is_solved(tmp_path: Path) -> None:
+    build(tmp_path / "a.fsmap", FRAMES[:9])
+    with PlaceMap.open(tmp_path / "a.fsmap") as site:
+        assert site.loops == ()
+        before = error(site.trajectory("monday")[1], WAY[:9])
+        site.solve()
+        assert error(site.trajectory("monday")[1], WAY[:9]) < before
+
+
+def test_poses_of_before_a_solution_confirm_nothing_after_it(path: Path) -> None:
+    with PlaceMap.open(path) as site:
+        assert site.localize(FRAMES[0]).pose is not None
+        assert site._localizer is not None and site._localizer._past
+        site.solve()
+        assert not site._localizer._past
+
+
 def test_a_drive_through_another_place_is_a_part_of_its_own(path: Path) -> None:
     with PlaceMap.open(path, "elsewhere") as site:
         for frame in frames(RETURN, 200, day=1, place=13):
@@ -216,7 +243,7 @@ def test_a_jump_of_odometry_begins_a_part(tmp_path: Path) -> None:
     with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
         site.add(FRAMES[0])
         step = site.add(FRAMES[1], odometry=at(500, 0, 0, 0))
-        assert step.reason is not None and step.reason.code == "jump"
+        assert step.why is not None and step.why.code == "jump"
         assert site.sessions[0].parts == (0, 1)
 
 
