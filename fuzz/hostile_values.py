@@ -139,3 +139,22 @@ _TEXTS = (
     "../../etc/passwd",
     "é" * 9,
 )
+
+
+class Forged:
+    """A target that changes values of valid input: refused, or something that works."""
+
+    def __init__(self) -> None:
+        self._run: Callable[[bytes], bytes | None] | None = None
+        self._accepted: bool | None = None
+
+    def __call__(self, data: bytes) -> bool | None:
+        self._accepted = None
+        if self._run is None:
+            self._run = self._prepare()
+        self._run(data)
+        return self._accepted
+
+    def _prepare(self) -> Callable[[bytes], bytes | None]:
+        """Return what runs one input and sets ``_accepted``."""
+        raise NotImplementedError

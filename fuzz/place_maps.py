@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from fusionslam.mapping.grids import GridConfig
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
-from fuzz.hostile_values import GENERATE, driven_by_bytes, random_bytes
+from fuzz.hostile_values import GENERATE, Forged, driven_by_bytes, random_bytes
 from fuzz.target import Target, check_numbers, refusing, scratch
 from streets import OPTIONS, WAY, frames
 
@@ -75,19 +75,8 @@ def _use(path: Path) -> None:
         check_numbers(site.add(_frames()[4]))
 
 
-class _Forged:
+class _Forged(Forged):
     """A map in which some values were replaced."""
-
-    def __init__(self) -> None:
-        self._run: Callable[[bytes], bytes | None] | None = None
-        self._accepted: bool | None = None
-
-    def __call__(self, data: bytes) -> bool | None:
-        self._accepted = None
-        if self._run is None:
-            self._run = self._prepare()
-        self._run(data)
-        return self._accepted
 
     def _prepare(self) -> Callable[[bytes], bytes | None]:
         valid = _valid_map()

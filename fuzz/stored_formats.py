@@ -45,6 +45,7 @@ from fusionslam.views.visual_templates import VisualTemplates
 from fuzz.hostile_values import (
     GENERATE,
     HOSTILE_JSON,
+    Forged,
     driven_by_bytes,
     hostile_arrays,
     random_bytes,
@@ -297,20 +298,12 @@ def _replace(value: Any, path: tuple[str | int, ...], new: Any) -> Any:
     return copy
 
 
-class _Forged:
+class _Forged(Forged):
     """Refused, or something that works; made by changing values and sealing the archive again."""
 
     def __init__(self, name: str, form: Format) -> None:
+        super().__init__()
         self.name, self.form = name, form
-        self._run: Callable[[bytes], bytes | None] | None = None
-        self._accepted: bool | None = None
-
-    def __call__(self, data: bytes) -> bool | None:
-        self._accepted = None
-        if self._run is None:
-            self._run = self._prepare()
-        self._run(data)
-        return self._accepted
 
     def _prepare(self) -> Callable[[bytes], bytes | None]:
         whole = _valid_file(self.name, self.form)
