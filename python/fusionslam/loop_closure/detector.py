@@ -6,7 +6,7 @@ import logging
 import operator
 import os
 import threading
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Collection, Mapping, MutableMapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
@@ -345,9 +345,22 @@ class LoopDetector:
                 return self._store(seen)
         return self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
 
-    def add_observation(self, observation: Observation) -> Loop | None:
-        """``add`` for what ``observe`` returned, in the order of the frames."""
-        return self._verify(self._store(observation))
+    def add_observation(
+        self,
+        observation: Observation,
+        *,
+        excluded: Collection[int] = (),
+        stretches: Mapping[int, int] | None = None,
+    ) -> Loop | None:
+        """``add`` for what ``observe`` returned, in the order of the frames.
+
+        Args:
+            observation: of the frame.
+            excluded: numbers of stored frames that are no candidates, besides those of the window.
+            stretches: number of the stretch of odometry by frame, this one included; loops confirm
+                each other by odometry within one stretch. None: there is one.
+        """
+        return self._verify(self._store(observation, excluded), stretches)
 
     def add_descriptor(
         self, descriptor: NDArray[np.float32], *, stamp_ns: int | None = None
@@ -373,14 +386,14 @@ class LoopDetector:
                 self._memory = self._new_memory()
         return self._verify(self._store(Observation({self.descriptor: descriptor}, stamp_ns)))
 
-    def _store(self, seen: Observation) -> "_Pending":
+    def _store(self, seen: Observation, excluded: Collection[int] = ()) -> "_Pending":
         """Store a frame; return what is left to be proven of it."""
         own = seen.vectors[self.descriptor]
         with self._lock:
             if not len(self._memory):
                 self._check_length(own)
             k = self.config.candidates if self.verifies else 1
-            found = self._memory.query(seen.vectors, k, seen.stamp_ns)
+            found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
             if not np.any(own):
                 self._added += 1
                 return _Pending(self._added - 1)
@@ -407,7 +420,9 @@ class LoopDetector:
             self._memory = self._new_memory()
         self._fits_lengths = False
 
-    def _verify(self, pending: "_Pending") -> Loop | None:
+    def _verify(
+        self, pending: "_Pending", stretches: Mapping[int, int] | None = None
+    ) -> Loop | None:
         """Prove the loop of a stored frame, or take the nearest one."""
         if pending.evidence is None:
             return self._take_nearest(pending)
@@ -418,12 +433,14 @@ class LoopDetector:
             pending.stored.__getitem__,
             self.config,
         )
-        odometry = None
+        odometry, between = None, (0, 0)
         if best is not None:
             match = pending.stored[best.match]
             odometry, best = match.odometry, replace(best, match_stamp_ns=match.stamp_ns)
+            if stretches is not None:
+                between = stretches[pending.number], stretches[best.match]
         with self._lock:
-            best = self._gate.judge(best, pending.evidence.odometry, odometry)
+            best = self._gate.judge(best, pending.evidence.odometry, odometry, between)
             if best is not None and best.reason is not None:
                 reason = best.reason
                 first = Rejected(best.match, reason.code, reason.number, reason.text)

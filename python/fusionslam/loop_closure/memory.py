@@ -4,7 +4,7 @@
 
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,15 +85,18 @@ class FrameMemory:
         return self._numbers.all
 
     def query(
-        self, vectors: Vectors, k: int, stamp_ns: int | None
+        self, vectors: Vectors, k: int, stamp_ns: int | None, excluded: Collection[int] = ()
     ) -> dict[str, list[tuple[int, float]]]:
-        """Return the k nearest candidates of a new frame by descriptor: (number, distance)."""
+        """Return the k nearest candidates of a new frame by descriptor: (number, distance).
+
+        Numbers in ``excluded`` are none, besides those of the window.
+        """
         found = {}
         for name, vector in vectors.items():
             index = self._indexes.get(name) or self._new_index(name, len(vector))
-            rows, distances = index.query(vector, k=k, stamp_ns=stamp_ns)
-            numbers = self._numbers.all[rows].tolist()
-            found[name] = [*zip(numbers, distances.tolist(), strict=True)]
+            rows, distances = index.query(vector, k=k + len(excluded), stamp_ns=stamp_ns)
+            pairs = zip(self._numbers.all[rows].tolist(), distances.tolist(), strict=True)
+            found[name] = [pair for pair in pairs if pair[0] not in excluded][:k]
         return found
 
     def candidates(self, k: int) -> list[tuple[int, float]]:

@@ -23,6 +23,7 @@ class _Recent:
     match_from_query: Matrix
     query: Matrix
     match: Matrix
+    stretches: tuple[int, int]
 
 
 class SequenceGate:
@@ -36,14 +37,22 @@ class SequenceGate:
         self._config = config
         self._recent: deque[_Recent | None] = deque(maxlen=_FRAMES - 1)
 
-    def judge(self, best: Loop | None, query: Matrix | None, match: Matrix | None) -> Loop | None:
+    def judge(
+        self,
+        best: Loop | None,
+        query: Matrix | None,
+        match: Matrix | None,
+        stretches: tuple[int, int] = (0, 0),
+    ) -> Loop | None:
         """Return the candidate, without its reason if another recent one agrees with it.
 
         Args:
             best: of the frame.
             query, match: float64 (4, 4), odom_from_cloud of both frames; None if unknown.
+            stretches: numbers of the stretches of odometry that both belong to; odometry of
+                different ones, as of two sessions, cannot be compared.
         """
-        entry = self._entry(best, query, match)
+        entry = self._entry(best, query, match, stretches)
         judged = best
         if best is not None and best.reason is not None and entry is not None:
             if any(self._agree(entry, other) for other in self._recent if other is not None):
@@ -56,7 +65,11 @@ class SequenceGate:
         return judged
 
     def _entry(
-        self, best: Loop | None, query: Matrix | None, match: Matrix | None
+        self,
+        best: Loop | None,
+        query: Matrix | None,
+        match: Matrix | None,
+        stretches: tuple[int, int],
     ) -> _Recent | None:
         if best is None or best.match_from_query is None or best.covariance is None:
             return None
@@ -65,11 +78,13 @@ class SequenceGate:
         counts = best.reason is None or best.reason.code in _SOFT
         if not counts or (best.probability or 0.0) < self._config.min_supported:
             return None
-        return _Recent(best.match_from_query, query, match)
+        return _Recent(best.match_from_query, query, match, stretches)
 
     def _agree(self, one: _Recent, other: _Recent) -> bool:
         from scipy.spatial.transform import Rotation
 
+        if one.stretches != other.stretches:
+            return False
         queries = np.linalg.inv(other.query) @ one.query  # other_from_one
         matches = np.linalg.inv(other.match) @ one.match
         joined = np.linalg.inv(other.match_from_query @ queries) @ matches @ one.match_from_query

@@ -165,6 +165,18 @@ def test_submitted_and_observed_frames_give_the_same_loops(
     assert [apart.add_observation(each) for each in seen] == driven[1]
 
 
+def test_excluded_frames_are_no_candidates_and_leave_room_for_others() -> None:
+    detector = LoopDetector("m2dp", window=0, candidates=2)
+    for k, cloud in enumerate(DRIVE[:9]):
+        detector.add_observation(detector.observe(cloud), excluded=range(k))
+        assert detector.nearest is None and not detector.rejected
+    seen = detector.observe(DRIVE[9])  # at the place of frame 8, turned around
+    detector.add_observation(seen, excluded=[8])
+    tried = {match for match, *_ in detector.rejected}
+    assert detector.nearest is not None
+    assert len(tried | {detector.nearest.match}) >= 2 and 8 not in tried
+
+
 def test_answers_stay_recent_when_frames_come_too_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     detector, release, begun = new_detector(), threading.Event(), threading.Event()
     verify = LoopDetector._verify
@@ -283,6 +295,20 @@ def test_two_loops_of_four_frames_that_agree_count() -> None:
     improbable = judge(3, 0.4)
     assert improbable is not None and improbable.reason is not None
     assert improbable.reason.code == "improbable"
+
+
+@pytest.mark.parametrize(
+    ("stretches", "counts"),
+    [([(1, 0), (1, 0)], True), ([(1, 0), (2, 0)], False), ([(1, 0), (1, 3)], False)],
+)
+def test_loops_of_different_stretches_of_odometry_do_not_confirm_each_other(
+    stretches: list[tuple[int, int]], counts: bool
+) -> None:
+    gate = SequenceGate(LoopConfig())
+    for k, between in enumerate(stretches):
+        pose = at(2 * k, 0, 0)
+        judged = gate.judge(loop_of(100 + k, k, np.eye(4), 0.92), pose, pose, between)
+    assert judged is not None and (judged.reason is None) == counts
 
 
 def test_a_pose_that_was_refused_is_not_supported() -> None:
