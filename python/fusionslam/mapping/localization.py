@@ -46,12 +46,15 @@ class Localization:
         keyframe: number of the keyframe that the pose was found by; of the best one that was not
             believed if there is a reason; None without any.
         reason: why there is no pose; None if there is one.
+        part: of the map, whose frame the pose is in, as ``Session.parts`` numbers them; poses of
+            different parts have nothing to do with each other. None without a pose.
     """
 
     map_from_robot: Matrix | None
     covariance: Matrix | None = None
     keyframe: int | None = None
     reason: Refusal | None = None
+    part: int | None = None
 
     @property
     def pose(self) -> Matrix | None:
@@ -67,6 +70,9 @@ class Keyframes(Protocol):
 
     def map_from_cloud(self, number: int) -> Matrix:
         """The pose of a keyframe's cloud on the map, float64 (4, 4)."""
+
+    def part(self, number: int) -> int:
+        """The part of the map that a keyframe belongs to."""
 
     def near(self, place: Matrix, radius: float, keyframe: int) -> Sequence[int]:
         """Keyframes whose clouds lie this near to that of a pose, the nearest first.
@@ -107,6 +113,7 @@ class _Past(NamedTuple):
     odometry: Matrix
     stamp_ns: int | None
     keyframe: int
+    part: int
 
 
 class Localizer:
@@ -197,7 +204,10 @@ class Localizer:
             return True
         if sight.odometry is None:
             return False
-        recent = [past for past in self._past if not self._is_old(past, sight)]
+        part = self._keyframes.part(found.keyframe)
+        recent = [
+            past for past in self._past if past.part == part and not self._is_old(past, sight)
+        ]
         return any(self._agree(found.pose, _move(past, sight.odometry)) for past in recent)
 
     def _ask(
@@ -232,15 +242,19 @@ class Localizer:
             return False
         return abs(sight.stamp_ns - past.stamp_ns) > self._config.memory * 1e9
 
-    def _remember(self, sight: Sight, found: _Guess) -> None:
+    def _remember(self, sight: Sight, found: _Guess) -> int:
+        """Keep a pose for the next ones; return its part of the map."""
+        part = self._keyframes.part(found.keyframe)
         if sight.odometry is not None:
-            self._past.append(_Past(found.pose, sight.odometry, sight.stamp_ns, found.keyframe))
+            where = found.pose, sight.odometry, sight.stamp_ns, found.keyframe, part
+            self._past.append(_Past(*where))
+        return part
 
     def _accept(self, sight: Sight, found: _Guess) -> Localization:
-        self._remember(sight, found)
+        part = self._remember(sight, found)
         if sight.odometry is not None:
-            self._fix = _Past(found.pose, sight.odometry, sight.stamp_ns, found.keyframe)
-        return Localization(found.pose, found.covariance, found.keyframe)
+            self._fix = self._past[-1]
+        return Localization(found.pose, found.covariance, found.keyframe, part=part)
 
 
 def _move(past: _Past, odometry: Matrix) -> Matrix:

@@ -997,6 +997,9 @@ class _Keyframes:
     def map_from_cloud(self, number: int) -> Matrix:
         return self._site._poses[self._site._row[number]]
 
+    def part(self, number: int) -> int:
+        return self._site._parts[self._site._row[number]]
+
     def near(self, place: Matrix, radius: float, keyframe: int) -> Sequence[int]:
         site = self._site
         parts = np.array(site._parts)

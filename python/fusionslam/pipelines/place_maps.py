@@ -198,20 +198,20 @@ def localize_recording(
 
 
 def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localization]]) -> None:
-    """Write a CSV: frame, stamp_ns, map_from_robot (x, y, z, qx, qy, qz, qw), keyframe, reason.
+    """Write a CSV: frame, stamp_ns, map_from_robot (x, y, z, qx, qy, qz, qw), keyframe,
+    part, reason.
 
     Raises:
         DataError: the file cannot be written.
     """
-    header = ["frame", "stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw", "keyframe", "reason"]
+    pose_names = ["x", "y", "z", "qx", "qy", "qz", "qw"]
     with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(header)
+        writer.writerow(["frame", "stamp_ns", *pose_names, "keyframe", "part", "reason"])
         for number, stamp_ns, each in found:
-            keyframe = "" if each.keyframe is None else each.keyframe
             reason = "" if each.reason is None else each.reason.code
             pose = [""] * 7 if each.pose is None else _pose_texts(each.pose)
-            writer.writerow([number, stamp_ns, *pose, keyframe, reason])
+            writer.writerow([number, stamp_ns, *pose, each.keyframe, each.part, reason])
 
 
 def export_map(

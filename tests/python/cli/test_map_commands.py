@@ -79,7 +79,7 @@ def test_frames_are_found_on_a_map(built: Path, tmp_path: Path) -> None:
         truth = np.linalg.inv(WAY[0]) @ RETURN[int(row["frame"])]
         place = [float(row[axis]) for axis in "xyz"]
         assert np.linalg.norm(place - truth[:3, 3]) < 0.6
-        assert row["keyframe"]
+        assert row["keyframe"] and row["part"] == "0"
 
 
 def test_a_map_is_exported(built: Path, tmp_path: Path) -> None:

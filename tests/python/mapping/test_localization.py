@@ -47,6 +47,7 @@ class Street:
     def __init__(self, keyframes: Sequence[int] = range(len(WAY))) -> None:
         self.known = list(keyframes)
         self.asked: list[int] = []
+        self.parts: dict[int, int] = {}
 
     def stored(self, number: int) -> StoredFrame:
         def unpack() -> PreparedCloud:
@@ -57,6 +58,9 @@ class Street:
 
     def map_from_cloud(self, number: int) -> Matrix:
         return WAY[number]
+
+    def part(self, number: int) -> int:
+        return self.parts.get(number, 0)
 
     def near(self, place: Matrix, radius: float, keyframe: int) -> list[int]:
         apart = {k: float(np.linalg.norm(WAY[k][:3, 3] - place[:3, 3])) for k in self.known}
@@ -123,6 +127,16 @@ def test_one_keyframe_alone_is_believed_once_odometry_confirms_it() -> None:
     assert found[0].keyframe == 4
     for pose, each in zip(way[1:], found[1:], strict=True):
         assert_at(each, pose)
+
+
+def test_poses_of_another_part_of_the_map_confirm_nothing() -> None:
+    street = Street([4])
+    localizer = Localizer(street)
+    for k in range(3):
+        street.parts[4] = k
+        found = localizer.localize(Sight(seen_at(WAY[4], 60 + k), {4: 0.1}, WAY[4], k * 10**9))
+        assert found.reason is not None and found.reason.code == "alone"
+        assert found.part is None
 
 
 def test_odometry_that_contradicts_confirms_nothing() -> None:

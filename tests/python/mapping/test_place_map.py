@@ -207,7 +207,7 @@ def test_keyframes_of_another_part_do_not_keep_a_robot_from_being_found(tmp_path
         assert [each.parts for each in site.sessions] == [(0,), (len(crowd),)]
         found = site.localize(Cloud(scan_blocks(at(-11.0, -0.5, 180), 99)))
         assert found.reason is None and found.keyframe is not None
-        assert found.keyframe >= len(crowd)
+        assert found.keyframe >= len(crowd) and found.part == len(crowd)
 
 
 def test_a_map_says_that_odometry_was_trusted_too_much(tmp_path: Path) -> None:
