@@ -567,6 +567,21 @@ class PlaceMap:
         rows = self._rows_of(self._find_session(session))
         return np.array([self._keyframes[row].frame for row in rows], np.int64)
 
+    @_one_at_a_time
+    def keyframes(self, session: str) -> Integers:
+        """Return the numbers, int64 (n,), of a session's keyframes, as edges have them.
+
+        Raises:
+            ConfigError: there is no such session.
+        """
+        rows = self._rows_of(self._find_session(session))
+        return np.array([self._keyframes[row].id for row in rows], np.int64)
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """Everything that the map was made with, by section of the configuration."""
+        return self._config.dump()
+
     @property
     @_one_at_a_time
     def positions(self) -> dict[int, Floats]:

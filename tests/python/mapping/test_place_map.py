@@ -60,6 +60,14 @@ def test_loops_correct_the_trajectory(built: tuple[Path, list[MapStep]]) -> None
         assert all(edge.reason is None for edge in site.loops)
 
 
+def test_edges_join_the_keyframes_of_sessions(built: tuple[Path, list[MapStep]]) -> None:
+    with PlaceMap.open(built[0], read_only=True) as site:
+        numbers = site.keyframes("monday")
+        assert numbers.tolist() == [step.keyframe for step in built[1]]
+        assert {number for edge in site.edges for number in (edge.a, edge.b)} == {*numbers.tolist()}
+        assert site.config["descriptor"] == "m2dp" and "drift" in site.config["mapping"]
+
+
 def test_a_step_returns_where_the_robot_is_now(built: tuple[Path, list[MapStep]]) -> None:
     path, steps = built
     with PlaceMap.open(path, read_only=True) as site:
