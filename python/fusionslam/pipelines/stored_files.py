@@ -12,7 +12,8 @@ from fusionslam.config import flatten
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.help_texts import counted
-from fusionslam.mapping.map_file import MapFile, is_map
+from fusionslam.mapping.map_database import is_map
+from fusionslam.mapping.map_file import MapFile
 from fusionslam.pipelines.describe import PipelineConfig, run_files
 from fusionslam.pipelines.results import FILE, Work, load_verified, runs_folder
 from fusionslam.storage.archive import format_of, load_archive, load_json

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from fusionslam import ConfigError, DataError, FusionSlamError, ShapeError
-from fusionslam.mapping.map_file import is_map
+from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
 from refusals import refuses

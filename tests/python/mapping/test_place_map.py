@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from fusionslam import Cloud, ConfigError, DataError, FusionSlamError
 from fusionslam.mapping.config import MapConfig
-from fusionslam.mapping.map_file import APPLICATION_ID, VERSION, MapFile, is_map
+from fusionslam.mapping.map_database import APPLICATION_ID, VERSION, is_map
+from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import MapStep, PlaceMap
 from fusionslam.sensors.frame import Frame
 from refusals import refuses
@@ -356,7 +357,8 @@ def test_looking_at_a_map_leaves_its_writer_alone(tmp_path: Path, touch: str) ->
     script = f"""
 import os, signal, sqlite3, subprocess, sys
 from fusionslam.errors import DataError
-from fusionslam.mapping.map_file import MapFile, is_map
+from fusionslam.mapping.map_database import is_map
+from fusionslam.mapping.map_file import MapFile
 path, touch = {str(tmp_path / "site.fsmap")!r}, {touch!r}
 site = MapFile(path)
 with site.transaction():
