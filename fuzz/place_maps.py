@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files of maps: damaged ones, and forged ones with hostile values in their tables.
 
-SQLite keeps no digest of what it stores: a map must be refused, or give something that works.
+A map must be refused, or give something that works, even where the CRC of its rows is right.
 """
 
 import sqlite3
@@ -20,6 +20,7 @@ from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
 from fuzz.hostile_values import GENERATE, Forged, driven_by_bytes, random_bytes
 from fuzz.target import Target, check_numbers, refusing, scratch
+from map_rows import restore_crcs
 from streets import OPTIONS, WAY, frames
 
 _VALUES: tuple[Any, ...] = (
@@ -96,6 +97,8 @@ class _Forged(Forged):
                 ]
                 for _ in range(data.draw(st.integers(1, 3))):
                     _replace(database, data, *data.draw(st.sampled_from(columns)))
+                if data.draw(st.booleans()):
+                    restore_crcs(database)
                 database.commit()
             self._accepted = refusing(lambda: _use(path))
 

@@ -7,7 +7,9 @@ import fcntl
 import os
 import sqlite3
 import stat
-from collections.abc import Iterator, Mapping
+import struct
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
@@ -33,7 +35,8 @@ CREATE TABLE keyframe (
   frame INTEGER NOT NULL,
   stamp_ns INTEGER NOT NULL,
   odometry BLOB NOT NULL,
-  robot_from_cloud BLOB NOT NULL
+  robot_from_cloud BLOB NOT NULL,
+  crc INTEGER NOT NULL
 );
 CREATE INDEX keyframe_session ON keyframe (session);
 CREATE TABLE cloud (
@@ -41,13 +44,15 @@ CREATE TABLE cloud (
   evidence BLOB NOT NULL,
   image BLOB,
   ground_level REAL NOT NULL,
-  points BLOB NOT NULL
+  points BLOB NOT NULL,
+  crc INTEGER NOT NULL
 );
 CREATE TABLE vector (
   descriptor TEXT NOT NULL,
   first INTEGER NOT NULL,
   keyframes BLOB NOT NULL,
   rows BLOB NOT NULL,
+  crc INTEGER NOT NULL,
   PRIMARY KEY (descriptor, first)
 );
 CREATE TABLE edge (
@@ -60,7 +65,8 @@ CREATE TABLE edge (
   state TEXT NOT NULL,
   code TEXT,
   number REAL,
-  text TEXT
+  text TEXT,
+  crc INTEGER NOT NULL
 );
 CREATE INDEX edge_a ON edge (a);
 CREATE INDEX edge_b ON edge (b);
@@ -68,7 +74,8 @@ CREATE TABLE solution (
   id INTEGER PRIMARY KEY CHECK (id = 0),
   keyframes BLOB NOT NULL,
   poses BLOB NOT NULL,
-  parts BLOB NOT NULL
+  parts BLOB NOT NULL,
+  crc INTEGER NOT NULL
 );
 """
 
@@ -100,11 +107,12 @@ class MapDatabase:
         self._lock = -1
         self._lock_file: Path | None = None
         self._connection: sqlite3.Connection | None = None
+        self._is_new = False
         try:
             with self._errors():
                 self._open()
         except BaseException:
-            self.close()
+            self.close(failed=True)
             raise
 
     def __enter__(self) -> Self:
@@ -113,11 +121,19 @@ class MapDatabase:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def close(self) -> None:
-        """Close the file."""
+    def close(self, *, failed: bool = False) -> None:
+        """Close the file.
+
+        Args:
+            failed: whether it could not be used: if it was made by this, it is deleted.
+        """
         if self._connection is not None:
             self._connection.close()
             self._connection = None
+            if self.read_only:
+                _delete_empty_log(self.path)
+        if failed and self._is_new:
+            self.path.resolve().unlink(missing_ok=True)
         if self._lock >= 0:
             if self._lock_file is not None:
                 self._lock_file.unlink(missing_ok=True)
@@ -189,6 +205,7 @@ class MapDatabase:
             self._check_kind()
         if not self.read_only:
             self._take_lock()
+            self._is_new = not self.path.exists()
             self._connection = _connect(self.path, "rwc")
         else:
             self._connection = _connect_read_only(self.path)
@@ -217,7 +234,7 @@ class MapDatabase:
         size = self.path.stat().st_size
         if not size:
             return
-        with closing(_connect_read_only(self.path)) as connection:
+        with _reader(self.path) as connection:
             identity = connection.execute("PRAGMA application_id").fetchone()[0]
             page = connection.execute("PRAGMA page_size").fetchone()[0]
         if identity != APPLICATION_ID:
@@ -276,6 +293,20 @@ class MapDatabase:
                 for statement in _MIGRATIONS[step].split(";"):
                     self._database.execute(statement)
                 self._database.execute(f"PRAGMA user_version = {step + 1}")
+
+    def _rows(self, table: str, rest: str = "", *values: Any) -> list[tuple[Any, ...]]:
+        """Return whole rows of a table, without their CRC, which is checked."""
+        rows = self._all(f"SELECT * FROM {table} {rest}", *values)
+        with self.decoding():
+            for row in rows:
+                if row_crc(row[:-1]) != row[-1]:
+                    raise self._damaged(f"table {table}, row {row[0]}: its CRC is another one")
+        return [row[:-1] for row in rows]
+
+    def _store(self, table: str, *values: Any, verb: str = "INSERT OR REPLACE") -> None:
+        """Write a whole row with its CRC."""
+        places = ", ".join("?" * (len(values) + 1))
+        self._run(f"{verb} INTO {table} VALUES ({places})", *values, row_crc(values))
 
     def _one(self, statement: str, *values: Any) -> tuple[Any, ...] | None:
         with self._errors():
@@ -343,6 +374,18 @@ def cannot_read(path: Path, why: object) -> DataError:
     return DataError(f"cannot read {path}: {why}", code="cannot-read", fields=(str(path),))
 
 
+def row_crc(values: Iterable[Any]) -> int:
+    """CRC-32 of a row: of integers and numbers as int64 and float64, of texts as UTF-8."""
+    crc = 0
+    for value in values:
+        if isinstance(value, int | float):
+            value = struct.pack("<q" if isinstance(value, int) else "<d", value)
+        elif isinstance(value, str):
+            value = value.encode()
+        crc = zlib.crc32(value or b"", crc)
+    return crc
+
+
 def is_map(path: PathLike) -> bool:
     """Whether a file is a map, whatever its name."""
     path = Path(path)
@@ -352,7 +395,7 @@ def is_map(path: PathLike) -> bool:
     except (OSError, ValueError):
         return False
     try:
-        with closing(_connect_read_only(path)) as connection:
+        with _reader(path) as connection:
             found = connection.execute("PRAGMA application_id").fetchone()
     except sqlite3.Error:
         return False
@@ -364,6 +407,24 @@ def _connect(path: Path, mode: str) -> sqlite3.Connection:
     return sqlite3.connect(
         f"{place}?mode={mode}", uri=True, isolation_level=None, timeout=10, check_same_thread=False
     )
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[sqlite3.Connection]:
+    with closing(_connect_read_only(path)) as connection:
+        yield connection
+    _delete_empty_log(path)
+
+
+def _delete_empty_log(path: Path) -> None:
+    """Delete the files beside a map that its last reader leaves, as SQLite lets only writers.
+
+    A log that is not empty has what a killed writer left for the next one.
+    """
+    with suppress(OSError, sqlite3.Error):
+        if not Path(f"{path.resolve()}-wal").stat().st_size:
+            with closing(_connect(path, "rw")) as connection:
+                connection.execute("PRAGMA schema_version")
 
 
 def _connect_read_only(path: Path) -> sqlite3.Connection:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.errors import DataError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance
 from fusionslam.mapping.map_database import MapDatabase
@@ -22,7 +23,7 @@ from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
-
+_FORGOTTEN = "forgotten sessions"
 
 
 class StoredKeyframe(NamedTuple):
@@ -62,7 +63,14 @@ class StoredCloud(NamedTuple):
 
 
 class MapFile(MapDatabase):
-    """What a map's file holds, read and written."""
+    """What a map's file holds, read and written.
+
+    Raises:
+        DataError: clouds and vectors are read after another process deleted a session (code
+            "changed").
+    """
+
+    _forgotten: Any = None
 
     def setting(self, name: str) -> Any:
         """Return a value that was stored; None if there is none."""
@@ -87,7 +95,7 @@ class MapFile(MapDatabase):
     def forget_session(self, number: int) -> None:
         """Delete a session with its keyframes and their edges."""
         gone = {each.id for each in self.keyframes() if each.session == number}
-        for descriptor, first, keyframes, rows in self._all("SELECT * FROM vector"):
+        for descriptor, first, keyframes, rows in self._rows("vector"):
             numbers = np.frombuffer(keyframes, np.int64)
             keep = ~np.isin(numbers, [*gone])
             if keep.all():
@@ -101,10 +109,12 @@ class MapFile(MapDatabase):
             self._run("DELETE FROM setting WHERE name = ?", f"recording of {name}")
         self._run("DELETE FROM solution")
         self._run("DELETE FROM session WHERE id = ?", number)
+        self.store_setting(_FORGOTTEN, (self.setting(_FORGOTTEN) or 0) + 1)
 
     def keyframes(self) -> list[StoredKeyframe]:
         """Return all keyframes, by number."""
-        rows = self._all("SELECT * FROM keyframe ORDER BY id")
+        rows = self._rows("keyframe", "ORDER BY id")
+        self._forgotten = self.setting(_FORGOTTEN)
         with self.decoding():
             return [
                 StoredKeyframe(
@@ -122,24 +132,19 @@ class MapFile(MapDatabase):
         self, keyframe: StoredKeyframe, cloud: StoredCloud, vectors: Mapping[str, Floats32]
     ) -> None:
         """Add a keyframe with all that is known of it."""
-        self._run(
-            "INSERT INTO keyframe VALUES (?, ?, ?, ?, ?, ?)",
-            *keyframe[:4],
-            keyframe.odometry.tobytes(),
-            keyframe.robot_from_cloud.tobytes(),
-        )
-        self._run("INSERT INTO cloud VALUES (?, ?, ?, ?, ?)", keyframe.id, *cloud)
+        poses = keyframe.odometry.tobytes(), keyframe.robot_from_cloud.tobytes()
+        self._store("keyframe", *map(int, keyframe[:4]), *poses, verb="INSERT")
+        self._store("cloud", keyframe.id, *cloud, verb="INSERT")
         for descriptor, vector in vectors.items():
             self._append_vector(descriptor, keyframe.id, vector)
 
     def cloud(self, keyframe: int) -> StoredCloud:
         """Return the clouds of a keyframe."""
-        row = self._one(
-            "SELECT evidence, image, ground_level, points FROM cloud WHERE keyframe = ?", keyframe
-        )
-        if row is None:
+        rows = self._rows("cloud", "WHERE keyframe = ?", keyframe)
+        self._check_forgotten()
+        if not rows:
             raise self._damaged(f"keyframe {keyframe} has no cloud")
-        evidence, image, level, points = row
+        _, evidence, image, level, points = rows[0]
         with self.decoding():
             bits = None if image is None else bytes(memoryview(image))
             return StoredCloud(
@@ -149,6 +154,7 @@ class MapFile(MapDatabase):
     def search_image(self, keyframe: int) -> tuple[bytes | None, float]:
         """Return the bits of a keyframe's images from above, and its ground level."""
         row = self._one("SELECT image, ground_level FROM cloud WHERE keyframe = ?", keyframe)
+        self._check_forgotten()
         if row is None:
             raise self._damaged(f"keyframe {keyframe} has no cloud")
         with self.decoding():
@@ -157,11 +163,10 @@ class MapFile(MapDatabase):
     def vectors(self) -> dict[str, tuple[Integers, Floats32]]:
         """Return the numbers of keyframes, and their vectors, float32 (n, D), by descriptor."""
         blocks: dict[str, list[tuple[Integers, Floats32]]] = {}
-        stored = self._all(
-            "SELECT descriptor, keyframes, rows FROM vector ORDER BY descriptor, first"
-        )
+        stored = self._rows("vector", "ORDER BY descriptor, first")
+        self._check_forgotten()
         with self.decoding():
-            for name, keyframes, rows in stored:
+            for name, _, keyframes, rows in stored:
                 numbers = np.frombuffer(keyframes, np.int64)
                 values = np.frombuffer(rows, np.float32).reshape(len(numbers), -1)
                 blocks.setdefault(name, []).append((numbers, values))
@@ -175,7 +180,7 @@ class MapFile(MapDatabase):
 
     def edges(self) -> list[Edge]:
         """Return all edges, by number; their nodes are keyframes."""
-        rows = self._all("SELECT * FROM edge ORDER BY id")
+        rows = self._rows("edge", "ORDER BY id")
         with self.decoding():
             return [
                 Edge(
@@ -198,58 +203,65 @@ class MapFile(MapDatabase):
             reason = (edge.reason.code, float(edge.reason.number), edge.reason.text)  # type: ignore[assignment]
         ends = edge.number, edge.kind, edge.a, edge.b
         values = edge.pose.tobytes(), edge.covariance.tobytes(), edge.state
-        self._run(
-            "INSERT OR REPLACE INTO edge VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            *ends,
-            *values,
-            *reason,
-        )
+        self._store("edge", *ends, *values, *reason)
 
     def solution(self) -> tuple[Integers, Floats, Integers] | None:
         """Return keyframes, poses, float64 (n, 4, 4), and parts, as the graph was solved last."""
-        row = self._one("SELECT keyframes, poses, parts FROM solution")
-        if row is None:
+        rows = self._rows("solution")
+        if not rows:
             return None
         with self.decoding():
-            numbers, parts = (np.frombuffer(row[k], np.int64) for k in (0, 2))
+            numbers, parts = (np.frombuffer(rows[0][k], np.int64) for k in (1, 3))
             poses = np.tile(np.eye(4), (len(numbers), 1, 1))
-            poses[:, :3] = np.frombuffer(row[1]).reshape(-1, 3, 4)
+            poses[:, :3] = np.frombuffer(rows[0][2]).reshape(-1, 3, 4)
             if len(parts) != len(numbers) or not np.isfinite(poses).all():
                 raise ValueError("the solution is not that of its keyframes")
             return numbers, poses, parts
 
     def store_solution(self, keyframes: Integers, poses: Floats, parts: Integers) -> None:
         """Store where the solved graph has the keyframes."""
-        self._run(
-            "INSERT OR REPLACE INTO solution VALUES (0, ?, ?, ?)",
+        self._store(
+            "solution",
+            0,
             keyframes.astype(np.int64).tobytes(),
             poses[:, :3].astype(np.float64).tobytes(),
             parts.astype(np.int64).tobytes(),
         )
 
     def _append_vector(self, descriptor: str, keyframe: int, vector: Floats32) -> None:
-        last = self._one(
-            "SELECT first, keyframes, rows FROM vector WHERE descriptor = ? "
-            "ORDER BY first DESC LIMIT 1",
-            descriptor,
-        )
-        if last is not None and len(last[2]) + vector.nbytes <= _FULL_BLOCK:
-            numbers = np.append(np.frombuffer(last[1], np.int64), keyframe)
-            rows = np.frombuffer(last[2], np.float32).reshape(-1, len(vector))
-            self._put_block(descriptor, numbers, np.vstack([rows, vector]), first=last[0])
-        else:
-            self._put_block(descriptor, np.array([keyframe]), vector[None])
+        newest = "WHERE descriptor = ? ORDER BY first DESC LIMIT 1"
+        for _, first, keyframes, stored in self._rows("vector", newest, descriptor):
+            if len(stored) + vector.nbytes <= _FULL_BLOCK:
+                numbers = np.append(np.frombuffer(keyframes, np.int64), keyframe)
+                rows = np.frombuffer(stored, np.float32).reshape(-1, len(vector))
+                self._put_block(descriptor, numbers, np.vstack([rows, vector]), first=first)
+                return
+        self._put_block(descriptor, np.array([keyframe]), vector[None])
+
+    def _check_forgotten(self) -> None:
+        """Raise DataError if another process deleted keyframes that this one has read.
+
+        Their numbers may be those of new ones by now.
+        """
+        if self.read_only and self.setting(_FORGOTTEN) != self._forgotten:
+            raise DataError(
+                f"{self.path} was changed: a session was forgotten since the map was opened; open "
+                "it again",
+                code="changed",
+                fields=(str(self.path),),
+            )
 
     def _put_block(
         self, descriptor: str, numbers: NDArray[Any], rows: Floats32, first: int | None = None
     ) -> None:
-        self._run(
-            "INSERT OR REPLACE INTO vector VALUES (?, ?, ?, ?)",
+        self._store(
+            "vector",
             descriptor,
             int(numbers[0]) if first is None else first,
             numbers.astype(np.int64).tobytes(),
             np.ascontiguousarray(rows, np.float32).tobytes(),
         )
+
 
 def _pose(data: bytes) -> Matrix:
     matrix: Matrix = np.frombuffer(data).reshape(4, 4).copy()

@@ -147,6 +147,9 @@ class PlaceMap:
     Each ``add`` is a transaction: what it returned is on the disk. One process at a time may add;
     others may read. Threads may share one. ``open`` makes one; ``with`` closes it.
 
+    A reader sees the map as it was when it was opened. If another process forgets a session
+    meanwhile, methods that need clouds raise DataError (code "changed"): open it again.
+
     Poses are map_from_robot: the first robot pose of the map is its origin. A session that no loop
     joins with the others is a part of its own, with its first pose as origin.
     """
@@ -210,7 +213,7 @@ class PlaceMap:
             made = replace(made, loops=merged(made.loops, {"max_frames": 0, "verify": True}))
             return cls(file, session, made)
         except BaseException:
-            file.close()
+            file.close(failed=True)
             raise
 
     def __reduce__(self) -> NoReturn:
@@ -630,6 +633,8 @@ class PlaceMap:
                 unpack_cloud(self._file.cloud(keyframe.id).points)
                 self._kept[keyframe.id].packed()
             except DataError as error:
+                if error.code == "changed":
+                    raise
                 problems.append(f"keyframe {keyframe.id}: {error}")
         return problems
 

@@ -21,6 +21,7 @@ from fusionslam import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
+from map_rows import restore_crcs
 from refusals import refuses
 from streets import OPTIONS, WAY, at, frames
 
@@ -264,10 +265,13 @@ def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
         "DROP TABLE edge",
     ],
 )
-def test_values_that_make_no_sense_are_damage(path: Path, statement: str) -> None:
+@pytest.mark.parametrize("written", ["by damage", "by a map"])
+def test_values_that_make_no_sense_are_damage(path: Path, statement: str, written: str) -> None:
     database = sqlite3.connect(path)
     try:
         database.execute(statement)
+        if written == "by a map":
+            restore_crcs(database)
         database.commit()
     except sqlite3.IntegrityError:
         pytest.skip("SQLite refuses it")
@@ -279,3 +283,87 @@ def test_values_that_make_no_sense_are_damage(path: Path, statement: str) -> Non
             raise DataError("; ".join(problems) or "nothing found", code="damaged")
     except FusionSlamError as error:
         assert error.code == "damaged" and "nothing found" not in str(error)
+
+
+def flip_bit(data: bytes, place: int) -> bytes:
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("table", "column"),
+    [
+        ("keyframe", "odometry"),
+        ("cloud", "evidence"),
+        ("cloud", "image"),
+        ("cloud", "points"),
+        ("vector", "rows"),
+        ("edge", "pose"),
+        ("edge", "covariance"),
+        ("solution", "poses"),
+    ],
+)
+@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
+def test_one_flipped_bit_is_damage(path: Path, table: str, column: str, place: float) -> None:
+    if table == "solution":
+        with PlaceMap.open(path) as site:
+            site.solve()
+    database = sqlite3.connect(path)
+    value = database.execute(f"SELECT {column} FROM {table}").fetchone()[0]
+    changed = flip_bit(value, int(place * len(value)))
+    database.execute(f"UPDATE {table} SET {column} = ? WHERE {column} = ?", (changed, value))
+    database.commit()
+    database.close()
+    with refuses("damaged", str(path)), PlaceMap.open(path, read_only=True) as site:
+        raise DataError(
+            "; ".join(site.check()), code="damaged" if site.check() else "", fields=(str(path),)
+        )
+
+
+def test_an_interrupted_making_leaves_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "new.fsmap"
+    with refuses("choice", error=ConfigError):
+        PlaceMap.open(path, "monday", descriptor="unknown")
+    with refuses("session-name", error=ConfigError):
+        PlaceMap.open(path, " ")
+    assert not [*tmp_path.iterdir()]
+    path.touch()  # somebody's own empty file
+    with refuses("choice", error=ConfigError):
+        PlaceMap.open(path, "monday", descriptor="unknown")
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_readers_leave_no_files(path: Path) -> None:
+    before = path.read_bytes()
+    assert is_map(path)
+    with PlaceMap.open(path, read_only=True) as one:
+        with PlaceMap.open(path, read_only=True) as other:
+            assert other.localize(FRAMES[0]).pose is not None
+        assert one.localize(FRAMES[0]).pose is not None
+    assert [*path.parent.iterdir()] == [path] and path.read_bytes() == before
+    with PlaceMap.open(path, "monday") as site, PlaceMap.open(path, read_only=True) as reader:
+        site.add(FRAMES[STORED])
+        assert len(reader) == STORED
+    assert [*path.parent.iterdir()] == [path]
+
+
+def test_a_reader_sees_the_map_as_it_was(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site, PlaceMap.open(path, read_only=True) as reader:
+        for frame in FRAMES[STORED : STORED + 2]:
+            site.add(frame)
+        assert len(reader) == STORED
+        assert reader.localize(FRAMES[1]).keyframe in range(STORED)
+        assert reader.check() == []
+
+
+def test_a_reader_of_a_forgotten_session_is_told_so(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site, PlaceMap.open(path, read_only=True) as reader:
+        assert reader.localize(FRAMES[0]).pose is not None
+        site.forget("monday")
+        site.add(FRAMES[STORED])  # under the number of a keyframe that the reader knows
+        for look in (reader.cloud, reader.check, lambda: reader.localize(FRAMES[2])):
+            with refuses("changed", str(path)):
+                look()
+        assert len(reader.trajectory("monday")[0]) == STORED
+        assert len(site) == 1 and site.check() == []
+    with PlaceMap.open(path, read_only=True) as again:
+        assert len(again) == 1 and again.check() == []
