@@ -5,6 +5,7 @@
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Any, Concatenate, NamedTuple, NoReturn, ParamSpec, TypeVar
@@ -190,7 +191,8 @@ class PlaceMap:
                 version ("newer-version"), of an earlier one and opened read-only
                 ("older-version"), changed by another process ("locked"), missing ("not-found"),
                 or it cannot be read ("cannot-read") or written ("cannot-write").
-            ConfigError: a session's name that is empty or not printable (code "session-name").
+            ConfigError: a session's name that is empty or not printable (code "session-name"), or
+                a configuration that is none of a new map; no file is made.
             FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
         """
         if session is not None:
@@ -653,7 +655,8 @@ class PlaceMap:
         if stored is not None:
             with file.decoding():
                 self._config = _Config.load(stored)
-        with file.decoding():
+        is_new = stored is None and not self._keyframes  # the caller's configuration may be wrong
+        with nullcontext() if is_new else file.decoding():
             self._build(vectors, solution)
 
     def _build(
