@@ -285,7 +285,7 @@ def test_a_full_disk_is_an_error_and_leaves_no_file(tmp_path: Path) -> None:
         [sys.executable, "-c", FILL.format(path=str(path))],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert result.stdout.startswith("DataError") and str(path) in result.stdout, result.stderr
     assert list(tmp_path.iterdir()) == []
