@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from fusionslam.mapping.config import MapConfig as MapConfig
     from fusionslam.mapping.edge import Edge as Edge
     from fusionslam.mapping.localization import Localization as Localization
-    from fusionslam.mapping.place_map import MapStep as MapStep
+    from fusionslam.mapping.map_writer import MapStep as MapStep
     from fusionslam.mapping.place_map import PlaceMap as PlaceMap
     from fusionslam.mapping.pose_graph import PoseGraph as PoseGraph
     from fusionslam.mapping.pose_graph import Solution as Solution
@@ -111,7 +111,8 @@ _HOMES = {
     "mapping.config": "MapConfig",
     "mapping.edge": "Edge",
     "mapping.localization": "Localization",
-    "mapping.place_map": "MapStep PlaceMap",
+    "mapping.map_writer": "MapStep",
+    "mapping.place_map": "PlaceMap",
     "mapping.pose_graph": "PoseGraph Solution",
     "sensors.frame_builder": "FrameBuilder OnlineConfig",
     "pipelines.describe": "PipelineConfig describe_dataset",

@@ -190,6 +190,17 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
     return np.asarray(frame.odometry @ frame.robot_from_points, dtype=np.float64)
 
 
+def robot_from_cloud(frame: Frame, config: FusionConfig) -> NDArray[np.float64]:
+    """float64 (4, 4): the pose of a frame's cloud on the robot, whose frame is the scan's if it is
+    unknown.
+
+    Raises:
+        DataError: the transform is not known for this frame.
+    """
+    robot_from_points = np.eye(4) if frame.robot_from_points is None else frame.robot_from_points
+    return robot_from_points @ np.linalg.inv(frame_from_points(frame, config.frame))
+
+
 def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
     """Raise unless z points up in the clouds, from the scanner or the robot as their origin.
 

@@ -7,7 +7,8 @@ from fusionslam.mapping.drift import DriftModel
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.graph_export import export_graph
 from fusionslam.mapping.localization import Localization
-from fusionslam.mapping.place_map import MapStep, PlaceMap
+from fusionslam.mapping.map_writer import MapStep
+from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.mapping.pose_graph import PoseGraph, Solution, Update
 
 __all__ = [

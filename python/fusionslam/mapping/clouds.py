@@ -5,7 +5,7 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterable, Iterator, MutableMapping
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,27 @@ def unpack_cloud(packed: bytes) -> Cloud:
             return Cloud(unpack_points(stored["points"]), stored.get("colors"))
     except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
         raise DataError(f"a stored cloud is damaged: {error}", code="damaged") from error
+
+
+def join_clouds(placed: Iterable[tuple[Matrix, Cloud]], voxel: float) -> Cloud:
+    """Return one point for each voxel of all clouds, coloured if all are.
+
+    Args:
+        placed: map_from_cloud, float64 (4, 4), and the cloud.
+        voxel: its side, metres.
+    """
+    points, colors = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.uint8)]
+    colored = True
+    for pose, cloud in placed:
+        points.append((cloud.points @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32))
+        if cloud.colors is None:
+            colored = False
+        else:
+            colors.append(cloud.colors)
+    whole = np.concatenate(points)
+    shades = np.concatenate(colors) if colored and len(whole) else None
+    kept, kept_colors, _ = voxel_downsample(whole, shades, size=voxel)
+    return Cloud(kept, None if shades is None else kept_colors)
 
 
 class FileClouds(MutableMapping[int, Kept]):

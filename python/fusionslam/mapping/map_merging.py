@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Takes the sessions of another map into a map, if enough loops between both agree."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -12,10 +13,11 @@ from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.memory import Vectors
 from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
 from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.map_file import StoredCloud
+from fusionslam.mapping.map_content import MapContent
+from fusionslam.mapping.map_file import MapFile, StoredCloud
 from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.registration import PreparedCloud, Refusal, RegistrationConfig
-from fusionslam.storage.arrays import Floats32, Integers, Matrix
+from fusionslam.storage.arrays import Floats32, Integers
 from fusionslam.storage.progress import Progress
 
 
@@ -25,18 +27,13 @@ class ComparedMap(Protocol):
     @property
     def comparable(self) -> dict[str, Any]: ...
     @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def numbers(self) -> list[int]: ...
-    @property
-    def edges(self) -> tuple[Edge, ...]: ...
+    def content(self) -> MapContent: ...
     @property
     def vectors(self) -> dict[str, tuple[Integers, Floats32]]: ...
     @property
     def loop_config(self) -> LoopConfig: ...
     @property
     def registration(self) -> RegistrationConfig: ...
-    def mount(self, keyframe: int) -> Matrix: ...
     def stored_cloud(self, keyframe: int) -> StoredCloud: ...
     def stored_frame(self, keyframe: int) -> StoredFrame: ...
     def nearest_keyframes(self, vectors: Vectors) -> dict[int, float]: ...
@@ -71,7 +68,7 @@ def check_mergeable(site: ComparedMap, other: ComparedMap) -> None:
             code="other-configuration",
             fields=tuple(differing),
         )
-    common = {*site.names} & {*other.names}
+    common = site.content.sessions.keys() & other.content.sessions.keys()
     if common:
         raise ConfigError(
             f"both maps have a session {min(common)!r}: expected other names",
@@ -86,7 +83,8 @@ def find_loops_between(
     """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
     vectors = other.vectors
     edges: list[Edge] = []
-    for done, number in enumerate(other.numbers, start=1):
+    numbers = other.content.numbers.tolist()
+    for done, number in enumerate(numbers, start=1):
         row = {name: rows[done - 1] for name, (_, rows) in vectors.items()}
         cloud = PreparedCloud.from_bytes(other.stored_cloud(number).evidence, site.registration)
         candidates = site.nearest_keyframes(row)
@@ -105,17 +103,18 @@ def find_loops_between(
                 )
             )
         if progress is not None:
-            progress(done, len(other.numbers))
+            progress(done, len(numbers))
     return edges
 
 
 def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> Merge:
     """Solve the graph of both maps with the loops between them."""
     graph = PoseGraph()
-    rows = {("site", number): graph.add_node(site.mount(number)) for number in site.numbers}
-    rows |= {("other", number): graph.add_node(other.mount(number)) for number in other.numbers}
-    for name, each in (("site", site), ("other", other)):
-        for edge in each.edges:
+    rows: dict[tuple[str, int], int] = {}
+    for name, each in (("site", site.content), ("other", other.content)):
+        for keyframe in each.keyframes:
+            rows[name, keyframe.id] = graph.add_node(keyframe.robot_from_cloud)
+        for edge in each.edges.values():
             a, b = rows[name, edge.a], rows[name, edge.b]
             graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
     first = len(graph.edges)
@@ -131,9 +130,28 @@ def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> M
     believed = tuple(edge for edge in judged if edge.state == "believed")
     refused = tuple(edge for edge in judged if edge.state != "believed")
     if believed:
-        return Merge(other.names, believed, refused)
+        return Merge(tuple(other.content.sessions), believed, refused)
     text = (
         f"{len(between)} loops between the maps, and no three of them agree: they show other "
         "places, or too little of the same"
     )
     return Merge((), (), refused, Refusal("few-merges", len(between), text))
+
+
+def copy_sessions(
+    file: MapFile, site: ComparedMap, other: ComparedMap, between: Sequence[Edge]
+) -> None:
+    """Write another map's keyframes and edges into a map's file, under new numbers."""
+    content = other.content
+    sessions = {number: file.add_session(name) for name, number in content.sessions.items()}
+    first = site.content.next_keyframe
+    renamed = {number: first + row for number, row in content.row.items()}
+    vectors = other.vectors
+    for row, keyframe in enumerate(content.keyframes):
+        copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
+        own = {name: rows[row] for name, (_, rows) in vectors.items()}
+        file.add_keyframe(copied, other.stored_cloud(keyframe.id), own)
+    edges = [replace(e, a=renamed[e.a], b=renamed[e.b]) for e in content.edges.values()]
+    edges += [replace(edge, b=renamed[edge.b]) for edge in between]
+    for number, edge in enumerate(edges, start=site.content.next_edge):
+        file.store_edge(replace(edge, number=number))

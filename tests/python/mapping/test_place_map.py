@@ -20,7 +20,8 @@ from fusionslam import Cloud, ConfigError, DataError, FusionSlamError
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.map_database import APPLICATION_ID, VERSION, is_map
 from fusionslam.mapping.map_file import MapFile
-from fusionslam.mapping.place_map import MapStep, PlaceMap
+from fusionslam.mapping.map_writer import MapStep
+from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
 from refusals import refuses
 from streets import OPTIONS, RETURN, WAY, at, error, frames

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The configuration that all keyframes of a map share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fusionslam.config import merged
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.fusion import FusionConfig
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.detector import LoopDetector
+from fusionslam.mapping.config import MapConfig
+from fusionslam.registration import RegistrationConfig
+
+_COMPARED = ("descriptor", "descriptors", "fusion", "registration")
+
+
+@dataclass(frozen=True)
+class MapSettings:
+    """All that keyframes of one map share."""
+
+    descriptor: str
+    loops: LoopConfig
+    describe: DescriptorConfig
+    fusion: FusionConfig
+    registration: RegistrationConfig
+    map: MapConfig
+
+    def dump(self) -> dict[str, Any]:
+        """Return what the file of a map holds of them, ready for JSON."""
+        return {
+            "descriptor": self.descriptor,
+            "loop_closure": self.loops.model_dump(),
+            "descriptors": self.describe.model_dump(),
+            "fusion": self.fusion.model_dump(),
+            "registration": self.registration.model_dump(),
+            "mapping": self.map.model_dump(),
+        }
+
+    @classmethod
+    def load(cls, values: Mapping[str, Any]) -> "MapSettings":
+        """Make settings of what ``dump`` returned."""
+        return cls(
+            str(values["descriptor"]),
+            merged(LoopConfig(), values["loop_closure"], "loop_closure."),
+            merged(DescriptorConfig(), values["descriptors"], "descriptors."),
+            merged(FusionConfig(), values["fusion"], "fusion."),
+            merged(RegistrationConfig(), values["registration"], "registration."),
+            merged(MapConfig(), values["mapping"], "mapping."),
+        )
+
+    @property
+    def comparable(self) -> dict[str, Any]:
+        """What maps must have in common for their keyframes to be compared."""
+        values = self.dump()
+        return {key: values[key] for key in _COMPARED}
+
+    def new_detector(self) -> LoopDetector:
+        """Make the detector of loops, without keyframes."""
+        return LoopDetector(
+            self.descriptor,
+            config=self.loops,
+            describe=self.describe,
+            fusion=self.fusion,
+            registration=self.registration,
+        )

@@ -1,0 +1,240 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Extends a session of a map: which frames become keyframes, and what is measured of them."""
+
+import logging
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fusionslam.errors import DataError, ShapeError
+from fusionslam.fusion import fuse, robot_from_cloud
+from fusionslam.loop_closure.detector import LoopDetector, Observation
+from fusionslam.loop_closure.loop import Loop, Rejected
+from fusionslam.mapping.clouds import FileClouds, pack_cloud
+from fusionslam.mapping.config import odometry_covariance, step_covariance
+from fusionslam.mapping.edge import Edge, check_pose
+from fusionslam.mapping.keyframe_search import KeyframeSearch
+from fusionslam.mapping.map_content import MapContent
+from fusionslam.mapping.map_file import MapFile, StoredKeyframe
+from fusionslam.mapping.map_settings import MapSettings
+from fusionslam.registration import PreparedCloud, Refusal, register
+from fusionslam.sensors.frame import Frame
+from fusionslam.storage.arrays import Matrix
+
+logger = logging.getLogger(__name__)
+
+
+class MapStep(NamedTuple):
+    """What a map made of a frame.
+
+    Attributes:
+        keyframe: its number; None if the frame is too near the last keyframe.
+        loops: edges that the keyframe closes loops by, as solved.
+        refused: candidates that are no loop, and why.
+        pose: float64 (4, 4), map_from_robot.
+        why: what is unusual about the frame, such as "jump"; None if nothing is.
+    """
+
+    keyframe: int | None
+    loops: tuple[Edge, ...]
+    refused: tuple[Rejected, ...]
+    pose: Matrix
+    why: Refusal | None = None
+
+
+class MapWriter:
+    """Extends the open session of a map frame by frame.
+
+    Args:
+        name: of the session; None if there is none.
+        settings: of the map.
+        file, content, detector, kept, search: of the map. Each keyframe becomes part of all.
+
+    Attributes:
+        settings: of the map. The first keyframe fixes lengths and radii.
+        is_torn: whether the last frame failed after memory had changed: load it from the file.
+    """
+
+    def __init__(
+        self,
+        name: str | None,
+        settings: MapSettings,
+        file: MapFile,
+        content: MapContent,
+        detector: LoopDetector,
+        kept: FileClouds,
+        search: KeyframeSearch,
+    ) -> None:
+        self.settings, self.is_torn = settings, False
+        self._name, self._file, self._content = name, file, content
+        self._detector, self._kept, self._search = detector, kept, search
+        mine = content.keyframes_of(content.sessions.get(name or "", -1))
+        self._last: StoredKeyframe | None = mine[-1] if mine else None
+        self.last_frame = max((each.frame for each in mine), default=None)
+        """Number of the session's last frame that is a keyframe; None if it has none."""
+        self._last_odometry: Matrix | None = None
+        if self._last is not None:
+            self._last_odometry = _odom_from_robot(self._last)
+
+    def add(self, frame: Frame, odometry: Matrix | None = None) -> MapStep:
+        """Add a frame; arguments and errors as of ``PlaceMap.add``."""
+        _check_frame(frame)
+        robot = _odometry_of(frame, odometry)
+        mount = robot_from_cloud(frame, self.settings.fusion)
+        reason = self._check_jump(robot)
+        self._last_odometry = robot
+        if self._last is not None and reason is None and not self._is_far(robot, self._last):
+            return MapStep(None, (), (), self._predict(robot, self._last))
+        seen = self._detector.observe(frame, stamp_ns=frame.stamp_ns, odometry=robot @ mount)
+        if not np.any(seen.vectors[self.settings.descriptor]):
+            raise DataError(
+                f"frame {frame.number} has nothing that {self.settings.descriptor} describes"
+            )
+        cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
+        self.is_torn = True
+        step = self._add_keyframe(frame, seen, cloud, mount, reason)
+        self.is_torn = False
+        return step
+
+    def _add_keyframe(
+        self, frame: Frame, seen: Observation, cloud: bytes, mount: Matrix, reason: Refusal | None
+    ) -> MapStep:
+        content, number = self._content, len(self._detector)
+        loop = self._detector.add_observation(seen)
+        assert seen.evidence is not None and seen.evidence.odometry is not None
+        stamp_ns = seen.stamp_ns or 0
+        with self._file.transaction():
+            if not len(content):
+                self._store_config()
+            session = self._find_session()
+            keyframe = StoredKeyframe(
+                number, session, frame.number, stamp_ns, seen.evidence.odometry, mount
+            )
+            edges = []
+            if self._last is not None and reason is None:
+                edges = self._measure_step(self._last, keyframe, seen.evidence.cloud)
+            if loop is not None:
+                edges.append(self._loop_edge(loop, session, content.next_edge + len(edges)))
+            content.add(keyframe, edges)
+            changed = content.solve() if loop is not None else []
+            stored = self._kept.take(number, cloud, seen.evidence.cloud.ground_level)
+            self._file.add_keyframe(keyframe, stored, seen.vectors)
+            for edge in {edge.number: edge for edge in [*edges, *changed]}.values():
+                self._file.store_edge(edge)
+            if loop is not None:
+                self._file.store_solution(*content.solution)
+        self._kept.written()
+        self._search.add(number, seen)
+        self._last = keyframe
+        self.last_frame = max(frame.number, self.last_frame or 0)
+        closed = (content.edges[edges[-1].number],) if loop is not None else ()
+        pose = content.pose(number) @ np.linalg.inv(mount)
+        return MapStep(number, closed, tuple(self._detector.rejected), pose, reason)
+
+    def _find_session(self) -> int:
+        assert self._name is not None
+        if self._name not in self._content.sessions:
+            self._content.sessions[self._name] = self._file.add_session(self._name)
+        return self._content.sessions[self._name]
+
+    def _store_config(self) -> None:
+        """The first keyframe fixes lengths of registration and the radius of normals."""
+        self.settings = replace(
+            self.settings,
+            describe=self._detector.describe_config,
+            registration=self._detector.registration_config,
+        )
+        self._file.store_setting("config", self.settings.dump())
+
+    def _measure_step(
+        self, before: StoredKeyframe, after: StoredKeyframe, cloud: PreparedCloud
+    ) -> list[Edge]:
+        """Measure the step from the last keyframe by odometry, and by both clouds if they fit.
+
+        Loops alone cannot tell odometry's scale.
+        """
+        number, ends = self._content.next_edge, (before.id, after.id)
+        step = np.linalg.inv(before.odometry) @ after.odometry
+        covariance = odometry_covariance(step, self.settings.map)
+        edges = [Edge(number, "odometry", *ends, step, covariance, "believed")]
+        stored = self._detector.stored_frame(before.id).unpack()
+        found = register(cloud, stored, step, search=False)
+        if found.target_from_source is not None and found.covariance is not None:
+            pose, covariance = found.target_from_source, found.covariance
+            if cloud.scene is None:
+                covariance = step_covariance(covariance, cloud.config, self.settings.map)
+            edges.append(Edge(number + 1, "loop", *ends, pose, covariance, "pending"))
+        return edges
+
+    def _loop_edge(self, loop: Loop, session: int, number: int) -> Edge:
+        assert loop.match_from_query is not None
+        is_own = self._content.is_of(loop.match, session)
+        return Edge(
+            number,
+            "loop" if is_own else "merge",
+            loop.match,
+            loop.query,
+            loop.match_from_query,
+            np.asarray(loop.covariance),
+            "pending",
+        )
+
+    def _check_jump(self, robot: Matrix) -> Refusal | None:
+        if self._last_odometry is None:
+            return None
+        step = float(np.linalg.norm(robot[:3, 3] - self._last_odometry[:3, 3]))
+        if step <= self.settings.map.max_step:
+            return None
+        text = (
+            f"odometry jumped by {step:.1f} m, more than {self.settings.map.max_step:g}: the map "
+            "goes on in a part of its own until loops join it"
+        )
+        logger.warning("%s", text)
+        return Refusal("jump", step, text)
+
+    def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
+        from scipy.spatial.transform import Rotation
+
+        moved = np.linalg.inv(_odom_from_robot(last)) @ robot
+        turn = np.degrees(Rotation.from_matrix(moved[:3, :3]).magnitude())
+        distance = self.settings.map.keyframe_distance
+        if distance is None:
+            distance = 4 * self._detector.registration_config.voxel
+        return bool(
+            np.linalg.norm(moved[:3, 3]) >= distance or turn >= self.settings.map.keyframe_turn
+        )
+
+    def _predict(self, robot: Matrix, last: StoredKeyframe) -> Matrix:
+        """map_from_robot by the last keyframe and odometry since."""
+        pose: Matrix = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
+        return pose
+
+
+def _odom_from_robot(keyframe: StoredKeyframe) -> Matrix:
+    pose: Matrix = keyframe.odometry @ np.linalg.inv(keyframe.robot_from_cloud)
+    return pose
+
+
+def _odometry_of(frame: Frame, odometry: Matrix | None) -> Matrix:
+    pose = frame.odometry if odometry is None else odometry
+    if pose is None:
+        raise DataError(
+            f"frame {frame.number} has no odometry, which a map needs: record it, or take "
+            "that of its scans (fusionslam odometry)",
+            code="no-odometry",
+            fields=(str(frame.number),),
+        )
+    return check_pose("odometry", pose)
+
+
+def _check_frame(frame: Frame) -> None:
+    if not isinstance(frame, Frame):
+        raise ShapeError(f"expected a Frame, got {type(frame).__name__}")
+    if not isinstance(frame.number, int | np.integer) or not 0 <= frame.number < 2**63:
+        raise DataError(
+            f"a frame has number {frame.number!r}: expected an integer from 0 on",
+            code="frame-number",
+            fields=(repr(frame.number),),
+        )
