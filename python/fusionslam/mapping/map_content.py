@@ -45,6 +45,10 @@ class MapContent:
         edges: by number; their nodes are keyframes.
         solution: as ``MapFile.solution`` returns. Newer keyframes follow by odometry.
 
+    Raises:
+        ValueError: a keyframe's session is missing.
+        KeyError: a keyframe of an edge is missing.
+
     Attributes:
         sessions, keyframes: as above.
         edges: by their numbers.
@@ -72,6 +76,8 @@ class MapContent:
         self._parts: list[int] = []
         self._next_edge = 0
         for keyframe in keyframes:
+            if keyframe.session not in sessions.values():
+                raise ValueError(f"keyframe {keyframe.id}: session {keyframe.session} is missing")
             self._add_node(keyframe)
         for edge in edges:
             self._add_edge(edge)

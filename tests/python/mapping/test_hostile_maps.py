@@ -358,3 +358,11 @@ def test_a_reader_of_a_forgotten_session_is_told_so(path: Path) -> None:
         assert len(site) == 1 and site.check() == []
     with PlaceMap.open(path, read_only=True) as again:
         assert len(again) == 1 and again.check() == []
+
+
+def test_keyframes_of_a_session_that_is_missing_are_damage(path: Path) -> None:
+    with sqlite3.connect(path) as database:
+        database.execute("DELETE FROM session")
+    database.close()
+    with refuses("damaged", str(path)):
+        PlaceMap.open(path, read_only=True)
