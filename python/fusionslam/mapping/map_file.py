@@ -25,6 +25,7 @@ _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
 _FORGOTTEN = "forgotten sessions"
 
+
 class StoredKeyframe(NamedTuple):
     """A keyframe without its clouds.
 

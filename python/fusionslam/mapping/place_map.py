@@ -506,8 +506,8 @@ class PlaceMap:
         file = self._file
         with file.reading():
             stored = file.setting("config")
-            vectors = file.vectors()
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
+            vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)
             self._content = MapContent(*content)
