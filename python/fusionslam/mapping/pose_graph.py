@@ -417,7 +417,7 @@ class PoseGraph:
         kept = [edge for edge in loops if self._edges[edge.number].state == "believed"]
         believed = len(kept)
         if len(loops) < _FEWEST_AGREEING or (
-            believed >= _FEWEST_AGREEING and chi_ratio(self.poses, odometry, kept, 1.0) <= _HONEST
+            believed >= _FEWEST_AGREEING and chi_ratio(self.poses, odometry, kept) <= _HONEST
         ):
             return None
         start, fixed, found = self._odometry_poses(), np.unique(sessions), MOST / _MARGIN
@@ -430,14 +430,7 @@ class PoseGraph:
             few = len(agreeing) < _FEWEST_AGREEING
             if few or believed > (1 - _MOST_REFUSED) * len(agreeing):
                 return None
-            measured = [_measure(edge) for edge in agreeing]
-
-            def solve(
-                factor: float, poses: Floats = poses, measured: list[Measurement] = measured
-            ) -> Floats:
-                return Solver(poses, self._odometry(), fixed, factor).solve(measured)
-
-            found = fit_scale(solve, odometry, agreeing, scale)
+            found = fit_scale(poses, odometry, agreeing, fixed, scale)
             if found >= MOST:
                 return None
         return Refusal(

@@ -235,6 +235,31 @@ def test_overconfident_odometry_is_named_with_its_factor(factor: float) -> None:
         assert len(solution.refused) > len(solution.believed)
 
 
+@pytest.mark.parametrize("margin", [1.0, 30.0])
+def test_the_factor_is_right_of_few_loops_that_are_better_than_stated(margin: float) -> None:
+    """There and back along a street: clouds measure each step, too, and close eight loops."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        graph, factor, ahead = PoseGraph(), 10.0, exp(np.array([6.0, 0, 0, 0, 0, 0]))
+        for node in range(18):
+            graph.add_node()
+            if not node:
+                continue
+            step = exp(np.array([0, 0, 0, 0, 0, np.pi])) if node == 9 else ahead
+            driven = step @ exp(rng.normal(size=6) * 5 * ODOMETRY)
+            stated = np.diag((5 * ODOMETRY / factor) ** 2)
+            graph.add_edge(node - 1, node, driven, stated, "odometry")
+            measured = step @ exp(rng.normal(size=6) * LOOP / margin)
+            graph.add_edge(node - 1, node, measured, np.diag(LOOP**2), "loop")
+            if node > 9:
+                back = exp(np.array([0, 0, 0, 0, 0, np.pi]))
+                measured = back @ exp(rng.normal(size=6) * LOOP / margin)
+                graph.add_edge(17 - node, node, measured, np.diag(LOOP**2), "loop")
+        reason = graph.solve().reason
+        assert reason is not None and reason.code == "overconfident-odometry"
+        assert reason.number == pytest.approx(factor, rel=0.3)
+
+
 def test_false_loops_alone_do_not_make_odometry_overconfident() -> None:
     rng = np.random.default_rng(7)
     graph = PoseGraph()
