@@ -43,6 +43,7 @@ from fusionslam.evaluation.loops.verified_run import REJECTED, LoopRun, Verified
 from fusionslam.evaluation.maps.judge import judge_map, pose_errors
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import REFUSED, RatSlamRun
+from fusionslam.evaluation.maps.trajectory import trajectory_error
 from fusionslam.evaluation.views.baselines import always_new, baselines, every_kth
 from fusionslam.evaluation.views.curve import (
     THRESHOLDS,
@@ -132,5 +133,6 @@ __all__ = [
     "summarise_costs",
     "sweep_pairs",
     "sweep_views",
+    "trajectory_error",
     "visits",
 ]

@@ -108,6 +108,23 @@ def fit_rigid(poses: Floats, truth: Floats) -> RigidMotion:
     return RigidMotion(float(x), float(y), turn)
 
 
+def fit_motion(poses: Floats, truth: Floats) -> Floats:
+    """Fit the rigid motion in space, (4, 4), that aligns positions to true ones in least squares.
+
+    Args:
+        poses, truth: float64 (n, 4, 4), n > 0; equal rows belong to the same time.
+
+    Source: Kabsch 1976.
+    """
+    here, there = poses[:, :3, 3], truth[:, :3, 3]
+    a, b = here - here.mean(axis=0), there - there.mean(axis=0)
+    u, _, v = np.linalg.svd(b.T @ a)
+    motion = np.eye(4)
+    motion[:3, :3] = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+    motion[:3, 3] = there.mean(axis=0) - motion[:3, :3] @ here.mean(axis=0)
+    return motion
+
+
 def _check(name: str, values: Floats) -> Floats:
     rows = read_numbers(name, values, "(n, 3)")
     if rows.shape[1:] != (3,):

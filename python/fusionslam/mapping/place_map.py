@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import wraps
+from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
@@ -207,7 +208,7 @@ class PlaceMap:
         """Say what is in the map, a line for each session."""
         loops = self.loops
         count = {state: sum(each.state == state for each in loops) for state in _STATES}
-        size = self._file.path.stat().st_size / 1e6
+        size = self._file.path.stat().st_size
         lines = [
             f"{each.name}: {counted(each.keyframes, 'keyframe')}"
             + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
@@ -217,7 +218,8 @@ class PlaceMap:
         lines.append(
             f"{counted(len(self), 'keyframe')} in {counted(parts, 'part')}, "
             f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
-            f"{count['refused']} refused, {count['pending']} pending; {size:.1f} MB"
+            f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
+            f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
         )
         return "\n".join(lines)
 
@@ -456,16 +458,14 @@ class PlaceMap:
         return np.array([each.id for each in self._keyframes_of(session)], np.int64)
 
     @property
+    def path(self) -> Path:
+        """Of the file."""
+        return self._file.path
+
+    @property
     def config(self) -> dict[str, Any]:
         """Everything that the map was made with, by section of the configuration."""
         return self._writer.settings.dump()
-
-    @property
-    @_one_at_a_time
-    def positions(self) -> dict[int, Floats]:
-        """Where the clouds of keyframes were taken, float64 (3,), by number, each in its part."""
-        content = self._content
-        return {each.id: content.pose(each.id)[:3, 3] for each in content.keyframes}
 
     @_one_at_a_time
     def cloud(self, voxel: float = 0.1) -> Cloud:

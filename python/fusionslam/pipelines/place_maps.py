@@ -163,6 +163,24 @@ def build_map(
     return Built(len(dataset) - begin, keyframes, loops, skipped)
 
 
+def true_keyframes(site: PlaceMap, session: str, dataset: Dataset) -> Floats | None:
+    """Return true poses of the robot at a session's keyframes, float64 (n, 4, 4).
+
+    NaN where they are unknown; None if the recording has none.
+
+    Args:
+        site: the map.
+        session: name of the session.
+        dataset: its recording.
+    """
+    if dataset.true_poses is None:
+        return None
+    poses, frames = dataset.true_poses @ dataset.body_from_robot, site.frames(session)
+    rows = np.searchsorted(dataset.numbers, frames).clip(max=len(dataset) - 1)
+    known = dataset.numbers[rows] == frames
+    return np.where(known[:, None, None], poses[rows], np.nan)
+
+
 def localize_recording(
     site: PlaceMap,
     dataset: Dataset,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command map build: a recording becomes a session of a map."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -10,13 +10,15 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, progress
-from fusionslam.cli.failures import needs_extra
+from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.recordings import build_recording, open_data
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
     from fusionslam.pipelines.place_maps import MapOdometry
     from fusionslam.pipelines.recording import Recording
+    from fusionslam.storage.progress import Step
 
 ODOMETRY = ("recorded", "lidar", "truth+noise")
 Odometry = Annotated[
@@ -32,6 +34,7 @@ Odometry = Annotated[
 
 @opt.options_of(build_recording=build_recording, read_config=opt.read_config)
 def build(
+    ctx: typer.Context,
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The map's file (.fsmap), made or gone on with.")
     ] = Path("out/site.fsmap"),
@@ -49,13 +52,16 @@ def build(
     read_config: "Callable[[], Any]",
     skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
+    no_report: opt.NoReport = False,
 ) -> None:
     """Add DATA to a map: keyframes, loops and poses.
 
     Each keyframe is on the disk at once: the same command goes on where an interrupted one ended.
-    A map keeps the configuration that it was made with.
+    A map keeps the configuration that it was made with. A page beside it shows it.
     """
     needs_extra("map")
+    if not no_report:
+        needs_extra("report", unless="--no-report")
     from fusionslam.config import merged
     from fusionslam.mapping import PlaceMap
     from fusionslam.pipelines.place_maps import build_map, odometry_of
@@ -66,6 +72,7 @@ def build(
     if source is not None:
         whole = merged(whole, {"fusion": {"source": source}})
     cores = opt.cores(jobs)
+    keep(ctx, output)
     with progress() as step:
         step(OPENING, 0, 1)
         dataset, whole = open_data(recording, whole)
@@ -101,11 +108,55 @@ def build(
                 jobs=cores,
                 progress=label_progress(step, "mapping"),
             )
-            text = site.describe()
-    if not built.frames:
-        print(f"{name}: the map has all of it")
-    else:
-        left = f", {len(built.skipped)} frames left out" if built.skipped else ""
-        print(f"{name}: {built.keyframes} keyframes, {built.loops} loops{left}")
-    print(text)
+        if not built.frames:
+            print(f"{name}: the map has all of it")
+        else:
+            left = f", {len(built.skipped)} frames left out" if built.skipped else ""
+            print(f"{name}: {built.keyframes} keyframes, {built.loops} loops{left}")
+        noise = MADE_ODOMETRY if kind == "truth+noise" else None
+        page = None if no_report else output.with_suffix(".html")
+        print_built(output, name, dataset, page, step, notes=[noise] if noise else [])
     print(output)
+    if page is not None:
+        print(page)
+
+
+MADE_ODOMETRY = "Odometry is made: true poses with errors (odometry.KEY of the configuration)."
+
+
+def print_built(
+    path: Path,
+    session: str,
+    dataset: "Dataset",
+    page: Path | None,
+    step: "Step",
+    notes: "Sequence[str]" = (),
+) -> None:
+    """Print what is in a map, and its errors where the truth is known; write its page.
+
+    Args:
+        path: of the map.
+        session: that was built.
+        dataset: its recording.
+        page: path of the page; None for none.
+        step: progress callback.
+        notes: sentences at the top of the page.
+    """
+    from fusionslam.mapping import PlaceMap
+    from fusionslam.pipelines.place_maps import true_keyframes
+    from fusionslam.report.place_maps import read_drives, write_map_page
+
+    with PlaceMap.open(path, read_only=True) as site:
+        print(site.describe())
+        known = true_keyframes(site, session, dataset)
+        truth = {} if known is None else {session: known}
+        for drive in read_drives(site, truth):
+            if drive.error is not None:
+                print(
+                    f"ATE of {drive.name}: {drive.error:.2f} m, of odometry alone "
+                    f"{drive.odometry_error:.2f} m"
+                )
+        if page is not None:
+            step("drawing the page", 0, 1)
+            write_map_page(page, site, truth, command=opt.command_line(), notes=notes)
+            step("drawing the page", 1, 1)

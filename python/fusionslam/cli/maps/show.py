@@ -16,16 +16,21 @@ def show(
     path: opt.MapFile,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Also write a page that shows it in 3-D (X.html)."),
+        typer.Option("--output", "-o", help="Also write a page that shows it (X.html)."),
     ] = None,
 ) -> None:
-    """Print the sessions, loops and size of a map, or show it in 3-D."""
+    """Print the sessions, loops and size of a map, and write a page that shows it.
+
+    The page has trajectories, loops and reasons, cloud and grid from above, and a view in 3-D.
+    """
     needs_extra("map")
+    if output is not None:
+        needs_extra("report")
     from fusionslam.mapping import PlaceMap
 
     with PlaceMap.open(path, read_only=True) as site:
         print(site.describe())
         if output is not None:
-            from fusionslam.report.place_maps import write_map_view
+            from fusionslam.report.place_maps import write_map_page
 
-            print(write_map_view(output, site))
+            print(write_map_page(output, site, command=opt.command_line()))

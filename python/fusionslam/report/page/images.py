@@ -62,15 +62,23 @@ def keep(
     """
     if figure is None:
         return None
+    picture = draw_picture(name, figure, caption, photo=photo)
+    _write(folder / picture.name, picture.data)
+    return picture
+
+
+def draw_picture(name: str, figure: "Figure", caption: str, *, photo: bool = False) -> Picture:
+    """Render a figure as a picture that is only embedded. Arguments as for ``keep``."""
     image = _render(figure)
-    if photo:
-        return keep_photo(folder, name, image, caption)
-    return _keep(folder, f"{name}.png", _encode_png(image), caption)
+    data = encode_jpeg(image) if photo else _encode_png(image)
+    return Picture(_picture_file(f"{name}.{'jpg' if photo else 'png'}"), caption, data)
 
 
 def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
     """Write a rendered picture as JPEG, and return it. Arguments as for ``keep``."""
-    return _keep(folder, f"{name}.jpg", encode_jpeg(image), caption)
+    picture = Picture(_picture_file(f"{name}.jpg"), caption, encode_jpeg(image))
+    _write(folder / picture.name, picture.data)
+    return picture
 
 
 def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
@@ -106,10 +114,8 @@ def forgive(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callabl
     return read
 
 
-def _keep(folder: Path, name: str, data: bytes, caption: str) -> Picture:
-    picture = Picture(re.sub(r"[^\w.-]+", "-", name), caption, data)
-    _write(folder / picture.name, data)
-    return picture
+def _picture_file(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "-", name)
 
 
 def _write(path: str | os.PathLike[str], data: bytes) -> None:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages on maps that are kept."""
 
-from fusionslam.report.place_maps.view_3d import write_map_view, write_view_3d
+from fusionslam.report.place_maps.contents import read_drives
+from fusionslam.report.place_maps.page import write_map_page
 
-__all__ = ["write_map_view", "write_view_3d"]
+__all__ = ["read_drives", "write_map_page"]

@@ -1,0 +1,206 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a map: trajectories and loops, drift, the cloud and the grid from above."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.help_texts import counted
+from fusionslam.mapping import Edge
+from fusionslam.mapping.grids import OccupancyGrid
+from fusionslam.report.page.figures import CURVE_COLORS, MISSED, PATH, TRUE, new_figure
+from fusionslam.report.place_maps.contents import Drive, LoopFit
+from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Floats, Mask
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LOOP_COLORS = {"refused": MISSED, "pending": PATH, "believed": TRUE}
+TRACK_COLORS = (CURVE_COLORS[0], CURVE_COLORS[3], CURVE_COLORS[5], CURVE_COLORS[6])
+_INK = "#333333"
+_ABOVE_M = 2.0
+_MOST_PIXELS = 1500
+
+
+def draw_trajectories(drives: Sequence[Drive], loops: Sequence[Edge], part: int) -> "Figure":
+    """Draw the drives of one part of a map from above: by odometry alone, and as corrected.
+
+    Args:
+        drives: of the map.
+        loops: of the map; those whose keyframes are in the part are drawn.
+        part: number of the part.
+    """
+    shown = [drive for drive in drives if (drive.parts == part).any()]
+    before, after = (
+        np.concatenate([poses[drive.parts == part, :2, 3] for drive, poses in pairs])
+        for pairs in (
+            [(drive, drive.odometry) for drive in shown],
+            [(drive, drive.poses) for drive in shown],
+        )
+    )
+    figure = _two_panels([before, after])
+    for axis, corrected in zip(figure.axes, (False, True), strict=True):
+        places: dict[int, Floats] = {}
+        for order, drive in enumerate(shown):
+            rows = drive.parts == part
+            _draw_drive(axis, drive, rows, corrected, TRACK_COLORS[order % len(TRACK_COLORS)])
+            poses = drive.poses if corrected else drive.odometry
+            places |= dict(zip(drive.numbers[rows].tolist(), poses[rows, :2, 3], strict=True))
+        _draw_loops(axis, loops, places)
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set(xlabel="x (m)", title="corrected" if corrected else "odometry alone")
+    figure.axes[0].set_ylabel("y (m)")
+    handles, labels = figure.axes[1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _two_panels(contents: Sequence[Floats]) -> "Figure":
+    """Two panels beside each other, as high as what they show."""
+    spans = [np.ptp(places, axis=0) for places in contents]
+    ratio = float(np.clip(max(span[1] / max(span[0], 1e-6) for span in spans), 0.4, 1.3))
+    figure = new_figure(9.6, 1.3 + 4.3 * ratio)
+    figure.subplots(1, 2)
+    return figure
+
+
+def _draw_drive(axis: "Axes", drive: Drive, rows: Mask, corrected: bool, color: str) -> None:
+    if drive.truth is not None:
+        axis.plot(*drive.truth[rows, :2, 3].T, color=PATH, lw=3.2, alpha=0.8, label="truth")
+    poses = drive.poses if corrected else drive.odometry
+    places = poses[rows, :2, 3]
+    axis.plot(*places.T, ".-", color=color, ms=2.5, lw=1, label=drive.name, zorder=3)
+    axis.plot(*places[0], "D", mfc="white", mec=_INK, ms=6, zorder=6)
+
+
+def _draw_loops(axis: "Axes", loops: Sequence[Edge], places: dict[int, Floats]) -> None:
+    from matplotlib.collections import LineCollection
+
+    for order, (state, color) in enumerate(LOOP_COLORS.items(), start=4):
+        ends = [
+            (places[edge.a], places[edge.b])
+            for edge in loops
+            if edge.state == state and edge.a in places and edge.b in places
+        ]
+        if not ends:
+            continue
+        alpha = 0.9 if state == "refused" else float(np.clip(60 / len(ends), 0.3, 0.9))
+        axis.add_collection(LineCollection(ends, colors=color, lw=1.1, alpha=alpha, zorder=order))
+        axis.plot([], [], color=color, label=f"{counted(len(ends), 'loop')} {state}")
+
+
+def draw_drift(fits: Sequence[LoopFit]) -> "Figure | None":
+    """Draw what loops say of odometry over the way between, and what the drift model promises.
+
+    None without loops that odometry connects.
+    """
+    if not fits:
+        return None
+    figure = new_figure(9.6, 3.9)
+    metres = np.array([fit.metres for fit in fits])
+    for axis, field, unit in zip(
+        figure.subplots(1, 2), ("m", "deg"), ("m", "degrees"), strict=True
+    ):
+        promised = np.array([getattr(fit, f"promised_{field}") for fit in fits])
+        axis.plot(metres, promised, ".", color=PATH, ms=4, label="promised (standard deviation)")
+        for state, color in LOOP_COLORS.items():
+            errors = [
+                (fit.metres, getattr(fit, f"error_{field}"))
+                for fit in fits
+                if fit.edge.state == state
+            ]
+            if errors:
+                axis.plot(*np.array(errors).T, ".", color=color, ms=5, label=f"{state} loops")
+        axis.set(xlabel="driven between (m)", ylabel=f"loop from odometry ({unit})")
+        axis.set_ylim(bottom=0)
+        axis.grid(alpha=0.25)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    return figure
+
+
+def draw_cloud(cloud: Cloud, places: Floats) -> "Figure | None":
+    """Draw a map's cloud from above, without what is more than 2 m above the robot.
+
+    Args:
+        cloud: with or without colours; those without are coloured by height.
+        places: float64 (n, 3), where the robot was.
+
+    Returns:
+        None without points.
+    """
+    from scipy.spatial import cKDTree
+
+    points = cloud.points
+    if not len(points):
+        return None
+    _, nearest = cKDTree(places[:, :2]).query(points[:, :2])
+    above = points[:, 2] - places[nearest, 2]
+    low = above < _ABOVE_M
+    if not low.any():
+        return None
+    points, above = points[low], above[low]
+    colors = color_heights(above) if cloud.colors is None else cloud.colors[low]
+    image, extent = _rasterise(points, colors)
+    figure, axis = _plan(extent)
+    axis.imshow(image, origin="lower", extent=extent)
+    axis.plot(*places[:, :2].T, ".", color=CURVE_COLORS[1], ms=2.5)
+    return figure
+
+
+def color_heights(heights: Floats) -> NDArray[np.uint8]:
+    """Colours, uint8 (n, 3), from dark for low to bright for high."""
+    import matplotlib
+
+    low, high = np.percentile(heights, [2, 98])
+    share = np.clip((heights - low) / max(high - low, 1e-6), 0, 1)
+    return np.asarray(matplotlib.colormaps["viridis"](share, bytes=True)[:, :3])
+
+
+def _rasterise(
+    points: NDArray[np.float32], colors: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
+    """An image of the highest point of each cell, and its bounds x0, x1, y0, y1."""
+    low, high = np.percentile(points[:, :2], [0.2, 99.8], axis=0)
+    inside = ((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)
+    points, colors = points[inside], colors[inside]
+    # Cells so large that few between the points are empty.
+    cell = max(float((high - low).max()) / _MOST_PIXELS * 2, 0.1)
+    columns, rows = (np.ceil((high - low) / cell) + 1).astype(int)
+    image = np.full((rows, columns, 3), 255, np.uint8)
+    order = np.argsort(points[:, 2], kind="stable")  # the highest last
+    at = ((points[order, :2] - low) / cell).astype(int)
+    image[at[:, 1], at[:, 0]] = colors[order]
+    return image, (low[0], low[0] + columns * cell, low[1], low[1] + rows * cell)
+
+
+def draw_grid(grid: OccupancyGrid) -> "Figure":
+    """Draw where a robot can drive: white free, black occupied, grey unknown."""
+    cells = np.full(grid.cells.shape, 190, np.uint8)
+    cells[grid.cells == 0] = 255
+    cells[grid.cells > 0] = 0
+    known = grid.cells >= 0
+    rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    side = grid.resolution
+    y0, x0 = (int(found[0]) if len(found) else 0 for found in (rows, columns))
+    y1, x1 = (int(found[-1]) + 1 if len(found) else 1 for found in (rows, columns))
+    left, bottom = grid.origin
+    extent = (left + x0 * side, left + x1 * side, bottom + y0 * side, bottom + y1 * side)
+    figure, axis = _plan(extent)
+    axis.imshow(cells[y0:y1, x0:x1], cmap="gray", vmin=0, vmax=255, origin="lower", extent=extent)
+    return figure
+
+
+def _plan(extent: tuple[float, float, float, float]) -> tuple["Figure", Any]:
+    """A figure for an image from above."""
+    wide, tall = extent[1] - extent[0], extent[3] - extent[2]
+    ratio = float(np.clip(tall / wide, 0.25, 1.4))
+    figure = new_figure(9.0, 0.6 + 8.3 * ratio)
+    axis = figure.add_subplot()
+    axis.set(xlabel="x (m)", ylabel="y (m)")
+    return figure, axis
