@@ -6,7 +6,7 @@ import logging
 import operator
 import os
 import threading
-from collections.abc import Collection, Mapping, MutableMapping
+from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
@@ -400,9 +400,7 @@ class LoopDetector:
             if seen.evidence is not None and self._fits_lengths:
                 self._fix_lengths(seen.evidence.cloud.config)
             number, nearest = self._added, found[self.descriptor]
-            candidates: dict[int, float] = {}
-            for pairs in found.values():  # those of the detector's own descriptor come first
-                candidates |= {match: far for match, far in pairs if match not in candidates}
+            candidates = _flatten(found)
             # Before any of them is forgotten.
             stored = {match: self._memory.frame(match) for match in candidates}
             novelty = nearest[0][1] if nearest else np.inf
@@ -497,6 +495,15 @@ class LoopDetector:
                 self._memory.resume(vectors, numbers, stamps_ns)
                 self._added = int(numbers[-1]) + 1
                 self._fits_lengths = False
+
+    def nearest_frames(self, vectors: Vectors) -> dict[int, float]:
+        """Return the candidates of a frame that is not added, and their distances.
+
+        Args:
+            vectors: descriptors by name, as ``Observation.vectors``.
+        """
+        with self._lock:
+            return _flatten(self._memory.query(vectors, self.config.candidates, None))
 
     def stored_frame(self, number: int) -> StoredFrame:
         """Return a frame that is stored, with its cloud."""
@@ -637,6 +644,14 @@ class _Pending:
 
 _MOST_WAITING = 2
 """Submitted frames that may wait behind the one that is verified."""
+
+
+def _flatten(found: Mapping[str, Sequence[tuple[int, float]]]) -> dict[int, float]:
+    """Distances by candidate; of one that several descriptors propose, the first one's."""
+    candidates: dict[int, float] = {}
+    for pairs in found.values():  # those of the detector's own descriptor come first
+        candidates |= {match: far for match, far in pairs if match not in candidates}
+    return candidates
 
 
 def _voter(name: str) -> str:

@@ -49,6 +49,13 @@ class MapConfig(Section):
         unit="m",
         gt=0,
     )
+    max_silence: float = option(
+        10.0,
+        "odometry of frames that are farther apart in time counts only if their clouds confirm it; "
+        "else the map goes on in a part of its own",
+        unit="s",
+        gt=0,
+    )
 
 
 def odometry_covariance(step: Matrix, config: MapConfig) -> Floats:

@@ -54,6 +54,8 @@ class MapContent:
         edges: by their numbers.
         row: row of a keyframe by its number.
         odometry: float64 (4, 4), odom_from_cloud, by number of the keyframe.
+        stretches: number of the first keyframe of the stretch of odometry, by number of the
+            keyframe; odometry of different stretches cannot be compared.
         reason: what was wrong with the graph as a whole when it was solved last.
     """
 
@@ -69,6 +71,7 @@ class MapContent:
         self.edges: dict[int, Edge] = {}
         self.row: dict[int, int] = {}
         self.odometry: dict[int, Matrix] = {}
+        self.stretches: dict[int, int] = {}
         self.reason: Refusal | None = None
         self._graph = PoseGraph()
         self._graph_numbers: list[int] = []  # of its edges, here
@@ -209,18 +212,21 @@ class MapContent:
         self.row[keyframe.id] = len(self.keyframes)
         self.keyframes.append(keyframe)
         self.odometry[keyframe.id] = keyframe.odometry
+        self.stretches[keyframe.id] = keyframe.id
         self._graph.add_node(keyframe.robot_from_cloud)
 
     def _add_edge(self, edge: Edge) -> None:
         self.edges[edge.number] = edge
         self._next_edge = max(self._next_edge, edge.number + 1)
+        if edge.kind == "odometry":
+            self.stretches[edge.b] = self.stretches[edge.a]
         a, b = self.row[edge.a], self.row[edge.b]
         self._graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
         self._graph_numbers.append(edge.number)
 
     def _is_step(self, edge: Edge) -> bool:
-        a, b = self.row[edge.a], self.row[edge.b]
-        return b - a == 1 and self.keyframes[a].session == self.keyframes[b].session
+        is_next = self.row[edge.b] - self.row[edge.a] == 1
+        return is_next and self.stretches[edge.a] == self.stretches[edge.b]
 
     def _place(self, solution: StoredSolution | None) -> None:
         """Take poses of the last solution, and those of newer keyframes by odometry."""

@@ -58,10 +58,13 @@ class MapSettings:
         return {key: values[key] for key in _COMPARED}
 
     def new_detector(self) -> LoopDetector:
-        """Make the detector of loops, without keyframes."""
+        """Make the detector of loops, without keyframes.
+
+        It has no window, which counts keyframes of one stretch of odometry.
+        """
         return LoopDetector(
             self.descriptor,
-            config=self.loops,
+            config=merged(self.loops, {"window": 0, "window_seconds": 0.0}),
             describe=self.describe,
             fusion=self.fusion,
             registration=self.registration,

@@ -3,6 +3,7 @@
 """Extends a session of a map: which frames become keyframes, and what is measured of them."""
 
 import logging
+from collections import ChainMap
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,12 +11,13 @@ import numpy as np
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse, robot_from_cloud
+from fusionslam.geometry.se3 import inverse, log
 from fusionslam.loop_closure.detector import LoopDetector, Observation
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.mapping.clouds import FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
 from fusionslam.mapping.edge import Edge, check_pose
-from fusionslam.mapping.keyframe_search import KeyframeSearch
+from fusionslam.mapping.edge_errors import CHI2_999
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_settings import MapSettings
@@ -34,7 +36,10 @@ class MapStep(NamedTuple):
         loops: edges that the keyframe closes loops by, as solved.
         refused: candidates that are no loop, and why.
         pose: float64 (4, 4), map_from_robot.
-        why: what is unusual about the frame, such as "jump"; None if nothing is.
+        why: what is unusual about the frame; None if nothing is. Its code is "jump" (number:
+            metres of odometry since the frame before), "silence" (seconds since then, and clouds do
+            not confirm odometry), both of which begin a part of the map, or "stamp" (seconds that
+            the time stamp is before that of the frame before).
     """
 
     keyframe: int | None
@@ -50,7 +55,7 @@ class MapWriter:
     Args:
         name: of the session; None if there is none.
         settings: of the map.
-        file, content, detector, kept, search: of the map. Each keyframe becomes part of all.
+        file, content, detector, kept: of the map. Each keyframe becomes part of all.
 
     Attributes:
         settings: of the map. The first keyframe fixes lengths and radii.
@@ -65,28 +70,37 @@ class MapWriter:
         content: MapContent,
         detector: LoopDetector,
         kept: FileClouds,
-        search: KeyframeSearch,
     ) -> None:
         self.settings, self.is_torn = settings, False
         self._name, self._file, self._content = name, file, content
-        self._detector, self._kept, self._search = detector, kept, search
+        self._detector, self._kept = detector, kept
         mine = content.keyframes_of(content.sessions.get(name or "", -1))
         self._last: StoredKeyframe | None = mine[-1] if mine else None
         self.last_frame = max((each.frame for each in mine), default=None)
         """Number of the session's last frame that is a keyframe; None if it has none."""
         self._last_odometry: Matrix | None = None
+        self._last_stamp_ns = 0
+        self._doubt: Refusal | None = None
+        """Why odometry since the last keyframe may be wrong."""
+        self._stretch: list[StoredKeyframe] = []  # that goes on
         if self._last is not None:
             self._last_odometry = _odom_from_robot(self._last)
+            self._last_stamp_ns = self._last.stamp_ns
+            first = content.stretches[self._last.id]
+            self._stretch = [each for each in mine if content.stretches[each.id] == first]
 
     def add(self, frame: Frame, odometry: Matrix | None = None) -> MapStep:
         """Add a frame; arguments and errors as of ``PlaceMap.add``."""
         _check_frame(frame)
         robot = _odometry_of(frame, odometry)
         mount = robot_from_cloud(frame, self.settings.fusion)
-        reason = self._check_jump(robot)
+        waited = self._seconds_since_last(frame.stamp_ns)
+        self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
         self._last_odometry = robot
-        if self._last is not None and reason is None and not self._is_far(robot, self._last):
-            return MapStep(None, (), (), self._predict(robot, self._last))
+        self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
+        back = _check_order(waited)
+        if self._last is not None and self._doubt is None and not self._is_far(robot, self._last):
+            return MapStep(None, (), (), self._predict(robot, self._last), back)
         seen = self._detector.observe(frame, stamp_ns=frame.stamp_ns, odometry=robot @ mount)
         if not np.any(seen.vectors[self.settings.descriptor]):
             raise DataError(
@@ -94,27 +108,33 @@ class MapWriter:
             )
         cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
-        step = self._add_keyframe(frame, seen, cloud, mount, reason)
+        step = self._add_keyframe(frame, seen, cloud, mount)
         self.is_torn = False
-        return step
+        return step if step.why is not None else step._replace(why=back)
 
     def _add_keyframe(
-        self, frame: Frame, seen: Observation, cloud: bytes, mount: Matrix, reason: Refusal | None
+        self, frame: Frame, seen: Observation, cloud: bytes, mount: Matrix
     ) -> MapStep:
         content, number = self._content, len(self._detector)
-        loop = self._detector.add_observation(seen)
         assert seen.evidence is not None and seen.evidence.odometry is not None
-        stamp_ns = seen.stamp_ns or 0
+        keyframe = StoredKeyframe(
+            number, -1, frame.number, seen.stamp_ns or 0, seen.evidence.odometry, mount
+        )
+        edges = self._lead_on(keyframe, seen.evidence.cloud)
+        reason, self._doubt = self._doubt, None
+        if not edges:
+            self._stretch = []
+        first = self._stretch[0].id if edges else number
+        loop = self._detector.add_observation(
+            seen,
+            excluded=self._too_recent(keyframe.stamp_ns),
+            stretches=ChainMap({number: first}, content.stretches),
+        )
         with self._file.transaction():
             if not len(content):
                 self._store_config()
             session = self._find_session()
-            keyframe = StoredKeyframe(
-                number, session, frame.number, stamp_ns, seen.evidence.odometry, mount
-            )
-            edges = []
-            if self._last is not None and reason is None:
-                edges = self._measure_step(self._last, keyframe, seen.evidence.cloud)
+            keyframe = keyframe._replace(session=session)
             if loop is not None:
                 edges.append(self._loop_edge(loop, session, content.next_edge + len(edges)))
             content.add(keyframe, edges)
@@ -126,12 +146,34 @@ class MapWriter:
             if loop is not None:
                 self._file.store_solution(*content.solution)
         self._kept.written()
-        self._search.add(number, seen)
         self._last = keyframe
+        self._stretch.append(keyframe)
         self.last_frame = max(frame.number, self.last_frame or 0)
         closed = (content.edges[edges[-1].number],) if loop is not None else ()
         pose = content.pose(number) @ np.linalg.inv(mount)
         return MapStep(number, closed, tuple(self._detector.rejected), pose, reason)
+
+    def _lead_on(self, keyframe: StoredKeyframe, cloud: PreparedCloud) -> list[Edge]:
+        """Return the step from the last keyframe; nothing if odometry does not tell it."""
+        if self._last is None or (self._doubt is not None and self._doubt.code == "jump"):
+            return []
+        edges = self._measure_step(self._last, keyframe, cloud)
+        if self._doubt is not None:
+            if not _confirms(edges):
+                logger.warning("%s", self._doubt)
+                return []
+            self._doubt = None
+        return edges
+
+    def _too_recent(self, stamp_ns: int) -> set[int]:
+        """Keyframes that are no candidates: odometry that connects them is still good."""
+        loops, count = self.settings.loops, len(self._stretch)
+        recent = {each.id for each in self._stretch[max(count - loops.window, 0) :]}
+        for each in reversed(self._stretch if loops.window_seconds else []):
+            if stamp_ns - each.stamp_ns > loops.window_seconds * 1e9:
+                break
+            recent.add(each.id)
+        return recent
 
     def _find_session(self) -> int:
         assert self._name is not None
@@ -194,6 +236,22 @@ class MapWriter:
         logger.warning("%s", text)
         return Refusal("jump", step, text)
 
+    def _seconds_since_last(self, stamp_ns: int) -> float:
+        """Seconds since the frame before; 0 if unknown."""
+        if not stamp_ns or not self._last_stamp_ns:
+            return 0.0
+        return (stamp_ns - self._last_stamp_ns) / 1e9
+
+    def _check_silence(self, seconds: float) -> Refusal | None:
+        if seconds <= self.settings.map.max_silence:
+            return None
+        text = (
+            f"{seconds:.1f} s without frames, more than {self.settings.map.max_silence:g}, and "
+            "clouds do not confirm odometry: the map goes on in a part of its own until loops "
+            "join it"
+        )
+        return Refusal("silence", seconds, text)
+
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
         from scipy.spatial.transform import Rotation
 
@@ -210,6 +268,22 @@ class MapWriter:
         """map_from_robot by the last keyframe and odometry since."""
         pose: Matrix = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
         return pose
+
+
+def _check_order(seconds: float) -> Refusal | None:
+    if seconds >= 0:
+        return None
+    return Refusal("stamp", -seconds, f"the time stamp goes back by {-seconds:.3f} s")
+
+
+def _confirms(edges: list[Edge]) -> bool:
+    """Whether clouds measured a step, and it is that of odometry."""
+    if len(edges) < 2:
+        return False
+    driven, measured = edges
+    off = log(inverse(driven.pose) @ measured.pose)
+    square = off @ np.linalg.solve(driven.covariance + measured.covariance, off)
+    return bool(square <= CHI2_999)
 
 
 def _odom_from_robot(keyframe: StoredKeyframe) -> Matrix:

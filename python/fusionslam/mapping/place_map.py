@@ -515,9 +515,9 @@ class PlaceMap:
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():
             self._detector = self._new_detector(settings, vectors)
+        self._search = KeyframeSearch(self._content, self._detector)
         parts = file, self._content, self._detector, self._kept
-        self._search = KeyframeSearch(*parts)
-        self._writer = MapWriter(self._session_name, settings, *parts, self._search)
+        self._writer = MapWriter(self._session_name, settings, *parts)
         self._localizer = None
 
     def _new_detector(

@@ -346,6 +346,15 @@ def test_readers_leave_no_files(path: Path) -> None:
     assert [*path.parent.iterdir()] == [path]
 
 
+def test_a_reader_sees_the_map_as_it_was(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site, PlaceMap.open(path, read_only=True) as reader:
+        for frame in FRAMES[STORED : STORED + 2]:
+            site.add(frame)
+        assert len(reader) == STORED
+        assert reader.localize(FRAMES[1]).keyframe in range(STORED)
+        assert reader.check() == []
+
+
 def test_a_reader_of_a_forgotten_session_is_told_so(path: Path) -> None:
     with PlaceMap.open(path, "monday") as site, PlaceMap.open(path, read_only=True) as reader:
         assert reader.localize(FRAMES[0]).pose is not None

@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
-from fusionslam import Cloud, ConfigError, DataError, FusionSlamError
+from fusionslam import Cloud, ConfigError, DataError, FusionSlamError, LoopConfig, LoopDetector
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.map_database import APPLICATION_ID, VERSION, is_map
 from fusionslam.mapping.map_file import MapFile
@@ -255,6 +255,108 @@ def test_a_jump_of_odometry_begins_a_part(tmp_path: Path) -> None:
         step = site.add(FRAMES[1], odometry=at(500, 0, 0, 0))
         assert step.why is not None and step.why.code == "jump"
         assert site.sessions[0].parts == (0, 1)
+
+
+def test_a_jump_in_a_frame_that_shows_nothing_is_not_forgotten(tmp_path: Path) -> None:
+    nothing = Frame(index=1, points=np.empty((0, 3), np.float32))
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        with pytest.raises(FusionSlamError):
+            site.add(nothing, odometry=at(500, 0, 0, 0))
+        step = site.add(FRAMES[1], odometry=at(506, 0, 0, 0))
+        assert step.why is not None and step.why.code == "jump"
+        assert site.sessions[0].parts == (0, 1)
+
+
+def later(frame: Frame, seconds: float, odometry: Any = None) -> Frame:
+    """The same frame at another time, and with other odometry."""
+    return Frame(
+        index=frame.index,
+        stamp_ns=frame.stamp_ns + round(seconds * 1e9),
+        points=frame.points,
+        odometry=frame.odometry if odometry is None else odometry,
+    )
+
+
+def test_odometry_that_clouds_confirm_counts_after_a_silence(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        step = site.add(later(FRAMES[1], 3600))
+        assert step.keyframe == 1 and step.why is None
+        assert site.sessions[0].parts == (0,)
+
+
+def test_a_robot_that_was_carried_during_a_silence_begins_a_part(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        site.add(FRAMES[1])
+        step = site.add(later(FRAMES[5], 3600, FRAMES[1].odometry))  # as if it had not moved
+        assert step.keyframe == 2 and step.why is not None
+        assert (step.why.code, round(step.why.number)) == ("silence", 3604)
+        assert site.sessions[0].parts == (0, 2)
+        assert site.add(later(FRAMES[6], 3600, FRAMES[2].odometry)).why is None
+        assert site.sessions[0].parts == (0, 2)
+
+
+def test_odometry_that_began_anew_before_a_session_goes_on_begins_a_part(tmp_path: Path) -> None:
+    path = tmp_path / "a.fsmap"
+    build(path, FRAMES[:3])
+    with PlaceMap.open(path, "monday") as site:
+        # Nearer than a jump: the robot stands where it stood, and its odometry starts at zero.
+        step = site.add(later(FRAMES[2], 86_400, np.eye(4)))
+        assert step.why is not None and step.why.code == "silence"
+        assert site.sessions[0].parts == (0, 3)
+
+
+def test_a_time_stamp_that_goes_back_is_named(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(FRAMES[0])
+        assert site.add(FRAMES[1]).why is None
+        for seconds, back, keyframe in ((0.5, 0.5, 2), (0.25, 0.25, None)):  # one is too near
+            step = site.add(later(FRAMES[2], seconds - 2))
+            assert step.why is not None and step.keyframe == keyframe
+            assert (step.why.code, step.why.number) == ("stamp", back)
+        assert site.sessions[0].parts == (0,)
+
+
+@pytest.mark.parametrize("gap", [0, 5])
+def test_a_short_drive_is_joined_with_the_same_drive_of_another_day(
+    tmp_path: Path, gap: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Keyframes of other sessions are candidates, however few came since."""
+    asked = []
+    add = LoopDetector.add_observation
+
+    def watched(self: LoopDetector, seen: Any, *, excluded: Any, stretches: Any) -> Any:
+        asked.append((len(self), {*excluded}, {stretches[k] for k in excluded}))
+        return add(self, seen, excluded=excluded, stretches=stretches)
+
+    monkeypatch.setattr(LoopDetector, "add_observation", watched)
+    path = tmp_path / "site.fsmap"
+    options = OPTIONS | {"loops": LoopConfig(window=20)}
+    for day, name in enumerate(("monday", "tuesday")):
+        with PlaceMap.open(path, name, **options) as site:
+            for frame in frames(RETURN, 200 * day, day=day)[:gap] if gap else ():
+                site.add(frame)
+    for day, name in enumerate(("monday", "tuesday")):
+        with PlaceMap.open(path, name, **options) as site:
+            for frame in frames(RETURN, 200 * day, day=day)[gap:]:
+                site.add(frame)
+    assert [each.parts for each in site.sessions] == [(0,), (0,)]
+    own = {"monday": 0, "tuesday": gap or len(RETURN)}
+    for number, excluded, stretches in asked:
+        session = next(s.name for s in site.sessions if number in site_numbers(path, s.name))
+        assert stretches <= {own[session]}
+        assert excluded == {k for k in site_numbers(path, session) if k < number}
+
+
+def site_numbers(path: Path, session: str) -> list[int]:
+    """Numbers of a session's keyframes."""
+    database = sqlite3.connect(path)
+    query = "SELECT k.id FROM keyframe k JOIN session s ON s.id = k.session WHERE s.name = ?"
+    numbers = [number for (number,) in database.execute(query, (session,))]
+    database.close()
+    return numbers
 
 
 def test_a_frame_without_odometry_changes_nothing(path: Path) -> None:
