@@ -10,10 +10,14 @@ import numpy as np
 
 from fusionslam.errors import ConfigError
 from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.map_file import StoredKeyframe
+from fusionslam.mapping.map_file import MapFile, StoredKeyframe
+from fusionslam.mapping.merges import FEWEST_MERGES
 from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.registration import Refusal
 from fusionslam.storage.arrays import Floats, Integers, Matrix
+
+_GROWTH = 1.1
+"""Keyframes, of those solved last, at which new loops ask for the next solution of all."""
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +61,8 @@ class MapContent:
         stretches: number of the first keyframe of the stretch of odometry, by number of the
             keyframe; odometry of different stretches cannot be compared.
         reason: what was wrong with the graph as a whole when it was solved last.
+        is_live: whether the poses are those of the graph, not of the file.
+        unsaved: edges by number that are new, or whose state has changed, since ``saved``.
     """
 
     def __init__(
@@ -75,9 +81,14 @@ class MapContent:
         self.reason: Refusal | None = None
         self._graph = PoseGraph()
         self._graph_numbers: list[int] = []  # of its edges, here
-        self._poses: list[Matrix] = []
+        self._poses: Floats | None = None  # None: those of the graph
         self._parts: list[int] = []
         self._next_edge = 0
+        self._solved = 0  # keyframes in the last solution
+        self._asked = self._crossing = 0  # loops across parts: in the last solution, and now
+        self._has_new_loops = False  # since the last solution
+        self._is_solution_saved = True
+        self.unsaved: dict[int, Edge] = {}
         for keyframe in keyframes:
             if keyframe.session not in sessions.values():
                 raise ValueError(f"keyframe {keyframe.id}: session {keyframe.session} is missing")
@@ -85,6 +96,8 @@ class MapContent:
         for edge in edges:
             self._add_edge(edge)
         self._place(solution)
+        if any(max(self.row[e.a], self.row[e.b]) >= self._solved for e in self.loops):
+            self.solve()
 
     def __len__(self) -> int:
         """Number of keyframes."""
@@ -120,9 +133,11 @@ class MapContent:
         return self._parts
 
     @property
-    def solution(self) -> StoredSolution:
-        """What the file keeps of poses."""
-        return self.numbers, np.array(self._poses), np.array(self._parts, np.int64)
+    def poses(self) -> Floats:
+        """float64 (n, 4, 4): map_from_cloud of the keyframes, each in its part of the map."""
+        if self._poses is None:
+            self._poses = self._graph.poses
+        return self._poses
 
     def list_sessions(self) -> tuple[Session, ...]:
         """The drives, in the order in which they began."""
@@ -154,7 +169,12 @@ class MapContent:
 
     def pose(self, keyframe: int) -> Matrix:
         """Return map_from_cloud, float64 (4, 4), of a keyframe in its part of the map."""
-        return self._poses[self.row[keyframe]]
+        row = self.row[keyframe]
+        return self._graph.pose(row) if self._poses is None else self._poses[row]
+
+    def poses_of(self, keyframes: Iterable[int]) -> Floats:
+        """Return map_from_cloud, float64 (m, 4, 4), of keyframes."""
+        return self.poses[[self.row[number] for number in keyframes]]
 
     def part(self, keyframe: int) -> int:
         """Return the number of the first keyframe in a keyframe's part of the map."""
@@ -175,38 +195,72 @@ class MapContent:
     def near(self, place: Matrix, radius: float, keyframe: int) -> list[int]:
         """Return the keyframes this near to a pose in a keyframe's part, the nearest first."""
         parts = np.array(self._parts)
-        apart = np.linalg.norm(np.array(self._poses)[:, :3, 3] - place[:3, 3], axis=1)
+        apart = np.linalg.norm(self.poses[:, :3, 3] - place[:3, 3], axis=1)
         apart[parts != self.part(keyframe)] = np.inf
         order = np.argsort(apart, kind="stable")
         return [self.keyframes[row].id for row in order if apart[row] <= radius]
 
     def add(self, keyframe: StoredKeyframe, edges: Sequence[Edge]) -> None:
-        """Add a keyframe, and edges to it; that of odometry comes first."""
+        """Add a keyframe, and edges to it; that of odometry comes first.
+
+        The work does not grow with the map, but for a solution of the whole: when loops were found
+        and the map has grown by a tenth since the last one, and when loops across parts may join
+        these.
+        """
+        if not self.is_live:
+            self.solve()
         self._add_node(keyframe)
         for edge in edges:
             self._add_edge(edge)
+            self.unsaved[edge.number] = edge
         is_led = bool(edges) and edges[0].kind == "odometry"
-        self._append_pose(keyframe, edges[0] if is_led else None)
+        self._parts.append(self.part(edges[0].a) if is_led else keyframe.id)
+        for edge in self._graph.update().edges:
+            self._take_state(edge)
+        self._poses = None
+        loops = [edge for edge in edges if edge.kind != "odometry" and not self._is_step(edge)]
+        self._has_new_loops |= bool(loops)
+        self._crossing += sum(self._is_across(edge) for edge in loops)
+        has_grown = self._has_new_loops and len(self) >= _GROWTH * self._solved
+        if has_grown or self._crossing >= max(FEWEST_MERGES, _GROWTH * self._asked):
+            self.solve()
 
-    def solve(self) -> list[Edge]:
-        """Solve the graph; return the edges whose state has changed."""
+    def solve(self) -> None:
+        """Solve the graph."""
         solution = self._graph.solve()
         if solution.reason is not None and self.reason is None:
             logger.warning("%s", solution.reason)
         self.reason = solution.reason
-        self._poses = [*solution.poses]
+        self._poses = solution.poses
         self._parts = [self.keyframes[int(node)].id for node in solution.parts]
-        states = (*solution.believed, *solution.refused, *solution.pending)
-        return [edge for each in states if (edge := self._take_state(each)) is not None]
+        for edge in (*solution.believed, *solution.refused, *solution.pending):
+            self._take_state(edge)
+        self.is_live, self._has_new_loops, self._is_solution_saved = True, False, False
+        self._solved = len(self)
+        self._asked = self._crossing = sum(self._is_across(edge) for edge in self.edges.values())
 
-    def _take_state(self, solved: Edge) -> Edge | None:
-        """Take over the state of an edge of the graph; None if it has not changed."""
+    def save(self, file: MapFile) -> None:
+        """Write what is not in the file yet, but for keyframes."""
+        for edge in self.unsaved.values():
+            file.store_edge(edge)
+        if not self._is_solution_saved:
+            file.store_solution(self.numbers, self.poses, np.array(self._parts, np.int64))
+
+    def saved(self) -> None:
+        """Take note that the file has everything."""
+        self.unsaved.clear()
+        self._is_solution_saved = True
+
+    def _is_across(self, edge: Edge) -> bool:
+        return self.part(edge.a) != self.part(edge.b)
+
+    def _take_state(self, solved: Edge) -> None:
+        """Take over the state of an edge of the graph."""
         number = self._graph_numbers[solved.number]
         known = self.edges[number]
-        if known.state == solved.state and known.reason == solved.reason:
-            return None
-        self.edges[number] = replace(known, state=solved.state, reason=solved.reason)
-        return self.edges[number]
+        if known.state != solved.state or known.reason != solved.reason:
+            changed = replace(known, state=solved.state, reason=solved.reason)
+            self.edges[number] = self.unsaved[number] = changed
 
     def _add_node(self, keyframe: StoredKeyframe) -> None:
         self.row[keyframe.id] = len(self.keyframes)
@@ -230,21 +284,21 @@ class MapContent:
 
     def _place(self, solution: StoredSolution | None) -> None:
         """Take poses of the last solution, and those of newer keyframes by odometry."""
-        if solution is not None:
-            numbers, poses, parts = solution
-            if np.array_equal(self.numbers[: len(numbers)], numbers):
-                self._poses, self._parts = [*poses], parts.tolist()
+        placed: list[Matrix] = []
+        if solution is not None and np.array_equal(self.numbers[: len(solution[0])], solution[0]):
+            placed, self._parts = [*solution[1]], solution[2].tolist()
+        self._solved = len(placed)
         before = {edge.b: edge for edge in self.edges.values() if edge.kind == "odometry"}
-        for keyframe in self.keyframes[len(self._poses) :]:
-            self._append_pose(keyframe, before.get(keyframe.id))
-
-    def _append_pose(self, keyframe: StoredKeyframe, step: Edge | None) -> None:
-        if step is None:
-            self._poses.append(keyframe.robot_from_cloud)
-            self._parts.append(keyframe.id)
-        else:
-            self._poses.append(self.pose(step.a) @ step.pose)
-            self._parts.append(self.part(step.a))
+        for keyframe in self.keyframes[self._solved :]:
+            step = before.get(keyframe.id)
+            if step is None:
+                placed.append(keyframe.robot_from_cloud)
+                self._parts.append(keyframe.id)
+            else:
+                placed.append(placed[self.row[step.a]] @ step.pose)
+                self._parts.append(self.part(step.a))
+        self._poses = np.array(placed, np.float64).reshape(-1, 4, 4)
+        self.is_live = not placed  # whether the graph's poses are these
 
 
 def robot_poses(keyframes: Sequence[StoredKeyframe], poses: Iterable[Matrix]) -> Floats:

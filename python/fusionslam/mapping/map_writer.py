@@ -138,13 +138,10 @@ class MapWriter:
             if loop is not None:
                 edges.append(self._loop_edge(loop, session, content.next_edge + len(edges)))
             content.add(keyframe, edges)
-            changed = content.solve() if loop is not None else []
             stored = self._kept.take(number, cloud, seen.evidence.cloud.ground_level)
             self._file.add_keyframe(keyframe, stored, seen.vectors)
-            for edge in {edge.number: edge for edge in [*edges, *changed]}.values():
-                self._file.store_edge(edge)
-            if loop is not None:
-                self._file.store_solution(*content.solution)
+            content.save(self._file)
+        content.saved()
         self._kept.written()
         self._last = keyframe
         self._stretch.append(keyframe)

@@ -246,9 +246,9 @@ class PlaceMap:
 
     @property
     def reason(self) -> Refusal | None:
-        """What was wrong with the map as a whole when a loop was found last, as of ``Solution``.
+        """What was wrong with the map as a whole when it was solved last, as of ``Solution``.
 
-        None if nothing was, or no loop was found since the map was opened.
+        None if nothing was, or it was not solved since it was opened.
         """
         return self._content.reason
 
@@ -358,7 +358,7 @@ class PlaceMap:
                     copy_sessions(self._file, self, second, between)
         if merge.reason is None:
             self._load()
-            self.solve()
+            self._settle()
         return merge
 
     @property
@@ -416,7 +416,7 @@ class PlaceMap:
         with self._file.transaction():
             self._file.forget_session(number)
         self._load()
-        self.solve()
+        self._settle()
 
     @_one_at_a_time
     def trajectory(self, session: str) -> tuple[NDArray[np.int64], Floats]:
@@ -427,7 +427,7 @@ class PlaceMap:
         """
         keyframes = self._keyframes_of(session)
         stamps = np.array([each.stamp_ns for each in keyframes], np.int64)
-        return stamps, robot_poses(keyframes, [self._content.pose(each.id) for each in keyframes])
+        return stamps, robot_poses(keyframes, self._content.poses_of(each.id for each in keyframes))
 
     @_one_at_a_time
     def odometry(self, session: str) -> Floats:
@@ -542,29 +542,32 @@ class PlaceMap:
     def solve(self) -> None:
         """Solve the graph of the map anew and store the poses, as at the end of a drive.
 
-        ``add`` solves it at each loop only: until then, steps measured by clouds do not count.
+        ``add`` solves it from time to time only. In between, loops move the newest poses.
         """
         self._check_writable()
-        if not len(self):
-            return
-        changed = self._content.solve()
-        self.forget_motion()
+        self._content.is_live = False
+        self._settle()
+
+    def _settle(self) -> None:
+        """Store the poses that all edges ask for."""
+        if not self._content.is_live:
+            self._content.solve()
+        self.forget_motion()  # its poses are those of the former solution
         with self._file.transaction():
-            for edge in changed:
-                self._file.store_edge(edge)
-            self._file.store_solution(*self._content.solution)
+            self._content.save(self._file)
+        self._content.saved()
 
     def _keyframes_of(self, session: str) -> list[StoredKeyframe]:
         return self._content.keyframes_of(self._content.find_session(session))
 
     def _first_part(self) -> Iterator[tuple[Matrix, StoredCloud]]:
         """Poses and clouds of the part of the map that began first."""
-        for number in self._content.first_part():
-            yield self._content.pose(number), self._file.cloud(number)
+        numbers = self._content.first_part()
+        for number, pose in zip(numbers, self._content.poses_of(numbers), strict=True):
+            yield pose, self._file.cloud(number)
 
     def _positions(self) -> Floats:
-        places = [self._content.pose(number)[:2, 3] for number in self._content.first_part()]
-        return np.array(places, np.float64).reshape(-1, 2)
+        return self._content.poses_of(self._content.first_part())[:, :2, 3]
 
     def _placed_clouds(self) -> Iterator[PlacedCloud]:
         for pose, stored in self._first_part():

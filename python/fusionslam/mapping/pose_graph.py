@@ -204,12 +204,14 @@ class PoseGraph:
             self._edges[edge.number] = replace(edge, state=state, reason=reason)
         loops = [self._edges[edge.number] for edge in loops]
         self._updated, self._parts = len(self._edges), parts
-        self._window = Window(self._tree, poses[self._placed])
+        believed = [edge for edge in loops if edge.state == "believed"]
+        held = [way for way in self._measure_ways(believed) if not self._is_step(way)]
+        self._window = Window(self._tree, poses[self._placed], held)
         reason = self._find_overconfidence(sessions, within)
         return Solution(
             poses,
             parts,
-            tuple(edge for edge in loops if edge.state == "believed"),
+            tuple(believed),
             tuple(edge for edge in loops if edge.state == "refused"),
             reason=reason,
             seconds=time.perf_counter() - started,
@@ -218,32 +220,43 @@ class PoseGraph:
     def update(self) -> Update:
         """Take in what was added since the last call, with work that does not grow with the graph.
 
-        A node is put where odometry leads from the one before. Loops move the newest nodes only,
-        and those between the last loops; ``solve`` moves all. The first update, and one after
-        odometry that joins nodes already seen, takes time for each node. Add a node's odometry
-        before its update.
+        A node is put where odometry leads from the one before, and a loop between these two, if it
+        fits, which measures the same step. Other loops move the newest nodes only, and those
+        between the last loops; ``solve`` moves all. The first update, and one after odometry that
+        joins nodes already seen, takes time for each node. Add a node's odometry before its update.
         """
         self._grow_tree()
         new = [edge for edge in self._edges[self._updated :] if edge.kind != "odometry"]
         self._updated = len(self._edges)
-        window = self._window
         here = [edge for edge in new if self._part(edge.a) == self._part(edge.b)]
-        within = [e for e in here if self._session(e.a) == self._session(e.b)]
-        refusals = self._gate(within)
+        refusals = self._gate([e for e in here if self._session(e.a) == self._session(e.b)])
         asked = [edge for edge in here if edge.number not in refusals]
-        places = [(self._place[edge.a], self._place[edge.b]) for edge in asked]
-        window.close([as_measurement(e, a, b) for e, (a, b) in zip(asked, places, strict=True)])
-        for edge, (a, b) in zip(asked, places, strict=True):
-            square = weigh_errors(
-                measurement_errors(window.at(np.array([a, b]))[None], [edge]), [edge]
-            )[0]
+        window, ways = self._window, self._measure_ways(asked)
+        steps = {way.b: way for way in ways if way.b >= len(window) and self._is_step(way)}
+        window.grow([self._tree.parent(k) for k in range(len(window), len(self))], steps)
+        window.close([way for way in ways if steps.get(way.b) is not way])
+        for edge in asked:
+            ends = np.array([self._place[edge.a], self._place[edge.b]])
+            square = weigh_errors(measurement_errors(window.at(ends)[None], [edge]), [edge])[0]
             state: State = "believed" if square <= CHI2_999 else "pending"
             self._edges[edge.number] = replace(edge, state=state)
         for number, reason in refusals.items():
             self._edges[number] = replace(self._edges[number], state="refused", reason=reason)
-        newest = np.array([self._place[node] for node in range(len(self))[-1:]], np.int64)
-        pose = window.at(newest)[0] if len(self) else None
+        pose = self.pose(len(self) - 1) if len(self) else None
         return Update(pose, tuple(self._edges[edge.number] for edge in new))
+
+    def pose(self, node: int) -> Matrix:
+        """float64 (4, 4): where the last update or solve has a node that it knew."""
+        pose: Matrix = self._window.at(np.array([self._place[node]]))[0]
+        return pose
+
+    def _measure_ways(self, edges: Sequence[Edge]) -> list[Measurement]:
+        """The edges between places in the tree, from the earlier to the newer one."""
+        return [as_measurement(e, self._place[e.a], self._place[e.b]) for e in edges]
+
+    def _is_step(self, way: Measurement) -> bool:
+        """Whether it leads from a node to the next by odometry."""
+        return self._tree.parent(way.b) == way.a
 
     @property
     def poses(self) -> Floats:
@@ -281,7 +294,6 @@ class PoseGraph:
             if node not in self._place:
                 self._begin(node)
         self._known = len(self)
-        self._window.grow([self._tree.parent(k) for k in range(len(self._window), len(self))])
 
     def _grow_by(self, edge: Edge) -> bool:
         """False if the edge joins two sessions, so that one must be placed anew."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses while driving: each loop moves the session's nodes, with bounded work."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from fusionslam._core import OdometryTree
 from fusionslam.geometry.se3 import adjoint, exp, inverse, log
 from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.edge_errors import CHI2_999
 from fusionslam.mapping.gtsam_extra import Measurement, Solver
-from fusionslam.storage.arrays import Floats, Integers
+from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _NEWEST, _OLDER = 10, 20
 """Loops that are solved together: the newest ones, and as many spread over the others."""
@@ -26,9 +27,12 @@ class Window:
     Args:
         tree: the odometry.
         poses: float64 (n, 4, 4), of its nodes by now.
+        loops: that these poses follow from, as ``close`` takes them.
     """
 
-    def __init__(self, tree: OdometryTree, poses: Floats) -> None:
+    def __init__(
+        self, tree: OdometryTree, poses: Floats, loops: Sequence[Measurement] = ()
+    ) -> None:
         self._tree = tree
         self._poses = poses.copy()  # without what loops have moved since
         self._count = len(poses)
@@ -37,6 +41,7 @@ class Window:
         self._moves = np.eye(4)[None]  # of the knots, in the frame of the poses
         if len(poses):
             self._begin(tree.root(len(poses) - 1))
+        self._loops = self._own(loops)
 
     def __len__(self) -> int:
         return self._count
@@ -57,8 +62,13 @@ class Window:
         moved = exp(shares[:, None] * between[part]) @ moves[part]
         return np.asarray(moved @ self._poses[numbers])
 
-    def grow(self, parents: Sequence[int]) -> None:
-        """Take in the nodes that odometry has reached since, each with its parent."""
+    def grow(self, parents: Sequence[int], steps: Mapping[int, Measurement]) -> None:
+        """Take in the nodes that odometry has reached since, each with its parent.
+
+        Args:
+            parents: of the nodes.
+            steps: measurements of the way from its parent, by node.
+        """
         for parent in parents:
             node = self._count
             if node == len(self._poses):
@@ -72,6 +82,8 @@ class Window:
                 self._begin(node)
             else:
                 step = inverse(self._tree.pose(parent)) @ self._tree.pose(node)
+                if node in steps:
+                    step = _fuse(step, self._tree.drift(parent, node), steps[node])
                 self._poses[node] = self._poses[parent] @ step
 
     def close(self, loops: Sequence[Measurement]) -> None:
@@ -81,11 +93,11 @@ class Window:
             loops: between nodes of the tree, a earlier than b. Those that do not end in the newest
                 session are left out.
         """
-        first = int(self._knots[0])
-        loops = [loop for loop in loops if self._tree.root(loop.b) == self._tree.root(first)]
+        loops = self._own(loops)
         if not loops:
             return
         self._loops += loops
+        first = int(self._knots[0])
         older = np.linspace(0, len(self._loops) - _NEWEST - 1, _OLDER)
         spread = np.unique(older.astype(int)).tolist() if len(self._loops) > _NEWEST else []
         asked = [self._loops[k] for k in spread] + self._loops[-_NEWEST:]
@@ -105,6 +117,11 @@ class Window:
         self._knots = knots
         self._moves = solved[: len(knots)] @ inverse(bases)
 
+    def _own(self, loops: Sequence[Measurement]) -> list[Measurement]:
+        """Those that end in the newest session."""
+        first = int(self._knots[0])
+        return [loop for loop in loops if self._tree.root(loop.b) == first]
+
     def _begin(self, node: int) -> None:
         """Begin a session: its nodes are those from this one on."""
         self._loops = []
@@ -123,3 +140,13 @@ def as_measurement(edge: Edge, a: int, b: int) -> Measurement:
     carry = adjoint(edge.pose)
     turned = carry @ edge.covariance @ carry.T
     return Measurement(b, a, inverse(edge.pose), turned, robust=True)
+
+
+def _fuse(step: Matrix, drift: Floats, measured: Measurement) -> Matrix:
+    """A step by odometry and by a measurement; by odometry alone if the two contradict."""
+    error = log(inverse(step) @ measured.pose)
+    weighed = np.linalg.solve(drift + measured.covariance, error)
+    if error @ weighed > CHI2_999:
+        return step
+    fused: Matrix = step @ exp(drift @ weighed)
+    return fused

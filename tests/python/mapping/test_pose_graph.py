@@ -331,3 +331,44 @@ def test_a_later_session_is_led_by_the_sessions_it_is_joined_with() -> None:
 
 def test_an_update_of_an_empty_graph_has_no_pose() -> None:
     assert PoseGraph().update().pose is None
+
+
+def test_measured_steps_correct_odometry_while_driving() -> None:
+    rng = np.random.default_rng(11)
+    graph, true = PoseGraph(), [np.eye(4)]
+    graph.add_node()
+    odometry = np.diag(ODOMETRY**2)
+    for k in range(LAP // 2):
+        node = graph.add_node()
+        noisy = STEP @ exp(rng.normal(size=6) * ODOMETRY)
+        graph.add_edge(node - 1, node, noisy, odometry, "odometry")
+        ends, measured = (node - 1, node), STEP @ exp(rng.normal(size=6) * ODOMETRY / 10)
+        if k % 2:  # in either direction
+            ends, measured = (node, node - 1), inverse(measured)
+        graph.add_edge(*ends, measured, odometry / 100, "loop")
+        update = graph.update()
+        assert [edge.state for edge in update.edges] == ["believed"]
+        true.append(true[-1] @ STEP)
+    node = graph.add_node()
+    graph.add_edge(node - 1, node, STEP, odometry, "odometry")
+    false = STEP @ exp(np.array([0.08, 0, 0, 0, 0, 0.012]))  # odometry does not exclude it
+    graph.add_edge(node - 1, node, false, odometry / 1000, "loop")
+    assert [edge.state for edge in graph.update().edges] == ["pending"]
+    true.append(true[-1] @ STEP)
+    live = errors_m(graph.poses, np.array(true)).max()
+    assert live < 2 * errors_m(graph.solve().poses, np.array(true)).max() + 0.02
+
+
+def test_loops_of_the_last_solution_hold_against_a_new_one() -> None:
+    rng = np.random.default_rng(12)
+    graph = PoseGraph()
+    _, true = drive(graph, rng, 2 * LAP)
+    for k in range(LAP, 2 * LAP - 1):
+        close(graph, rng, k - LAP, k)
+    before = graph.solve().poses[LAP + 5 :]
+    aside = exp(np.array([0.1, 0, 0, 0, 0, 0]))
+    graph.add_edge(LAP - 1, 2 * LAP - 1, aside, np.diag((3 * LOOP) ** 2), "loop")
+    graph.update()
+    moved = errors_m(graph.poses[LAP + 5 :], before)
+    assert moved[:-1].max() < 0.05
+    assert errors_m(graph.poses, true).max() < 0.3

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Work and writing for a keyframe do not grow with the map."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.geometry.se3 import exp, inverse
+from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.map_content import MapContent
+from fusionslam.mapping.map_file import StoredKeyframe
+from fusionslam.storage.arrays import Floats
+from streets import at
+
+pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
+
+FIRM = np.diag([0.02] * 3 + [0.002] * 3) ** 2
+ROUGH = np.diag([0.1] * 3 + [0.01] * 3) ** 2
+LAP = 40
+
+
+class Writes:
+    """A file that counts what is written."""
+
+    def __init__(self) -> None:
+        self.edges = self.solutions = 0
+
+    def store_edge(self, edge: Edge) -> None:
+        self.edges += 1
+
+    def store_solution(self, *_: Any) -> None:
+        self.solutions += 1
+
+
+def circle(keyframes: int) -> Floats:
+    angles = np.arange(keyframes) * 2 * np.pi / LAP
+    return np.array([at(20 * np.cos(a), 20 * np.sin(a), np.degrees(a) + 90) for a in angles])
+
+
+class Drive:
+    """Laps on a circle: odometry that is 1 % too long, firm steps, and a loop to the lap before."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self.content, self._random = MapContent({}, [], [], None), np.random.default_rng(seed)
+
+    def add(self, session: int, way: Floats, number: int, loops: dict[int, Floats]) -> None:
+        """Add the next pose of a way, with loops to keyframes by their true poses."""
+        content, name = self.content, f"drive {session}"
+        content.sessions.setdefault(name, session)
+        keyframe = StoredKeyframe(content.next_keyframe, session, number, 0, way[number], np.eye(4))
+        edges: list[Edge] = []
+        if number:
+            step = inverse(way[number - 1]) @ way[number]
+            long = step.copy()
+            long[:3, 3] *= 1.01
+            ends = keyframe.id - 1, keyframe.id
+            edges = [
+                Edge(content.next_edge, "odometry", *ends, long, ROUGH, "believed"),
+                Edge(content.next_edge + 1, "loop", *ends, step, FIRM, "pending"),
+            ]
+        for match, pose in loops.items():
+            measured = inverse(pose) @ way[number] @ exp(self._random.normal(0, 0.01, 6))
+            kind = "loop" if content.is_of(match, session) else "merge"
+            number_of = content.next_edge + len(edges)
+            ends = match, keyframe.id
+            edges.append(Edge(number_of, kind, *ends, measured, ROUGH, "pending"))
+        content.add(keyframe, edges)
+
+
+def test_a_map_is_solved_whole_only_as_it_grows() -> None:
+    drive, way, file, writes = Drive(), circle(12 * LAP), Writes(), []
+    for number in range(len(way)):
+        loops = {number - LAP: way[number - LAP]} if number >= LAP and number % 2 == 0 else {}
+        drive.add(1, way, number, loops)
+        before = file.edges
+        drive.content.save(file)
+        drive.content.saved()
+        writes.append(file.edges - before)
+    assert 10 <= file.solutions <= 40  # 220 loops
+    assert np.median(writes) <= 3
+    off = drive.content.poses[:, :3, 3] - (inverse(way[0]) @ way)[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() < 0.5
+    assert all(edge.state == "believed" for edge in drive.content.loops)
+
+
+def test_three_loops_join_sessions_at_once() -> None:
+    drive, way = Drive(), circle(2 * LAP)
+    for number in range(LAP):
+        drive.add(1, way, number, {})
+    for number in range(6):
+        assert {each.parts for each in drive.content.list_sessions()} <= {(0,), (LAP,)}
+        drive.add(2, way[LAP:], number, {number: way[number]} if number % 2 == 0 else {})
+        joined = drive.content.list_sessions()[1].parts == (0,)
+        assert joined == (number >= 4)
+    assert len(drive.content.poses) == LAP + 6
+
+
+def test_poses_are_those_of_the_loops_once_a_map_is_loaded() -> None:
+    drive, way = Drive(), circle(2 * LAP)
+    for number in range(len(way)):
+        drive.add(1, way, number, {number - LAP: way[number - LAP]} if number >= LAP else {})
+    content = drive.content
+    stale = MapContent(content.sessions, content.keyframes, content.edges.values(), None)
+    content.solve()
+    np.testing.assert_array_equal(stale.poses, content.poses)
+    assert all(edge.state == "believed" for edge in stale.edges.values())
+    assert all(
+        np.array_equal(stale.poses[k], content.pose(each.id))
+        for k, each in enumerate(content.keyframes)
+    )
