@@ -4,39 +4,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from fusionslam.errors import ConfigError
-from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.memory import Vectors
-from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
+from fusionslam.loop_closure.verification import verify_candidates
 from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.keyframe_search import KeyframeSearch
 from fusionslam.mapping.map_content import MapContent
-from fusionslam.mapping.map_file import MapFile, StoredCloud
+from fusionslam.mapping.map_file import MapFile
+from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.mapping.pose_graph import PoseGraph
-from fusionslam.registration import PreparedCloud, Refusal, RegistrationConfig
-from fusionslam.storage.arrays import Floats32, Integers
+from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.storage.progress import Progress
 
 
 class ComparedMap(Protocol):
-    """What merging asks of a ``PlaceMap``; numbers are those of keyframes."""
+    """What merging asks of a ``PlaceMap``."""
 
     @property
-    def comparable(self) -> dict[str, Any]: ...
+    def settings(self) -> MapSettings: ...
     @property
     def content(self) -> MapContent: ...
     @property
-    def vectors(self) -> dict[str, tuple[Integers, Floats32]]: ...
-    @property
-    def loop_config(self) -> LoopConfig: ...
-    @property
-    def registration(self) -> RegistrationConfig: ...
-    def stored_cloud(self, keyframe: int) -> StoredCloud: ...
-    def stored_frame(self, keyframe: int) -> StoredFrame: ...
-    def nearest_keyframes(self, vectors: Vectors) -> dict[int, float]: ...
+    def search(self) -> KeyframeSearch: ...
 
 
 @dataclass(frozen=True)
@@ -58,10 +50,9 @@ class Merge:
 
 def check_mergeable(site: ComparedMap, other: ComparedMap) -> None:
     """Raise ConfigError for maps that cannot be compared, or with a session in common."""
-    if site.comparable != other.comparable:
-        differing = [
-            key for key, value in site.comparable.items() if value != other.comparable[key]
-        ]
+    own, others = site.settings.comparable, other.settings.comparable
+    differing = [key for key, value in own.items() if value != others[key]]
+    if differing:
         raise ConfigError(
             f"both maps were made with other {' and '.join(differing)}: their keyframes cannot be "
             "compared",
@@ -81,14 +72,15 @@ def find_loops_between(
     site: ComparedMap, other: ComparedMap, progress: Progress | None = None
 ) -> list[Edge]:
     """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
-    vectors = other.vectors
-    edges: list[Edge] = []
+    vectors = other.search.vectors()
     numbers = other.content.numbers.tolist()
+    lengths, loops = site.settings.registration, site.settings.loops
+    edges: list[Edge] = []
     for done, number in enumerate(numbers, start=1):
         row = {name: rows[done - 1] for name, (_, rows) in vectors.items()}
-        cloud = PreparedCloud.from_bytes(other.stored_cloud(number).evidence, site.registration)
-        candidates = site.nearest_keyframes(row)
-        best, _ = verify_candidates(number, cloud, candidates, site.stored_frame, site.loop_config)
+        cloud = PreparedCloud.from_bytes(other.search.stored_cloud(number).evidence, lengths)
+        candidates = site.search.nearest(row)
+        best, _ = verify_candidates(number, cloud, candidates, site.search.stored, loops)
         if best is not None and best.reason is None and best.match_from_query is not None:
             covariance = np.asarray(best.covariance)
             edges.append(
@@ -146,11 +138,11 @@ def copy_sessions(
     sessions = {number: file.add_session(name) for name, number in content.sessions.items()}
     first = site.content.next_keyframe
     renamed = {number: first + row for number, row in content.row.items()}
-    vectors = other.vectors
+    vectors = other.search.vectors()
     for row, keyframe in enumerate(content.keyframes):
         copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
         own = {name: rows[row] for name, (_, rows) in vectors.items()}
-        file.add_keyframe(copied, other.stored_cloud(keyframe.id), own)
+        file.add_keyframe(copied, other.search.stored_cloud(keyframe.id), own)
     edges = [replace(e, a=renamed[e.a], b=renamed[e.b]) for e in content.edges.values()]
     edges += [replace(edge, b=renamed[edge.b]) for edge in between]
     for number, edge in enumerate(edges, start=site.content.next_edge):

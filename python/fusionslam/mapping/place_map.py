@@ -21,8 +21,6 @@ from fusionslam.fusion import FusionConfig, robot_from_cloud
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
-from fusionslam.loop_closure.memory import Vectors
-from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping.clouds import FileClouds, join_clouds, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.edge import Edge, check_pose
@@ -201,7 +199,7 @@ class PlaceMap:
     @property
     def fusion(self) -> FusionConfig:
         """How frames are fused into the map's clouds."""
-        return self._writer.settings.fusion
+        return self.settings.fusion
 
     @_one_at_a_time
     def describe(self) -> str:
@@ -317,14 +315,14 @@ class PlaceMap:
             raise DataError(f"{self._file.path}: the map has no keyframes", code="empty")
         mount = np.eye(4)
         if isinstance(frame_or_cloud, Frame):
-            mount = robot_from_cloud(frame_or_cloud, self._writer.settings.fusion)
+            mount = robot_from_cloud(frame_or_cloud, self.settings.fusion)
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
             odometry = frame_or_cloud.odometry if odometry is None else odometry
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount
         seen = self._detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
         assert seen.evidence is not None
         if self._localizer is None:
-            self._localizer = Localizer(self._search, self._writer.settings.loops)
+            self._localizer = Localizer(self._search, self.settings.loops)
         sight = Sight(seen.evidence.cloud, self._search.nearest(seen.vectors), moved, stamp_ns)
         found = self._localizer.localize(sight)
         if found.map_from_robot is None:
@@ -362,19 +360,9 @@ class PlaceMap:
         return merge
 
     @property
-    def comparable(self) -> dict[str, Any]:
-        """What maps must have in common for their keyframes to be compared."""
-        return self._writer.settings.comparable
-
-    @property
-    def loop_config(self) -> LoopConfig:
-        """Which candidates are tried and accepted."""
-        return self._writer.settings.loops
-
-    @property
-    def registration(self) -> RegistrationConfig:
-        """How clouds were prepared."""
-        return self._writer.settings.registration
+    def settings(self) -> MapSettings:
+        """The configuration that all keyframes share."""
+        return self._writer.settings
 
     @property
     def content(self) -> MapContent:
@@ -382,21 +370,9 @@ class PlaceMap:
         return self._content
 
     @property
-    def vectors(self) -> dict[str, tuple[Integers, Floats32]]:
-        """Numbers of the keyframes, and their vectors, float32 (n, D), by descriptor."""
-        return self._file.vectors()
-
-    def stored_cloud(self, keyframe: int) -> StoredCloud:
-        """Return the packed clouds of a keyframe."""
-        return self._file.cloud(keyframe)
-
-    def stored_frame(self, keyframe: int) -> StoredFrame:
-        """Return a keyframe as the verification of loops takes it."""
-        return self._search.stored(keyframe)
-
-    def nearest_keyframes(self, vectors: Vectors) -> dict[int, float]:
-        """Return the nearest keyframes of each descriptor, and their distances, all sessions'."""
-        return self._search.nearest(vectors)
+    def search(self) -> KeyframeSearch:
+        """What finds keyframes, and has their clouds and vectors."""
+        return self._search
 
     @_one_at_a_time
     def forget_motion(self) -> None:
@@ -465,7 +441,7 @@ class PlaceMap:
     @property
     def config(self) -> dict[str, Any]:
         """Everything that the map was made with, by section of the configuration."""
-        return self._writer.settings.dump()
+        return self.settings.dump()
 
     @_one_at_a_time
     def cloud(self, voxel: float = 0.1) -> Cloud:
@@ -515,7 +491,7 @@ class PlaceMap:
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():
             self._detector = self._new_detector(settings, vectors)
-        self._search = KeyframeSearch(self._content, self._detector)
+        self._search = KeyframeSearch(file, self._content, self._detector)
         parts = file, self._content, self._detector, self._kept
         self._writer = MapWriter(self._session_name, settings, *parts)
         self._localizer = None
