@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses while driving: each loop moves the session's nodes, with bounded work."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -36,12 +37,13 @@ class Window:
         self._tree = tree
         self._poses = poses.copy()  # without what loops have moved since
         self._count = len(poses)
-        self._loops: list[Measurement] = []  # between numbers of the tree, b newer than a
+        # Between numbers of the tree, b newer than a, by the first node of b's session.
+        self._loops: defaultdict[int, list[Measurement]] = defaultdict(list)
         self._knots = np.zeros(1, np.int64)  # ends of loops, the first node of the session before
         self._moves = np.eye(4)[None]  # of the knots, in the frame of the poses
         if len(poses):
             self._begin(tree.root(len(poses) - 1))
-        self._loops = self._own(loops)
+        self._keep(loops)
 
     def __len__(self) -> int:
         return self._count
@@ -56,11 +58,13 @@ class Window:
         knots, moves = self._knots, self._moves
         if len(knots) == 1:
             return np.asarray(self._poses[numbers])
+        own = np.array([self._tree.root(number) == knots[0] for number in numbers.tolist()])
         part = np.clip(np.searchsorted(knots, numbers, side="right") - 1, 0, len(knots) - 2)
         shares = np.clip((numbers - knots[part]) / (knots[part + 1] - knots[part]), 0, 1)
         between = log(moves[1:] @ inverse(moves[:-1]))
         moved = exp(shares[:, None] * between[part]) @ moves[part]
-        return np.asarray(moved @ self._poses[numbers])
+        poses = self._poses[numbers]
+        return np.where(own[:, None, None], moved @ poses, poses)
 
     def grow(self, parents: Sequence[int], steps: Mapping[int, Measurement]) -> None:
         """Take in the nodes that odometry has reached since, each with its parent.
@@ -76,34 +80,36 @@ class Window:
                 room[:node] = self._poses
                 self._poses = room
             self._count += 1
-            if parent == node:
+            if self._tree.root(node) != self._knots[0] or node == 0:
                 self._keep_moves()
+                self._begin(self._tree.root(node))
+            if parent == node:
                 self._poses[node] = self._tree.pose(node)
-                self._begin(node)
-            else:
-                step = inverse(self._tree.pose(parent)) @ self._tree.pose(node)
-                if node in steps:
-                    step = _fuse(step, self._tree.drift(parent, node), steps[node])
-                self._poses[node] = self._poses[parent] @ step
+                continue
+            step = inverse(self._tree.pose(parent)) @ self._tree.pose(node)
+            if node in steps:
+                step = _fuse(step, self._tree.drift(parent, node), steps[node])
+            self._poses[node] = self._poses[parent] @ step
 
     def close(self, loops: Sequence[Measurement]) -> None:
         """Move the nodes of the newest session to where loops fit best.
 
         Args:
-            loops: between nodes of the tree, a earlier than b. Those that do not end in the newest
-                session are left out.
+            loops: between nodes of the tree, a earlier than b. Those that end in another session
+                wait until it goes on.
         """
-        loops = self._own(loops)
-        if not loops:
-            return
-        self._loops += loops
         first = int(self._knots[0])
-        older = np.linspace(0, len(self._loops) - _NEWEST - 1, _OLDER)
-        spread = np.unique(older.astype(int)).tolist() if len(self._loops) > _NEWEST else []
-        asked = [self._loops[k] for k in spread] + self._loops[-_NEWEST:]
-        ends = {end for loop in asked for end in (loop.a, loop.b)}
-        knots = np.array([first, *sorted(end for end in ends if end > first)])
-        others = np.array(sorted(end for end in ends if end < first), np.int64)
+        before = len(self._loops[first])
+        self._keep(loops)
+        loops = self._loops[first]
+        if len(loops) == before:
+            return
+        older = np.linspace(0, len(loops) - _NEWEST - 1, _OLDER)
+        spread = np.unique(older.astype(int)).tolist() if len(loops) > _NEWEST else []
+        asked = [loops[k] for k in spread] + loops[-_NEWEST:]
+        ends = {end for loop in asked for end in (loop.a, loop.b)} - {first}
+        own = {end for end in ends if self._tree.root(end) == first}
+        knots, others = np.array([first, *sorted(own)]), np.array(sorted(ends - own), np.int64)
         numbers = np.concatenate([knots, others])
         rows = {int(number): row for row, number in enumerate(numbers)}
         bases = self._poses[knots]
@@ -117,19 +123,17 @@ class Window:
         self._knots = knots
         self._moves = solved[: len(knots)] @ inverse(bases)
 
-    def _own(self, loops: Sequence[Measurement]) -> list[Measurement]:
-        """Those that end in the newest session."""
-        first = int(self._knots[0])
-        return [loop for loop in loops if self._tree.root(loop.b) == first]
+    def _keep(self, loops: Sequence[Measurement]) -> None:
+        for loop in loops:
+            self._loops[self._tree.root(loop.b)].append(loop)
 
     def _begin(self, node: int) -> None:
-        """Begin a session: its nodes are those from this one on."""
-        self._loops = []
+        """Begin a session, or go on with it, by its first node."""
         self._knots, self._moves = np.array([node]), np.eye(4)[None]
 
     def _keep_moves(self) -> None:
         """Put the nodes of the session for good where loops have moved them."""
-        before = np.arange(self._knots[0], self._count - 1)
+        before = np.arange(self._knots[0], self._count - 1)  # the node of now has no pose yet
         self._poses[before] = self.at(before)
 
 

@@ -372,3 +372,24 @@ def test_loops_of_the_last_solution_hold_against_a_new_one() -> None:
     moved = errors_m(graph.poses[LAP + 5 :], before)
     assert moved[:-1].max() < 0.05
     assert errors_m(graph.poses, true).max() < 0.3
+
+
+def test_a_session_goes_on_after_another_one_began() -> None:
+    rng = np.random.default_rng(13)
+    graph = PoseGraph()
+    first, true = drive(graph, rng, LAP + 1)
+    start, _ = drive(graph, rng, 3)
+    graph.update()
+    close(graph, rng, first, LAP)
+    close(graph, rng, start, start + 1)
+    graph.solve()
+    other = graph.poses[start : start + 3]
+    node = LAP
+    for k in range(1, 4):
+        before, node = node, graph.add_node()
+        graph.add_edge(before, node, STEP, np.diag(ODOMETRY**2), "odometry")
+        close(graph, rng, k, node)
+        assert [edge.state for edge in graph.update().edges] == ["believed"]
+        assert np.linalg.norm(graph.pose(node)[:3, 3] - graph.pose(k)[:3, 3]) < 0.03
+    assert np.array_equal(graph.poses[start : start + 3], other)
+    assert errors_m(graph.poses[: LAP + 1], true).max() < 0.3
