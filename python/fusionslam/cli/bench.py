@@ -16,6 +16,7 @@ from fusionslam.cli.recordings import build_recording
 if TYPE_CHECKING:
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
+    from fusionslam.storage.progress import Step
 
 
 def compare(
@@ -28,8 +29,12 @@ def compare(
     jobs: opt.Jobs = None,
     no_report: bool = False,
     demo: bool = False,
+    before_report: "Callable[[Step], Sequence[str]] | None" = None,
 ) -> None:
-    """Compare descriptors, write the report, or only its figures, and print its tables."""
+    """Compare descriptors, write the report, or only its figures, and print its tables.
+
+    What ``before_report`` returns is printed after the tables.
+    """
     from fusionslam.pipelines.compare_descriptors import benchmark
     from fusionslam.pipelines.results import delete_page
     from fusionslam.report.loops.stored import write_stored_metrics, write_stored_report
@@ -49,6 +54,7 @@ def compare(
             step=step,
             demo=demo,
         )
+        closing = before_report(step) if before_report else ()
         if no_report:
             delete_page(output, "report")
             page = write_stored_metrics(output, evaluations, command=opt.command_line())
@@ -57,6 +63,8 @@ def compare(
             page = write_stored_report(output, evaluations, protocol=protocol)
             step("writing the report", 1, 1)
     print_summary(evaluations, protocol)
+    for line in closing:
+        print(line)
     print(page)
 
 

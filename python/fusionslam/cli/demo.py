@@ -3,6 +3,7 @@
 """The command demo: all descriptors on a simulated drive."""
 
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.bench import compare
 from fusionslam.cli.console import progress
+from fusionslam.cli.demo_map import map_drive
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.errors import ConfigError
 from fusionslam.storage.progress import Step, label_progress
@@ -38,7 +40,7 @@ def demo(
     jobs: opt.Jobs = None,
     no_report: opt.NoReport = False,
 ) -> None:
-    """Compare all descriptors on a simulated drive; needs no data.
+    """Compare all descriptors on a simulated drive, and map it; needs no data.
 
     --set sim.KEY changes the simulation: for the town with the keys that config sim prints, for
     the other worlds with those of the command sim.
@@ -86,6 +88,15 @@ def demo(
         no_report=no_report,
         demo=True,
         skip_bad_frames=indoor,
+        before_report=partial(
+            map_drive,
+            recording,
+            output,
+            world,
+            configs["lidar"],
+            jobs=opt.cores(jobs),
+            no_report=no_report,
+        ),
     )
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command map build: a recording becomes a session of a map."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -108,55 +108,61 @@ def build(
                 jobs=cores,
                 progress=label_progress(step, "mapping"),
             )
-        if not built.frames:
-            print(f"{name}: the map has all of it")
-        else:
-            left = f", {len(built.skipped)} frames left out" if built.skipped else ""
-            print(f"{name}: {built.keyframes} keyframes, {built.loops} loops{left}")
-        noise = MADE_ODOMETRY if kind == "truth+noise" else None
         page = None if no_report else output.with_suffix(".html")
-        print_built(output, name, dataset, page, step, notes=[noise] if noise else [])
-    print(output)
-    if page is not None:
-        print(page)
+        lines = finish_map(output, name, dataset, kind, page, step)
+    if not built.frames:
+        print(f"{name}: the map has all of it")
+    else:
+        left = f", {len(built.skipped)} frames left out" if built.skipped else ""
+        print(f"{name}: {built.keyframes} keyframes, {built.loops} loops{left}")
+    for line in [*lines, str(output), *([str(page)] if page else [])]:
+        print(line)
 
 
-MADE_ODOMETRY = "Odometry is made: true poses with errors (odometry.KEY of the configuration)."
+_MADE_ODOMETRY = "Odometry is made: true poses with errors (odometry.KEY of the configuration)."
 
 
-def print_built(
+def finish_map(
     path: Path,
     session: str,
     dataset: "Dataset",
+    odometry: "MapOdometry",
     page: Path | None,
     step: "Step",
-    notes: "Sequence[str]" = (),
-) -> None:
-    """Print what is in a map, and its errors where the truth is known; write its page.
+) -> list[str]:
+    """Describe a map that was built, with its errors where the truth is known; write its page.
 
     Args:
         path: of the map.
         session: that was built.
         dataset: its recording.
+        odometry: where it came from.
         page: path of the page; None for none.
         step: progress callback.
-        notes: sentences at the top of the page.
+
+    Returns:
+        Lines to print.
+
+    Raises:
+        DataError: the map cannot be read, or the page cannot be written.
     """
     from fusionslam.mapping import PlaceMap
     from fusionslam.pipelines.place_maps import true_keyframes
     from fusionslam.report.place_maps import read_drives, write_map_page
 
     with PlaceMap.open(path, read_only=True) as site:
-        print(site.describe())
         known = true_keyframes(site, session, dataset)
         truth = {} if known is None else {session: known}
-        for drive in read_drives(site, truth):
-            if drive.error is not None:
-                print(
-                    f"ATE of {drive.name}: {drive.error:.2f} m, of odometry alone "
-                    f"{drive.odometry_error:.2f} m"
-                )
+        lines = [site.describe()]
+        lines += [
+            f"ATE of {drive.name}: {drive.error:.2f} m, of odometry alone "
+            f"{drive.odometry_error:.2f} m"
+            for drive in read_drives(site, truth)
+            if drive.error is not None
+        ]
+        notes = [_MADE_ODOMETRY] if odometry == "truth+noise" else []
         if page is not None:
-            step("drawing the page", 0, 1)
+            step("drawing the map", 0, 1)
             write_map_page(page, site, truth, command=opt.command_line(), notes=notes)
-            step("drawing the page", 1, 1)
+            step("drawing the map", 1, 1)
+    return [*lines, *notes]

@@ -43,6 +43,7 @@ def write_report(
     protocol: str = DEFAULTS.protocol,
     title: str | None = None,
     notes: Sequence[str] = (),
+    links: Mapping[str, str] | None = None,
 ) -> Path:
     """Write report.html, which opens offline, and its pictures, metrics, loops and poses.
 
@@ -59,6 +60,7 @@ def write_report(
         protocol: protocol that judges the loops; the others appear in metrics.json.
         title: None derives one from the dataset's name.
         notes: sentences at the top of the page.
+        links: of other pages, by what they show; relative to this one.
 
     Returns:
         The path of report.html.
@@ -102,6 +104,7 @@ def write_report(
         protocols=PROTOCOLS.values(),
         citation=CITATION if any(e.published for e in evaluations) else None,
         frames=counted(max(len(e.run) for e in evaluations), "frame"),
+        links=links or {},
     )
 
 

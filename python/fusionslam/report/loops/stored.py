@@ -73,9 +73,11 @@ def write_stored_report(
         if isinstance(run, VerifiedRun)
     }
     frames = _FrameReader(work.recording, fusion, registered) if work else None
+    target = Path(output or folder)
+    has_map = (target / MAP_PAGE).exists()
     return write_report(
         evaluations,
-        output or folder,
+        target,
         dataset_name=runs[0].dataset,
         command=work.command if work else "",
         config={f"{run.source} / {run.name}": run.config for run in runs},
@@ -84,7 +86,12 @@ def write_stored_report(
         images=frames.read_image if frames else None,
         scans=frames.read_scan if frames else None,
         notes=[DEMO_NOTE] if work and work.demo and "cloud" in fusion else [],
+        links={"The map of this drive, corrected by its loops": MAP_PAGE} if has_map else {},
     )
+
+
+MAP_PAGE = "map.html"
+"""Page of the map of the same drive, beside the report."""
 
 
 class _FrameReader:
