@@ -52,6 +52,26 @@ def has_odometry(dataset: Dataset) -> bool:
     return dataset.odometry_topic is not None or dataset[0].odometry is not None
 
 
+def check_odometry(dataset: Dataset, kind: MapOdometry) -> None:
+    """Raise DataError unless a recording has what odometry of a kind is made of.
+
+    Its code is "no-odometry" or "no-poses".
+    """
+    if kind == "recorded" and not has_odometry(dataset):
+        raise DataError(
+            f"{dataset.name} has no odometry, which a map needs: --odometry lidar takes it "
+            "from the scans, --odometry truth+noise from true poses",
+            code="no-odometry",
+            fields=(dataset.name,),
+        )
+    if kind == "truth+noise" and dataset.true_poses is None:
+        raise DataError(
+            f"{dataset.name} has no true poses for --odometry truth+noise: --gt FILE names them",
+            code="no-poses",
+            fields=(dataset.name,),
+        )
+
+
 def odometry_of(
     dataset: Dataset,
     kind: MapOdometry,
@@ -74,28 +94,16 @@ def odometry_of(
     Raises:
         DataError: the data lack what is asked for.
     """
+    check_odometry(dataset, kind)
     if kind == "recorded":
-        if dataset[0].odometry is None and dataset.odometry_topic is not None:
-            return _odometry_at_frames(dataset)
-        if not has_odometry(dataset):
-            raise DataError(
-                f"{dataset.name} has no odometry, which a map needs: --odometry lidar takes it "
-                "from the scans, --odometry truth+noise from true poses",
-                code="no-odometry",
-                fields=(dataset.name,),
-            )
-        return None
+        at_frames = dataset[0].odometry is not None
+        return None if at_frames else _odometry_at_frames(dataset)
     if kind == "lidar":
         track = track_lidar(
             dataset, scanned, jobs=jobs, progress=label_progress(step, "registering scans")
         )
         return track.poses @ dataset.body_from_robot
-    if dataset.true_poses is None:
-        raise DataError(
-            f"{dataset.name} has no true poses for --odometry truth+noise: --gt FILE names them",
-            code="no-poses",
-            fields=(dataset.name,),
-        )
+    assert dataset.true_poses is not None  # checked above
     places = places_of(dataset.true_poses @ dataset.body_from_robot)
     seconds = (dataset.stamps_ns - dataset.stamps_ns[0]) / 1e9
     return ground_poses(*add_odometry_errors(places, seconds, errors or OdometryConfig()).T)

@@ -151,6 +151,12 @@ def test_data_without_odometry_say_how_to_get_it(street: Path, tmp_path: Path) -
         1, "map", "build", bare, "-o", tmp_path / "b.fsmap", "--odometry", "truth+noise"
     )
     assert problem.code == "no-poses"
+    assert [*tmp_path.iterdir()] == [bare]  # no empty maps
+
+
+def test_a_page_is_no_map(street: Path, tmp_path: Path) -> None:
+    problem = error_of(2, "map", "build", street, "-o", tmp_path / "site.html")
+    assert problem.fields[0] == "--output" and not [*tmp_path.iterdir()]
 
 
 def test_what_is_no_map_is_refused(street: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.recordings import build_recording, open_data
+from fusionslam.errors import ConfigError
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -64,8 +65,15 @@ def build(
         needs_extra("report", unless="--no-report")
     from fusionslam.config import merged
     from fusionslam.mapping import PlaceMap
-    from fusionslam.pipelines.place_maps import build_map, odometry_of
+    from fusionslam.pipelines.place_maps import build_map, check_odometry, odometry_of
 
+    if output.suffix == ".html":
+        raise ConfigError(
+            f"--output is {output}: expected the map's file (.fsmap), beside which its page is "
+            "written",
+            code="choice",
+            fields=("--output", str(output)),
+        )
     kind = cast("MapOdometry", opt.check_choice("odometry", odometry, ODOMETRY))
     whole = read_config()
     recording = build_recording()
@@ -77,6 +85,7 @@ def build(
         step(OPENING, 0, 1)
         dataset, whole = open_data(recording, whole)
         step(OPENING, 1, 1)
+        check_odometry(dataset, kind)
         name = session or Path(recording.path).stem
         given = whole.loop_closure.model_fields_set
         loops = merged(whole.loop_closure, {} if "window" in given else {"window": 20})
