@@ -239,7 +239,9 @@ class MapDatabase:
             page = connection.execute("PRAGMA page_size").fetchone()[0]
         if identity != APPLICATION_ID:
             raise self._other_format()
-        if size % page:
+        # A disk that was full leaves a part of a page, which the log beside the file has whole.
+        log = self.path.with_name(f"{self.path.name}-wal")
+        if size % page and not (log.exists() and log.stat().st_size):
             raise self._damaged(f"it is cut off, {size} bytes are no multiple of {page}")
 
     def _take_lock(self) -> None:

@@ -161,7 +161,9 @@ def build_map(
                 keyframes += added.keyframe is not None
                 loops += len(added.loops)
             except DataError as error:
-                if bad_frames != "skip" or error.code == "cannot-write":
+                if error.code == "cannot-write" and isinstance(error.__cause__, DataError):
+                    raise error.__cause__ from None  # the frame is not to blame
+                if bad_frames != "skip":
                     raise
                 skipped[int(dataset.numbers[index])] = str(error)
             if progress is not None:

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from cli import error_of, run, succeeds
-from fusionslam import PlaceMap, datasets
+from fusionslam import DataError, PlaceMap, datasets
 from streets import RETURN, WAY, error, write_street
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
@@ -152,6 +152,19 @@ def test_data_without_odometry_say_how_to_get_it(street: Path, tmp_path: Path) -
     )
     assert problem.code == "no-poses"
     assert [*tmp_path.iterdir()] == [bare]  # no empty maps
+
+
+def test_a_frame_is_not_blamed_for_a_full_disk(
+    street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = DataError("cannot write a.fsmap: the disk is full", code="cannot-write")
+
+    def add(*_: object, **__: object) -> None:
+        raise full
+
+    monkeypatch.setattr(PlaceMap, "add", add)
+    words = ("map", "build", street, "-o", tmp_path / "a.fsmap", *OPTIONS, "--skip-bad-frames")
+    assert error_of(1, *words) is full
 
 
 def test_a_page_is_no_map(street: Path, tmp_path: Path) -> None:

@@ -223,6 +223,21 @@ def test_a_map_that_may_not_be_read_is_named(foreign: Path) -> None:
     as_another_user(read)
 
 
+def test_a_part_of_a_page_that_a_full_disk_left_is_no_damage(path: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.fsmap"
+    with PlaceMap.open(path, "monday") as site:
+        site.add(FRAMES[STORED])
+        for suffix in ("", "-wal"):
+            shutil.copy(f"{path}{suffix}", f"{copy}{suffix}")
+    with copy.open("ab") as file:
+        file.write(bytes(1000))
+    with PlaceMap.open(copy, "monday") as site:
+        assert len(site) == STORED + 1 and site.check() == []
+        site.add(FRAMES[STORED + 1])
+    with PlaceMap.open(copy, read_only=True) as site:
+        assert len(site) == STORED + 2 and site.check() == []
+
+
 def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
     mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(tmp_path)]
     if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
