@@ -77,10 +77,11 @@ def map_drive(
             jobs=jobs,
             progress=label_progress(step, "mapping the drive"),
         )
+        warning = site.reason
     if no_report:
         delete_page(folder, page.stem)
     shown = None if no_report else page
-    return finish_map(folder / MAP, _SESSION, dataset, "truth+noise", shown, step)
+    return finish_map(folder / MAP, _SESSION, dataset, "truth+noise", shown, step, warning)
 
 
 def _open_map(

@@ -52,6 +52,20 @@ def test_a_page_beside_the_map_shows_it(street: Path, built: Path, tmp_path: Pat
     assert error_of(1, "map", "show", bare, "-o", bare).code == "output-is-input"
 
 
+def test_the_page_repeats_what_is_wrong_with_the_map(street: Path, tmp_path: Path) -> None:
+    tight = [
+        word
+        for name in ("m", "height", "heading", "tilt", "turn")
+        for word in ("--set", f"mapping.drift.drift_{name}=0.0002")
+    ]
+    path = tmp_path / "site.fsmap"
+    succeeds("map", "build", street, "-o", path, *OPTIONS, *tight)
+    with PlaceMap.open(path) as site:
+        site.solve()
+        assert site.reason is not None and site.reason.code == "overconfident-odometry"
+        assert str(site.reason) in path.with_suffix(".html").read_text()
+
+
 def test_errors_are_printed_where_the_truth_is_known(street: Path, tmp_path: Path) -> None:
     truth = tmp_path / "truth.txt"
     stamps = (np.loadtxt(street / "times.txt") * 1e9).astype(np.int64)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
     from fusionslam.pipelines.place_maps import MapOdometry
     from fusionslam.pipelines.recording import Recording
+    from fusionslam.registration import Refusal
     from fusionslam.storage.progress import Step
 
 ODOMETRY = ("recorded", "lidar", "truth+noise")
@@ -117,8 +118,9 @@ def build(
                 jobs=cores,
                 progress=label_progress(step, "mapping"),
             )
+            warning = site.reason
         page = None if no_report else output.with_suffix(".html")
-        lines = finish_map(output, name, dataset, kind, page, step)
+        lines = finish_map(output, name, dataset, kind, page, step, warning)
     if not built.frames:
         print(f"{name}: the map has all of it")
     else:
@@ -138,6 +140,7 @@ def finish_map(
     odometry: "MapOdometry",
     page: Path | None,
     step: "Step",
+    warning: "Refusal | None" = None,
 ) -> list[str]:
     """Describe a map that was built, with its errors where the truth is known; write its page.
 
@@ -148,6 +151,7 @@ def finish_map(
         odometry: where it came from.
         page: path of the page; None for none.
         step: progress callback.
+        warning: what is wrong with the map as a whole.
 
     Returns:
         Lines to print.
@@ -172,6 +176,7 @@ def finish_map(
         notes = [_MADE_ODOMETRY] if odometry == "truth+noise" else []
         if page is not None:
             step("drawing the map", 0, 1)
-            write_map_page(page, site, truth, command=opt.command_line(), notes=notes)
+            why = [f"{warning}."] if warning else []
+            write_map_page(page, site, truth, command=opt.command_line(), notes=[*notes, *why])
             step("drawing the map", 1, 1)
     return [*lines, *notes]
