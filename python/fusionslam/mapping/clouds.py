@@ -5,7 +5,7 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, MutableMapping
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,10 @@ def unpack_cloud(packed: bytes) -> Cloud:
         raise DataError(f"a stored cloud is damaged: {error}", code="damaged") from error
 
 
+MOST_POINTS = 4_000_000
+"""Points of clouds that are joined before voxels thin them, so that memory is bounded."""
+
+
 def join_clouds(placed: Iterable[tuple[Matrix, Cloud]], voxel: float) -> Cloud:
     """Return one point for each voxel of all clouds, coloured if all are.
 
@@ -52,17 +56,22 @@ def join_clouds(placed: Iterable[tuple[Matrix, Cloud]], voxel: float) -> Cloud:
         placed: map_from_cloud, float64 (4, 4), and the cloud.
         voxel: its side, metres.
     """
-    points, colors = [np.empty((0, 3), np.float32)], [np.empty((0, 3), np.uint8)]
-    colored = True
+    joined = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
+    waiting: list[Cloud] = []
     for pose, cloud in placed:
-        points.append((cloud.points @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32))
-        if cloud.colors is None:
-            colored = False
-        else:
-            colors.append(cloud.colors)
-    whole = np.concatenate(points)
-    shades = np.concatenate(colors) if colored and len(whole) else None
-    kept, kept_colors, _ = voxel_downsample(whole, shades, size=voxel)
+        points = (cloud.points @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
+        waiting.append(Cloud(points, cloud.colors))
+        if sum(map(len, waiting)) > max(MOST_POINTS, len(joined)):
+            joined, waiting = _thin([joined, *waiting], voxel), []
+    joined = _thin([joined, *waiting], voxel)
+    return joined if len(joined) else Cloud(joined.points, None)
+
+
+def _thin(clouds: Sequence[Cloud], voxel: float) -> Cloud:
+    points = np.concatenate([cloud.points for cloud in clouds])
+    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
+    shades = np.concatenate(colors) if len(colors) == len(clouds) else None
+    kept, kept_colors, _ = voxel_downsample(points, shades, size=voxel)
     return Cloud(kept, None if shades is None else kept_colors)
 
 
