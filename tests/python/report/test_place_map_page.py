@@ -16,7 +16,7 @@ from fusionslam.mapping import DriftModel, Edge, PlaceMap
 from fusionslam.registration import Refusal
 from fusionslam.report.place_maps import read_drives, write_map_page
 from fusionslam.report.place_maps.contents import drift_factor, fit_loops
-from fusionslam.report.place_maps.figures import draw_cloud
+from fusionslam.report.place_maps.figures import draw_cloud, draw_trajectories
 from fusionslam.report.place_maps.tables import refused_table, state_table
 from fusionslam.storage.arrays import Floats
 from pages import Page
@@ -75,6 +75,19 @@ def test_the_view_in_three_dimensions_is_inside(path: Path, tmp_path: Path) -> N
     assert inner is not None
     view = json.loads(inner.group(1))
     assert view.startswith("<!DOCTYPE html>") and "THREE" in view
+
+
+@pytest.mark.parametrize("name", ["</script><img src=x> $\\frac{$", "_", "x" * 300])
+def test_names_of_sessions_stay_text(tmp_path: Path, name: str) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", name, **OPTIONS) as site:
+        for frame in frames(WAY)[:3]:
+            site.add(frame)
+        page = write_map_page(tmp_path / "a.html", site, {name: np.array(WAY[:3])})
+        figure = draw_trajectories(read_drives(site), site.loops, 0)
+    shown = without_view(page)
+    assert name in shown.text and "x" not in shown.addresses
+    (legend,) = figure.legends
+    assert legend.get_texts()[0].get_text().strip().startswith(name[:5])
 
 
 def test_a_map_is_not_replaced_by_its_page(path: Path) -> None:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 LOOP_COLORS = {"refused": MISSED, "pending": PATH, "believed": TRUE}
 TRACK_COLORS = (CURVE_COLORS[0], CURVE_COLORS[3], CURVE_COLORS[5], CURVE_COLORS[6])
 _INK = "#333333"
+_LONGEST_NAME = 40
 _ABOVE_M = 2.0
 _MOST_PIXELS = 1500
 
@@ -74,8 +75,15 @@ def _draw_drive(axis: "Axes", drive: Drive, rows: Mask, corrected: bool, color: 
         axis.plot(*drive.truth[rows, :2, 3].T, color=PATH, lw=3.2, alpha=0.8, label="truth")
     poses = drive.poses if corrected else drive.odometry
     places = poses[rows, :2, 3]
-    axis.plot(*places.T, ".-", color=color, ms=2.5, lw=1, label=drive.name, zorder=3)
+    label = _label(drive.name)
+    axis.plot(*places.T, ".-", color=color, ms=2.5, lw=1, label=label, zorder=3)
     axis.plot(*places[0], "D", mfc="white", mec=_INK, ms=6, zorder=6)
+
+
+def _label(name: str) -> str:
+    """A name as text of a legend, which would hide "_x" and take "$x$" for a formula."""
+    short = name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 3]}..."
+    return f" {short}".replace("$", r"\$")
 
 
 def _draw_loops(axis: "Axes", loops: Sequence[Edge], places: dict[int, Floats]) -> None:

@@ -78,7 +78,7 @@ def write_map_page(
         raise DataError(f"{site.path}: the map has no keyframes to show", code="empty")
     drives, loops = read_drives(site, truth), site.loops
     fits = fit_loops(site.edges, loops)
-    first = drives[0].parts[0]
+    first = site.content.parts[0]
     places = np.concatenate([drive.poses[drive.parts == first, :3, 3] for drive in drives])
     cloud = site.cloud(_voxel_for(places))
     with use_style():
@@ -108,7 +108,7 @@ def write_map_page(
         drift=_describe_drift(fits),
         trajectories=trajectories,
         pictures=pictures,
-        view=_draw_view(cloud, drives, loops, int(first)),
+        view=_draw_view(cloud, drives, loops, first),
     )
 
 
