@@ -7,8 +7,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fusionslam.cli.failures import needs_extra
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.storage.progress import Step, label_progress
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 
 MAP = "map.fsmap"
 _SESSION = "demo"
-_KEYFRAME_DISTANCE_M = {"town": 3.0}
+_KEYFRAME_DISTANCE_M = {"town": 5.0}
 _INDOORS_M = 1.0
 
 
@@ -88,6 +86,8 @@ def _open_map(
     path: Path, dataset: "Dataset", config: "PipelineConfig", own: "MapConfig"
 ) -> "PlaceMap":
     """Open the map of this drive and configuration; that of an earlier one is replaced."""
+    import numpy as np
+
     from fusionslam.config import merged
     from fusionslam.mapping import PlaceMap
 

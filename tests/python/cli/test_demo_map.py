@@ -31,7 +31,7 @@ def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
     with PlaceMap.open(tmp_path / "map.fsmap", read_only=True) as site:
         (session,) = site.sessions
         config = site.config
-    assert session.name == "demo" and config["mapping"]["keyframe_distance"] == 3.0
+    assert session.name == "demo" and config["mapping"]["keyframe_distance"] == 5.0
 
     before = (tmp_path / "map.fsmap").read_bytes()
     succeeds("demo", "-o", tmp_path, *SETTINGS)

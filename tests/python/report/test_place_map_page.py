@@ -4,11 +4,13 @@
 
 import json
 import re
+import runpy
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fusionslam import Cloud, DataError
 from fusionslam.geometry.se3 import exp
@@ -88,6 +90,22 @@ def test_names_of_sessions_stay_text(tmp_path: Path, name: str) -> None:
     assert name in shown.text and "x" not in shown.addresses
     (legend,) = figure.legends
     assert legend.get_texts()[0].get_text().strip().startswith(name[:5])
+
+
+def test_pictures_can_be_taken_out_of_a_page(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = str(Path(__file__).parents[3] / "scripts/page_picture.py")
+    with PlaceMap.open(path, read_only=True) as site:
+        page = write_map_page(tmp_path / "a.html", site)
+    for name, kind in (("trajectories-0.png", "PNG"), ("cloud.jpg", "JPEG")):
+        out = tmp_path / name
+        monkeypatch.setattr("sys.argv", [script, str(page), name, str(out)])
+        runpy.run_path(script, run_name="__main__")
+        assert Image.open(out).format == kind
+    monkeypatch.setattr("sys.argv", [script, str(page), "other.png", str(tmp_path / "b.png")])
+    with pytest.raises(SystemExit, match=r"grid\.png"):
+        runpy.run_path(script, run_name="__main__")
 
 
 def test_a_map_is_not_replaced_by_its_page(path: Path) -> None:
