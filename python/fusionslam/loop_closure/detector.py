@@ -9,7 +9,6 @@ import threading
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,26 +20,27 @@ from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
     Metric,
-    describe,
     find_descriptor,
-    for_clouds,
     for_preset,
-    for_sequence,
     length_of,
     with_preset,
 )
-from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
-from fusionslam.fusion import FusionConfig, frame_from_points, fuse
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig, default_threshold
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import Evidence, FrameMemory, Kept, Vectors
+from fusionslam.loop_closure.observation import (
+    FrameObserver,
+    Observation,
+    can_verify,
+    name_voter,
+)
 from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
 from fusionslam.registration import (
-    PreparedCloud,
     RegistrationConfig,
-    fit_lengths,
     has_lengths,
     without_lengths,
 )
@@ -54,35 +54,6 @@ FORMAT = "fusionslam.loop_detector.4"
 _UNVERIFIED_FORMAT = "fusionslam.loop_detector.3"
 FILE = "detector.npz"
 _FORMER_FORMAT, _FORMER_FILE = "fusionslam.loop_detector.2", "detector.json"
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What a detector needs of a frame, computed before it is added.
-
-    Attributes:
-        vectors: descriptors by name, the detector's own first.
-        stamp_ns: of the frame; None if unknown.
-        evidence: its cloud; None if loops are not verified.
-        radius: for normals, if this first frame fixed it.
-        points: number of points of the cloud.
-    """
-
-    vectors: Vectors
-    stamp_ns: int | None
-    evidence: Evidence | None = None
-    radius: float | None = None
-    points: int = 0
-
-
-def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> FusionConfig:
-    """Return how clouds that are registered are fused: a scan whole, though a camera sees a part.
-
-    Method planar registers coloured clouds alone, as they are described.
-    """
-    if fusion.source != "lidar" or registration.method == "planar":
-        return fusion
-    return merged(fusion, {"source": "cloud", "ground": "none"})
 
 
 class LoopDetector:
@@ -111,7 +82,6 @@ class LoopDetector:
         length: length of descriptors computed elsewhere; None for that of ``descriptor``.
 
     Attributes:
-        verifies: whether loops are verified.
         threshold: the configured threshold, else ``default_threshold``; of loops not verified.
         nearest: the best candidate of the last frame, accepted or not; None without candidates.
         rejected: the candidates of the last frame that are no loop, and why not.
@@ -149,25 +119,27 @@ class LoopDetector:
         }
         changes = {key: value for key, value in given.items() if value is not None}
         self.descriptor = find_descriptor(descriptor).name
-        self._given_name = descriptor  # with its preset, for messages
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
-        self.describe_config = for_preset(describe or DescriptorConfig(), descriptor)
-        self.fusion_config = fusion or FusionConfig()
-        self.registration_config = registration or RegistrationConfig()
-        self._fits_lengths = not has_lengths(self.registration_config)
-        for_clouds(self.describe_config, self.descriptor, self.fusion_config)  # else it fails later
+        registration = registration or RegistrationConfig()
+        self._observer = FrameObserver(
+            descriptor,
+            for_preset(describe or DescriptorConfig(), descriptor),
+            fusion or FusionConfig(),
+            registration,
+            fits_lengths=not has_lengths(registration),
+        )
         fixed, source = self.config.threshold, self.fusion_config.source
         self.threshold = (
             default_threshold(self.descriptor, self.describe_config, source)
             if fixed is None
             else fixed
         )
-        self.verifies = _can_verify(self.config, self.registration_config)
+        if can_verify(self.config, self.registration_config):
+            self._observer = self._observer.verifying(self.config.voters)
         self.nearest: Loop | None = None
         self.rejected: list[Rejected] = []
         self._length = length
         self._added = 0
-        self._voters = self._choose_voters() if self.verifies else ()
         self._kept: MutableMapping[int, Kept] | None = None
         self._memory = self._new_memory()
         self._gate = SequenceGate(self.config)
@@ -189,9 +161,29 @@ class LoopDetector:
         return self._added
 
     @property
+    def describe_config(self) -> DescriptorConfig:
+        """How clouds are described; the first one may fix the radius of normals."""
+        return self._observer.describe
+
+    @property
+    def fusion_config(self) -> FusionConfig:
+        """How frames are fused into clouds."""
+        return self._observer.fusion
+
+    @property
+    def registration_config(self) -> RegistrationConfig:
+        """How clouds are registered; the first one fixes lengths that are not given."""
+        return self._observer.registration
+
+    @property
+    def verifies(self) -> bool:
+        """Whether loops are verified."""
+        return self._observer.verifies
+
+    @property
     def voters(self) -> tuple[str, ...]:
         """Descriptors whose nearest frames are candidates beside those of its own."""
-        return self._voters
+        return self._observer.voters
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -270,71 +262,9 @@ class LoopDetector:
 
         Arguments and errors as of ``add``.
         """
-        frame = frame_or_cloud if isinstance(frame_or_cloud, Frame) else None
-        if frame is not None:
-            stamp_ns = frame.stamp_ns if stamp_ns is None else stamp_ns
-            cloud = fuse(frame, self.fusion_config)
-        elif isinstance(frame_or_cloud, Cloud):
-            cloud = frame_or_cloud
-        else:
-            raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
-        config = for_clouds(self.describe_config, self.descriptor, self.fusion_config, frame)
-        radius = None
-        if find_descriptor(self.descriptor).needs_normals and not len(self._memory):
-            config = for_sequence(config, cloud)
-            radius = config.normal_radius
-        vectors = {self.descriptor: describe(cloud, self._given_name, config)}
-        if not self.verifies:
-            return Observation(vectors, stamp_ns, None, radius, len(cloud))
-        whole = cloud
-        if frame is not None and self._has_whole_scans:
-            whole = fuse(frame, fusion_of_scans(self.fusion_config, self.registration_config))
-        for name in self._voters:
-            vectors[_voter(name)] = self._vote(whole, name, frame)
-        lengths = self.registration_config
-        if self._fits_lengths:
-            lengths = fit_lengths([whole], lengths)
-        prepared = PreparedCloud(whole, lengths, colored=cloud)
-        if odometry is None and frame is not None and frame.odometry is not None:
-            odometry = frame.odometry @ _robot_from_cloud(frame, self.fusion_config)
-        return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius, len(cloud))
-
-    @property
-    def _has_whole_scans(self) -> bool:
-        """Whether frames have a scan of which the camera sees a part."""
-        fusion = self.fusion_config
-        return fusion_of_scans(fusion, self.registration_config) != fusion
-
-    def _vote(self, cloud: Cloud, name: str, frame: Frame | None) -> NDArray[np.float32]:
-        """Describe a cloud for a further descriptor; zeros if it cannot be."""
-        try:
-            config = for_clouds(self.describe_config, name, self.fusion_config, frame)
-            return describe(cloud, name, config)
-        except DataError as error:
-            logger.debug("no candidates by %s: %s", name, error)
-            return np.zeros(length_of(name, self.describe_config), np.float32)
-
-    def _choose_voters(self) -> tuple[str, ...]:
-        chosen = []
-        for name in self.config.voters:
-            kind = find_descriptor(name)
-            if kind.needs_normals or (kind.needs_colors and self._has_whole_scans):
-                raise ConfigError(
-                    f"loop_closure.voters has {name!r}, which needs normals or colours",
-                    code="choice",
-                    fields=("loop_closure.voters", name),
-                )
-            if name == self.descriptor and not self._has_whole_scans:
-                continue
-            if kind.needs_up and not self.registration_config.gravity:
-                continue
-            try:
-                for_clouds(self.describe_config, name, self.fusion_config)
-            except ConfigError as error:
-                logger.info("no candidates by %s: %s", name, error)
-                continue
-            chosen.append(name)
-        return tuple(chosen)
+        return self._observer.observe(
+            frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry, is_first=not len(self._memory)
+        )
 
     def _store_seen(
         self, frame_or_cloud: Frame | Cloud, stamp_ns: int | None, odometry: Matrix | None
@@ -382,7 +312,7 @@ class LoopDetector:
                     fields=("verify",),
                 )
             if self.verifies:
-                self.verifies, self._voters = False, ()
+                self._observer = replace(self._observer, verifies=False, voters=())
                 self._memory = self._new_memory()
         return self._verify(self._store(Observation({self.descriptor: descriptor}, stamp_ns)))
 
@@ -397,7 +327,7 @@ class LoopDetector:
             if not np.any(own):
                 self._added += 1
                 return _Pending(self._added - 1)
-            if seen.evidence is not None and self._fits_lengths:
+            if seen.evidence is not None and self._observer.fits_lengths:
                 self._fix_lengths(seen.evidence.cloud.config)
             number, nearest = self._added, found[self.descriptor]
             candidates = _flatten(found)
@@ -407,16 +337,18 @@ class LoopDetector:
             self._memory.add(number, seen.vectors, seen.stamp_ns, novelty, seen.evidence)
             self._added = number + 1
             if seen.radius is not None:  # only now: a failed cloud must not fix the radius
-                changed = {"normal_radius": seen.radius}
-                self.describe_config = self.describe_config.model_copy(update=changed)
+                described = self.describe_config.model_copy(update={"normal_radius": seen.radius})
+                self._observer = replace(self._observer, describe=described)
             return _Pending(number, candidates, seen.evidence, stored)
 
     def _fix_lengths(self, lengths: RegistrationConfig) -> None:
         """Take the lengths that were fitted to the first cloud for all others."""
+        fixed = self.registration_config
         if not len(self._memory):
-            self.registration_config = lengths
+            fixed = lengths
+        self._observer = replace(self._observer, registration=fixed, fits_lengths=False)
+        if not len(self._memory):
             self._memory = self._new_memory()
-        self._fits_lengths = False
 
     def _verify(
         self, pending: "_Pending", stretches: Mapping[int, int] | None = None
@@ -494,7 +426,7 @@ class LoopDetector:
             if len(numbers):
                 self._memory.resume(vectors, numbers, stamps_ns)
                 self._added = int(numbers[-1]) + 1
-                self._fits_lengths = False
+                self._observer = replace(self._observer, fits_lengths=False)
 
     def nearest_frames(self, vectors: Vectors) -> dict[int, float]:
         """Return the candidates of a frame that is not added, and their distances.
@@ -518,7 +450,7 @@ class LoopDetector:
 
     def _new_memory(self) -> FrameMemory:
         metrics: dict[str, Metric] = {self.descriptor: find_descriptor(self.descriptor).metric}
-        metrics |= {_voter(name): find_descriptor(name).metric for name in self._voters}
+        metrics |= {name_voter(name): find_descriptor(name).metric for name in self.voters}
         return FrameMemory(metrics, self.config, self.registration_config, self._kept)
 
     def _check_length(self, descriptor: Any) -> None:
@@ -597,7 +529,7 @@ class LoopDetector:
                 "fusion": self.fusion_config.model_dump(),
                 "registration": (
                     without_lengths(self.registration_config)
-                    if self._fits_lengths
+                    if self._observer.fits_lengths
                     else self.registration_config.model_dump()
                 ),
             }
@@ -652,36 +584,6 @@ def _flatten(found: Mapping[str, Sequence[tuple[int, float]]]) -> dict[int, floa
     for pairs in found.values():  # those of the detector's own descriptor come first
         candidates |= {match: far for match, far in pairs if match not in candidates}
     return candidates
-
-
-def _voter(name: str) -> str:
-    """Name of a further descriptor's vectors, which may be those of another cloud."""
-    return f"{name}, voting"
-
-
-def _robot_from_cloud(frame: Frame, config: FusionConfig) -> Matrix:
-    robot_from_points = np.eye(4) if frame.robot_from_points is None else frame.robot_from_points
-    return robot_from_points @ np.linalg.inv(frame_from_points(frame, config.frame))
-
-
-def _can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
-    """Whether loops are verified. Raises FusionSlamError if they must be and cannot."""
-    if config.verify is False or (config.verify is None and config.threshold is not None):
-        return False
-    needed = [] if registration.method == "planar" else ["small_gicp"]
-    if needed and not registration.gravity:
-        needed.append("kiss_matcher")
-    missing = [name for name in needed if find_spec(name) is None]
-    if not missing:
-        return True
-    why = (
-        f"registration needs {' and '.join(missing)}, which is not installed: pip install "
-        "'fusionslam[map]'"
-    )
-    if config.verify is None:
-        logger.warning("loops are not verified: %s; verify=False says so", why)
-        return False
-    raise FusionSlamError(f"loops cannot be verified: {why}", code="missing-extra", fields=("map",))
 
 
 def _unpickle(

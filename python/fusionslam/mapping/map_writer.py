@@ -12,8 +12,9 @@ import numpy as np
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse, robot_from_cloud
 from fusionslam.geometry.se3 import inverse, log
-from fusionslam.loop_closure.detector import LoopDetector, Observation
+from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
+from fusionslam.loop_closure.observation import Observation
 from fusionslam.mapping.clouds import FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
 from fusionslam.mapping.edge import Edge, check_pose

@@ -117,7 +117,7 @@ def test_info_says_what_a_file_of_verified_loops_is(results: Path) -> None:
 def test_without_the_extra_loops_are_those_of_descriptors_and_it_is_said_once(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fusionslam.loop_closure.detector.find_spec", lambda name: None)
+    monkeypatch.setattr("fusionslam.loop_closure.observation.find_spec", lambda name: None)
     words = ("loops", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW)
     result = succeeds(*words)
     said = " ".join(result.stderr.split())

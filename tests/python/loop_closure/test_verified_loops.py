@@ -247,7 +247,7 @@ def test_a_threshold_or_a_missing_extra_means_loops_are_not_verified(
 ) -> None:
     assert not new_detector(threshold=0.1).verifies
     assert new_detector(threshold=0.1, verify=True).verifies
-    monkeypatch.setattr("fusionslam.loop_closure.detector.find_spec", lambda _: None)
+    monkeypatch.setattr("fusionslam.loop_closure.observation.find_spec", lambda _: None)
     assert not new_detector().verifies
     assert "fusionslam[map]" in caplog.text
     with pytest.raises(FusionSlamError, match=r"fusionslam\[map\]"):

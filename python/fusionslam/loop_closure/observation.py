@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a loop detector needs of a frame, computed before the frame is added."""
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.config import merged
+from fusionslam.descriptors import (
+    DescriptorConfig,
+    describe,
+    find_descriptor,
+    for_clouds,
+    for_sequence,
+    length_of,
+)
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.fusion import FusionConfig, fuse, robot_from_cloud
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.memory import Evidence, Vectors
+from fusionslam.registration import (
+    PreparedCloud,
+    RegistrationConfig,
+    fit_lengths,
+)
+from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.storage.arrays import Matrix
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a detector needs of a frame, computed before it is added.
+
+    Attributes:
+        vectors: descriptors by name, the detector's own first.
+        stamp_ns: of the frame; None if unknown.
+        evidence: its cloud; None if loops are not verified.
+        radius: for normals, if this first frame fixed it.
+        points: number of points of the cloud.
+    """
+
+    vectors: Vectors
+    stamp_ns: int | None
+    evidence: Evidence | None = None
+    radius: float | None = None
+    points: int = 0
+
+
+def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> FusionConfig:
+    """Return how clouds that are registered are fused: a scan whole, though a camera sees a part.
+
+    Method planar registers coloured clouds alone, as they are described.
+    """
+    if fusion.source != "lidar" or registration.method == "planar":
+        return fusion
+    return merged(fusion, {"source": "cloud", "ground": "none"})
+
+
+@dataclass(frozen=True)
+class FrameObserver:
+    """Describes frames, and prepares their clouds for registration.
+
+    Attributes:
+        name: of the descriptor, with its preset if it was given with one.
+        describe, fusion, registration: as of ``LoopDetector``.
+        verifies: whether clouds are prepared.
+        voters: further descriptors.
+        fits_lengths: whether the first cloud fixes lengths of registration.
+
+    Raises:
+        ConfigError: clouds in a frame that the descriptor is not for.
+    """
+
+    name: str
+    describe: DescriptorConfig
+    fusion: FusionConfig
+    registration: RegistrationConfig
+    verifies: bool = False
+    voters: tuple[str, ...] = ()
+    fits_lengths: bool = False
+
+    def __post_init__(self) -> None:
+        for_clouds(self.describe, find_descriptor(self.name).name, self.fusion)
+
+    def verifying(self, voters: Iterable[str]) -> "FrameObserver":
+        """Return one that prepares clouds, and describes them for those voters that can be.
+
+        Raises:
+            ConfigError: a voter needs normals or colours.
+        """
+        chosen = tuple(name for name in voters if self._can_vote(name))
+        return replace(self, verifies=True, voters=chosen)
+
+    def observe(
+        self,
+        frame_or_cloud: Frame | Cloud,
+        *,
+        stamp_ns: int | None,
+        odometry: Matrix | None,
+        is_first: bool,
+    ) -> Observation:
+        """Describe a frame; arguments and errors as of ``LoopDetector.add``.
+
+        Args:
+            frame_or_cloud, stamp_ns, odometry: of the frame.
+            is_first: whether it fixes the radius of normals.
+        """
+        frame = frame_or_cloud if isinstance(frame_or_cloud, Frame) else None
+        if frame is not None:
+            stamp_ns = frame.stamp_ns if stamp_ns is None else stamp_ns
+            cloud = fuse(frame, self.fusion)
+        elif isinstance(frame_or_cloud, Cloud):
+            cloud = frame_or_cloud
+        else:
+            raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
+        kind = find_descriptor(self.name)
+        config = for_clouds(self.describe, kind.name, self.fusion, frame)
+        radius = None
+        if kind.needs_normals and is_first:
+            config = for_sequence(config, cloud)
+            radius = config.normal_radius
+        vectors: dict[str, NDArray[np.float32]] = {kind.name: describe(cloud, self.name, config)}
+        if not self.verifies:
+            return Observation(vectors, stamp_ns, None, radius, len(cloud))
+        whole = cloud
+        if frame is not None and self._has_whole_scans:
+            whole = fuse(frame, fusion_of_scans(self.fusion, self.registration))
+        for name in self.voters:
+            vectors[name_voter(name)] = self._vote(whole, name, frame)
+        lengths = self.registration
+        if self.fits_lengths:
+            lengths = fit_lengths([whole], lengths)
+        prepared = PreparedCloud(whole, lengths, colored=cloud)
+        if odometry is None and frame is not None and frame.odometry is not None:
+            odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
+        return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius, len(cloud))
+
+    @property
+    def _has_whole_scans(self) -> bool:
+        """Whether frames have a scan of which the camera sees a part."""
+        return fusion_of_scans(self.fusion, self.registration) != self.fusion
+
+    def _vote(self, cloud: Cloud, name: str, frame: Frame | None) -> NDArray[np.float32]:
+        """Describe a cloud for a further descriptor; zeros if it cannot be."""
+        try:
+            return describe(cloud, name, for_clouds(self.describe, name, self.fusion, frame))
+        except DataError as error:
+            logger.debug("no candidates by %s: %s", name, error)
+            return np.zeros(length_of(name, self.describe), np.float32)
+
+    def _can_vote(self, name: str) -> bool:
+        kind = find_descriptor(name)
+        if kind.needs_normals or (kind.needs_colors and self._has_whole_scans):
+            raise ConfigError(
+                f"loop_closure.voters has {name!r}, which needs normals or colours",
+                code="choice",
+                fields=("loop_closure.voters", name),
+            )
+        if name == find_descriptor(self.name).name and not self._has_whole_scans:
+            return False
+        if kind.needs_up and not self.registration.gravity:
+            return False
+        try:
+            for_clouds(self.describe, name, self.fusion)
+        except ConfigError as error:
+            logger.info("no candidates by %s: %s", name, error)
+            return False
+        return True
+
+
+def name_voter(name: str) -> str:
+    """Name of a further descriptor's vectors, which may be those of another cloud."""
+    return f"{name}, voting"
+
+
+def can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
+    """Whether loops are verified. Raises FusionSlamError if they must be and cannot."""
+    if config.verify is False or (config.verify is None and config.threshold is not None):
+        return False
+    needed = [] if registration.method == "planar" else ["small_gicp"]
+    if needed and not registration.gravity:
+        needed.append("kiss_matcher")
+    missing = [name for name in needed if find_spec(name) is None]
+    if not missing:
+        return True
+    why = (
+        f"registration needs {' and '.join(missing)}, which is not installed: pip install "
+        "'fusionslam[map]'"
+    )
+    if config.verify is None:
+        logger.warning("loops are not verified: %s; verify=False says so", why)
+        return False
+    raise FusionSlamError(f"loops cannot be verified: {why}", code="missing-extra", fields=("map",))
