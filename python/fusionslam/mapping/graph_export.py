@@ -10,6 +10,7 @@ import numpy as np
 from fusionslam.datasets.graph_files import edge_of_pose, node_of_pose, write_g2o
 from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.pose_graph import PoseGraph, Solution
 from fusionslam.storage.files import PathLike
 
@@ -71,3 +72,25 @@ def export_graph(
             files.append(base / f"trajectory{name}.txt")
             write_poses_tum(files[-1], stamps[members], solution.poses[members])
     return files
+
+
+def write_map_graph(path: PathLike, content: MapContent) -> None:
+    """Write the first part of a map as g2o: keyframes by their numbers, the first one fixed.
+
+    Poses are map_from_cloud. Edges are odometry, and what is believed of loops and steps.
+
+    Raises:
+        DataError: the file cannot be written.
+    """
+    numbers = content.first_part()
+    poses, members = content.poses_of(numbers), {*numbers}
+    write_g2o(
+        path,
+        [node_of_pose(number, pose) for number, pose in zip(numbers, poses, strict=True)],
+        [
+            edge_of_pose(edge.a, edge.b, edge.pose, edge.covariance)
+            for edge in content.edges.values()
+            if edge.state == "believed" and {edge.a, edge.b} <= members
+        ],
+        fixed=numbers[:1],
+    )

@@ -19,6 +19,7 @@ from fusionslam.geometry.se2 import places_of
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.mapping import Localization, PlaceMap
 from fusionslam.mapping.geojson import MapOrigin, write_geojson
+from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.odometry import LidarOdometryConfig
 from fusionslam.pipelines.lidar_odometry import track_lidar
 from fusionslam.pipelines.recording import name_frame
@@ -253,7 +254,8 @@ def export_map(
     """Write a map for other programs; returns the files.
 
     ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
-    ``SESSION.tum``, the trajectory of each session; with ``origin`` ``trajectory.geojson``.
+    ``graph.g2o``; ``SESSION.tum``, the trajectory of each session; with ``origin``
+    ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's first part.
 
     Args:
         site: the map.
@@ -276,7 +278,9 @@ def export_map(
     heights = target / "heights.asc"
     site.heights().save(heights)
     tracks = {each.name: site.trajectory(each.name) for each in site.sessions}
-    files = [*clouds, *grid, heights]
+    graph = target / "graph.g2o"
+    write_map_graph(graph, site.content)
+    files = [*clouds, *grid, heights, graph]
     for name, (stamps, poses) in tracks.items():
         files.append(target / f"{_file_name(name)}.tum")
         write_poses_tum(files[-1], stamps, poses)

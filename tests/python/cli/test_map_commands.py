@@ -127,7 +127,8 @@ def test_a_map_is_exported(built: Path, tmp_path: Path) -> None:
     succeeds(*words, "--origin", "49,8.4,110,30")
     found = {path.name for path in tmp_path.iterdir()}
     grid = {"grid.pgm", "grid.yaml", "heights.asc"}
-    assert found == {"cloud.ply", "cloud.pcd", "street.tum", "trajectory.geojson"} | grid
+    others = {"cloud.ply", "cloud.pcd", "graph.g2o", "street.tum", "trajectory.geojson"}
+    assert found == others | grid
     assert yaml.safe_load((tmp_path / "grid.yaml").read_text())["resolution"] == 0.5
     assert len(datasets.read_poses(tmp_path / "street.tum")[1]) == len(WAY)
     clouds = [datasets.read_cloud(tmp_path / f"cloud.{kind}").points for kind in ("ply", "pcd")]

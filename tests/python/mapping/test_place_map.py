@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from fusionslam import Cloud, ConfigError, DataError, FusionSlamError, LoopConfig, LoopDetector
 from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.mapping.map_database import APPLICATION_ID, VERSION, is_map
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.map_writer import MapStep
@@ -207,6 +208,29 @@ def test_the_cloud_and_the_grid_are_those_of_the_street(path: Path) -> None:
         assert grid.cells[row, column] == 0  # the robot stood there
         heights = site.heights(resolution=0.5).heights
         assert np.nanmax(heights) > 4
+
+
+def test_the_graph_of_a_map_is_one_of_gtsam(path: Path, tmp_path: Path) -> None:
+    import gtsam
+
+    build(path, frames(RETURN, 200, place=13), "elsewhere")
+    with PlaceMap.open(path) as site:
+        site.solve()
+        write_map_graph(tmp_path / "graph.g2o", site.content)
+        poses = site.trajectory("monday")[1]
+        believed = [edge for edge in site.edges if edge.state == "believed"]
+        other = {*site.keyframes("elsewhere").tolist()}
+    factors, values = gtsam.readG2o(str(tmp_path / "graph.g2o"), True)
+    assert values.size() == len(WAY)
+    assert factors.size() == sum(edge.a not in other for edge in believed)
+    written = np.array([values.atPose3(number).translation() for number in range(len(WAY))])
+    np.testing.assert_allclose(written, poses[:, :3, 3], atol=1e-6)
+    firm = gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)
+    factors.add(gtsam.PriorFactorPose3(0, values.atPose3(0), firm))
+    best = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
+    for number in range(len(WAY)):
+        moved = best.atPose3(number).translation() - written[number]
+        assert np.linalg.norm(moved) < 5e-3
 
 
 def test_keyframes_of_another_part_do_not_keep_a_robot_from_being_found(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write a map for other programs: clouds, grid, heights, trajectories."""
+    """Write a map for other programs: clouds, grid, heights, graph, trajectories."""
     needs_extra("map")
     from fusionslam.mapping import PlaceMap
     from fusionslam.mapping.geojson import parse_origin
