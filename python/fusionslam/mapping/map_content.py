@@ -212,7 +212,7 @@ class MapContent:
         self._add_node(keyframe)
         for edge in edges:
             self._add_edge(edge)
-            self.unsaved[edge.number] = self.edges[edge.number]
+            self.unsaved[edge.number] = edge
         is_led = bool(edges) and edges[0].kind == "odometry"
         self._parts.append(self.part(edges[0].a) if is_led else keyframe.id)
         for edge in self._graph.update().edges:
@@ -271,10 +271,9 @@ class MapContent:
 
     def _add_edge(self, edge: Edge) -> None:
         a, b = self.row[edge.a], self.row[edge.b]
-        known = self._graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
+        self._graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
         self._graph_numbers.append(edge.number)
-        # Both share the arrays, most of an edge's memory.
-        self.edges[edge.number] = replace(edge, pose=known.pose, covariance=known.covariance)
+        self.edges[edge.number] = edge
         self._next_edge = max(self._next_edge, edge.number + 1)
         if edge.kind == "odometry":
             self.stretches[edge.b] = self.stretches[edge.a]

@@ -25,6 +25,10 @@ from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.registration import PreparedCloud, Refusal, register
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix
+from fusionslam.storage.machine import release_memory
+
+_RELEASE = 50
+"""Keyframes after which memory that is free is given back, which takes some milliseconds."""
 
 logger = logging.getLogger(__name__)
 
@@ -144,6 +148,8 @@ class MapWriter:
             content.save(self._file)
         content.saved()
         self._kept.written()
+        if len(content) % _RELEASE == 0:
+            release_memory()
         self._last = keyframe
         self._stretch.append(keyframe)
         self.last_frame = max(frame.number, self.last_frame or 0)

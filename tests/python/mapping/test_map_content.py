@@ -104,9 +104,9 @@ def test_poses_are_those_of_the_loops_once_a_map_is_loaded() -> None:
     content = drive.content
     stale = MapContent(content.sessions, content.keyframes, content.edges.values(), None)
     content.solve()
-    np.testing.assert_allclose(stale.poses, content.poses, atol=1e-9)
+    np.testing.assert_array_equal(stale.poses, content.poses)
     assert all(edge.state == "believed" for edge in stale.edges.values())
     assert all(
-        np.allclose(stale.poses[k], content.pose(each.id), atol=1e-9)
+        np.array_equal(stale.poses[k], content.pose(each.id))
         for k, each in enumerate(content.keyframes)
     )
