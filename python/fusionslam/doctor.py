@@ -49,7 +49,7 @@ EXTRAS = {
         _same("jinja2", "matplotlib"),
         (
             *("demo", "bench", "bench views", "report", "ratslam", "views match", "views show"),
-            *("views train", "calib-check", "fuse --pictures"),
+            *("views train", "calib-check", "fuse --pictures", "map build", "map show"),
         ),
     ),
     "onnx": Extra(_same("onnxruntime"), ("the second stage of views",)),
@@ -60,7 +60,7 @@ EXTRAS = {
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (
             *("map build", "map show", "map localize", "map merge", "map export", "map check"),
-            *("fusionslam.registration", "fusionslam.mapping"),
+            *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
         ),
     ),
     "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
