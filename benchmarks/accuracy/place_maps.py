@@ -12,17 +12,25 @@ anew, as after a change of ``fusionslam.mapping``.
 """
 
 import argparse
-import json
-import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 
+from benchmarks.accuracy.mapped_drives import (
+    GOOD,
+    NEAR,
+    RIGHT,
+    SHARES,
+    STRIDE,
+    Fix,
+    MappedDrive,
+    Shares,
+)
 from benchmarks.accuracy.markdown import table, write_between
-from benchmarks.accuracy.pose_graphs import LOOP_SD, ate, fit_motion, invent_loops
+from benchmarks.accuracy.pose_graphs import LOOP_SD, ate, invent_loops
 from benchmarks.accuracy.presets import (
     RETURN,
     RETURN_DRIVE,
@@ -33,20 +41,16 @@ from benchmarks.accuracy.presets import (
 )
 from fusionslam import FusionConfig
 from fusionslam.datasets import open_dataset
-from fusionslam.geometry.se3 import exp, inverse, log
-from fusionslam.mapping import Edge, PoseGraph
+from fusionslam.geometry.se3 import exp, inverse
+from fusionslam.mapping import PoseGraph
 from fusionslam.mapping.config import MapConfig
-from fusionslam.mapping.place_map import PlaceMap
-from fusionslam.sensors.frame import Frame
 from fusionslam.sim import SimConfig, TownConfig
 from fusionslam.sim.town.route import make_drive
-from fusionslam.storage.arrays import Floats, Matrix
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.cache import cache_folder
-from fusionslam.storage.files import atomic_path
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
 SEEDS = (1, 2, 3, 5, 7)
-SESSION = "first"
 DRIFT = (0.03, 0.005)
 """Standard deviations of odometry after one metre, in metres and radians, of each axis."""
 SCALE = 1.01
@@ -54,102 +58,48 @@ SCALE = 1.01
 KEYFRAME_DISTANCE = 1.5
 FALSE = 0.3
 """Invented loops for each loop."""
-RIGHT = (1.0, 5.0)
-"""Metres and degrees beyond which a loop is false."""
-NEAR = 5.0
-"""Frames at most this far from a keyframe, in metres, should be found."""
-GOOD = (0.3, 2.0)
-"""Metres and degrees within which a fix is good."""
-STRIDE = 4
-"""Each fourth frame is localised; alone, so that those between tell nothing."""
+OPTIONS: dict[str, Any] = {
+    "descriptor": "m2dp",
+    "fusion": FusionConfig(source="cloud"),
+    "config": MapConfig(keyframe_distance=KEYFRAME_DISTANCE),
+}
+"""Of the maps, as of ``PlaceMap.open``."""
 
 
-@dataclass(frozen=True)
-class Fix:
-    """What became of a frame.
-
-    Attributes:
-        near: distance to the nearest keyframe in metres.
-        error, turn: of the pose against the truth, in metres and degrees; None without a pose.
-        map_error: of the pose relative to its keyframe, in metres.
-        seconds: of processor time.
-        reason: code of the reason without a pose.
-    """
-
-    near: float
-    error: float | None
-    turn: float | None
-    map_error: float | None
-    seconds: float
-    reason: str | None
-
-
-class Town:
+class Town(MappedDrive):
     """A town, the map of the first drive through it, and the truth."""
 
     def __init__(self, seed: int, folder: Path) -> None:
-        self.seed, self.folder = seed, folder
-        self.path = folder / f"town-{seed}.fsmap"
-        self.true = true_poses(SimConfig(town=TownConfig(seed=seed), seed=seed))
-        self.odometry = add_drift(self.true, seed)
-        self.seconds = self._build()
-        with PlaceMap.open(self.path, read_only=True) as site:
-            self.frames = site.frames(SESSION)
-            self.poses = site.trajectory(SESSION)[1]
-            self.edges, self.loops = site.edges, site.loops
-        self.true_keyframes = self.true[self.frames]
-        self.true_from_map = fit_motion(self.poses, self.true_keyframes)
-
-    def _build(self) -> list[float]:
-        """Drive through the town; return seconds of processor time of each keyframe."""
-        times = self.folder / f"town-{self.seed}.json"
-        if times.exists() and self.path.exists():
-            return [float(value) for value in json.loads(times.read_text())]
-        for suffix in ("", "-wal", "-shm"):
-            Path(f"{self.path}{suffix}").unlink(missing_ok=True)
-        (drive,) = record_towns([self.seed])
-        seconds = []
-        with PlaceMap.open(
-            self.path,
-            SESSION,
-            descriptor="m2dp",
-            fusion=FusionConfig(source="cloud"),
-            config=MapConfig(keyframe_distance=KEYFRAME_DISTANCE),
-        ) as site:
-            for frame, odometry in zip(open_dataset(drive), self.odometry, strict=True):
-                started = time.process_time()
-                step = site.add(frame, odometry=odometry)
-                if step.keyframe is not None:
-                    seconds.append(time.process_time() - started)
-        _save(times, seconds)
-        return seconds
+        self.seed = seed
+        true = true_poses(SimConfig(town=TownConfig(seed=seed), seed=seed))
+        super().__init__(
+            folder / f"town-{seed}",
+            true,
+            add_drift(true, seed),
+            lambda: open_dataset(record_towns([seed])[0]),
+            **OPTIONS,
+        )
 
     def localize_all(self, seed: int) -> list[Fix]:
         """Localise the frames of the second drive through a town, each without any guess."""
-        path = self.folder / f"town-{self.seed}-by-{seed}.json"
-        if path.exists():
-            return [Fix(**values) for values in json.loads(path.read_text())]
-        (drive,) = record_returns([seed])
-        config = SimConfig(town=TownConfig(seed=seed), seed=seed + RETURN, drive=RETURN_DRIVE)
-        frames, true = open_dataset(drive), true_poses(config)
-        with PlaceMap.open(self.path, read_only=True) as site:
-            fixes = [self._localize(site, frames[k], true[k]) for k in range(0, len(true), STRIDE)]
-        _save(path, [asdict(fix) for fix in fixes])
-        return fixes
+        return self.localize(
+            str(seed), lambda: open_dataset(record_returns([seed])[0]), true_returns(seed)
+        )
 
-    def _localize(self, site: PlaceMap, frame: Frame, true: Matrix) -> Fix:
-        near = float(np.linalg.norm(self.true_keyframes[:, :3, 3] - true[:3, 3], axis=1).min())
-        started = time.process_time()
-        found = site.localize(frame)
-        seconds = time.process_time() - started
-        if found.pose is None or found.keyframe is None:
-            reason = None if found.reason is None else found.reason.code
-            return Fix(near, None, None, None, seconds, reason)
-        error, turn = difference(true, self.true_from_map @ found.pose)
-        keyframe = found.keyframe
-        on_map = inverse(self.poses[keyframe]) @ found.pose
-        truly = inverse(self.true_keyframes[keyframe]) @ true
-        return Fix(near, error, turn, difference(truly, on_map)[0], seconds, None)
+
+class SecondDrive(MappedDrive):
+    """The map of the second drive through a town, the other way around, and the truth."""
+
+    def __init__(self, seed: int, folder: Path) -> None:
+        true = true_returns(seed)
+        super().__init__(
+            folder / f"town-{seed}-second",
+            true,
+            add_drift(true, seed + RETURN),
+            lambda: open_dataset(record_returns([seed])[0]),
+            "second",
+            **OPTIONS,
+        )
 
 
 def main() -> None:
@@ -205,7 +155,7 @@ def maps_table(towns: Sequence[Town]) -> str:
             [
                 *(str(town.seed), str(len(town.frames))),
                 *(f"{value:.2f}" for value in ates),
-                *(str(len(mine)), str(sum(is_false(town, edge) for edge in mine))),
+                *(str(len(mine)), str(sum(town.is_false(edge) for edge in mine))),
                 *(str(len(town.loops) - len(mine)), str(invented), str(believed)),
                 *(f"{false_error:.2f}", f"{town.path.stat().st_size / 1e3 / len(town.frames):.0f}"),
                 *(f"{median:.2f}", f"{late:.2f}"),
@@ -230,28 +180,14 @@ def fixes_text() -> str:
 
 def fixes_table(towns: Sequence[Town]) -> str:
     """What is found on the maps."""
-    head = ["map", "frames near a keyframe", "found", "good", "worst, m", "worst, degrees"]
-    head += ["worst against the map, m", "s a frame, median", "95 %", "frames of another town"]
-    head += ["found of them"]
+    head = ["map", *SHARES, "frames of another town", "found of them"]
     rows, shares = [], []
     for town in towns:
-        near = [fix for fix in town.localize_all(town.seed) if fix.near <= NEAR]
-        # Columns: error and turn against the truth, error against the map.
-        errors = np.array(
-            [(fix.error, fix.turn, fix.map_error) for fix in near if fix.error is not None]
-        ).reshape(-1, 3)
-        good = (errors[:, 0] <= GOOD[0]) & (errors[:, 1] <= GOOD[1])
-        median, late = np.percentile([fix.seconds for fix in near], [50, 95])
+        own = Shares(town.localize_all(town.seed))
         foreign = town.localize_all(another_seed(town.seed))
         found = sum(fix.error is not None for fix in foreign)
-        shares.append([len(errors) / len(near), float(good.mean())])
-        rows.append(
-            [
-                *(str(town.seed), str(len(near)), f"{shares[-1][0]:.3f}", f"{shares[-1][1]:.3f}"),
-                *(f"{value:.3f}" for value in errors.max(axis=0)),
-                *(f"{median:.2f}", f"{late:.2f}", str(len(foreign)), str(found)),
-            ]
-        )
+        shares.append([own.found, own.good])
+        rows.append([str(town.seed), *own.cells(), str(len(foreign)), str(found)])
     ranges = [mean_and_range(values) for values in np.array(shares).T]
     rows.append(["mean (range)", "", *ranges, *[""] * 7])
     return table(head, rows)
@@ -259,6 +195,12 @@ def fixes_table(towns: Sequence[Town]) -> str:
 
 def another_seed(seed: int) -> int:
     return SEEDS[(SEEDS.index(seed) + 1) % len(SEEDS)] if seed in SEEDS else SEEDS[0]
+
+
+def true_returns(seed: int) -> Floats:
+    """world_from_robot of the second drive, float64 (n, 4, 4)."""
+    config = SimConfig(town=TownConfig(seed=seed), seed=seed + RETURN, drive=RETURN_DRIVE)
+    return true_poses(config)
 
 
 def true_poses(config: SimConfig) -> Floats:
@@ -294,24 +236,6 @@ def solve_with_false(town: Town) -> tuple[int, int, float]:
     solution = graph.solve()
     believed = sum(edge.number >= known for edge in solution.believed)
     return len(false), believed, ate(solution.poses, town.true_keyframes)
-
-
-def is_false(town: Town, edge: Edge) -> bool:
-    truly = inverse(town.true_keyframes[edge.a]) @ town.true_keyframes[edge.b]
-    error, turn = difference(truly, edge.pose)
-    return error > RIGHT[0] or turn > RIGHT[1]
-
-
-def difference(one: Matrix, other: Matrix) -> tuple[float, float]:
-    """Metres and degrees between two poses."""
-    motion = inverse(one) @ other
-    turn = np.degrees(np.linalg.norm(log(motion)[3:]))
-    return float(np.linalg.norm(motion[:3, 3])), float(turn)
-
-
-def _save(path: Path, values: Sequence[object]) -> None:
-    with atomic_path(path) as part:
-        part.write_text(json.dumps(values))
 
 
 if __name__ == "__main__":
