@@ -101,28 +101,33 @@ class MappedDrive:
         save(times, seconds)
         return seconds
 
-    def localize(self, name: str, frames: Frames, true: Floats) -> list[Fix]:
-        """Localise each ``STRIDE``-th frame of another drive, without any guess.
+    def localize(
+        self, name: str, frames: Frames, true: Floats, *, stride: int = STRIDE, view: float = 180.0
+    ) -> list[Fix]:
+        """Localise each ``stride``-th frame of another drive, without any guess.
 
         Args:
             name: of the other drive, under which the folder keeps what was found.
             frames: of it.
             true: float64 (m, 4, 4), world_from_robot of them, by their numbers.
+            stride: between frames that are localised.
+            view: keyframes turned farther than this from a frame, in degrees, are not near it.
         """
         path = self.path.with_name(f"{self.path.stem}-by-{name}.json")
         if path.exists():
             return [Fix(**values) for values in json.loads(path.read_text())]
         with PlaceMap.open(self.path, read_only=True) as site:
             fixes = [
-                self._localize(site, frame, true[frame.number])
+                self._localize(site, frame, true[frame.number], view)
                 for frame in frames()
-                if frame.number % STRIDE == 0
+                if frame.number % stride == 0
             ]
         save(path, [asdict(fix) for fix in fixes])
         return fixes
 
-    def _localize(self, site: PlaceMap, frame: Frame, true: Matrix) -> Fix:
-        near = float(np.linalg.norm(self.true_keyframes[:, :3, 3] - true[:3, 3], axis=1).min())
+    def _localize(self, site: PlaceMap, frame: Frame, true: Matrix, view: float) -> Fix:
+        apart = np.array([difference(each, true) for each in self.true_keyframes])
+        near = float(apart[apart[:, 1] <= view, 0].min(initial=np.inf))
         site.forget_motion()
         started = time.process_time()
         found = site.localize(frame)
@@ -146,16 +151,20 @@ class MappedDrive:
 class Shares:
     """What share of the frames near a map was found, and how well.
 
+    Args:
+        fixes: of all frames.
+        limit: metres from a keyframe within which a frame should be found.
+
     Attributes:
-        near: number of frames at most ``NEAR`` from a keyframe.
+        near: number of frames within the limit.
         found: share of them that were found.
         good: share of the fixes that are ``GOOD``.
         worst: float64 (3,), largest error and turn against the truth, and error against the map.
         seconds: median and 95 % of the processor time of a frame.
     """
 
-    def __init__(self, fixes: Sequence[Fix]) -> None:
-        near = [fix for fix in fixes if fix.near <= NEAR]
+    def __init__(self, fixes: Sequence[Fix], limit: float = NEAR) -> None:
+        near = [fix for fix in fixes if fix.near <= limit]
         # Columns: error and turn against the truth, error against the map.
         errors = np.array(
             [(fix.error, fix.turn, fix.map_error) for fix in near if fix.error is not None]

@@ -41,6 +41,7 @@ def test_a_fix_far_from_the_truth_is_found_but_not_good() -> None:
     shares = Shares(fixes)
     assert (shares.near, shares.found, shares.good) == (3, pytest.approx(2 / 3), 0.5)
     assert shares.worst.tolist() == [2.5, 0.5, 2.4]
+    assert Shares(fixes, 6.5).near == 4
 
 
 @pytest.fixture
