@@ -4,8 +4,8 @@
 
     python -m benchmarks.accuracy.euroc_maps [--write]
 
-Needs the test data, which FUSIONSLAM_TEST_DATA names. A minute of processor time for each seed of
-odometry's noise.
+Needs the test data, which FUSIONSLAM_TEST_DATA names. Six minutes of processor time for each
+seed of odometry's noise.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Frame
 
-SEEDS = (1, 2, 3)
+SEEDS = (1,)
 EACH = MapConfig(keyframe_distance=0.01, keyframe_turn=0.1)
 """The frames at hand are keyframes already."""
 
@@ -72,7 +72,8 @@ def flights_text() -> str:
         f"gravity. Odometry is Vicon's path with noise of {DRIFT[0]:g} m and {DRIFT[1]:g} rad "
         f"after one metre, about each axis, and {100 * (SCALE - 1):.0f} % too long; one row for "
         f"each seed of the noise. A loop is false if it is more than {RIGHT_M:g} m or "
-        f"{RIGHT_DEG:g} degrees off.",
+        f"{RIGHT_DEG:g} degrees off. No value was fitted to this flight, but the search without "
+        "gravity was developed on it.",
         100,
     )
 

@@ -62,11 +62,11 @@ def join(one: MappedDrive, other: MappedDrive) -> Joint:
             return Joint(merge, np.concatenate(tracks), seconds)
 
 
-def row(seed: int, folder: Path) -> list[str]:
+def row(seed: int, another: int, folder: Path) -> list[str]:
     """Merge both maps of a town, and the first one with the second of another town."""
     first, second = Town(seed, folder), SecondDrive(seed, folder)
     alone = [ate(drive.poses, drive.true_keyframes) for drive in (first, second)]
-    joint, foreign = join(first, second), join(first, SecondDrive(another_seed(seed), folder))
+    joint, foreign = join(first, second), join(first, SecondDrive(another, folder))
     together = ["refused", ""]
     if joint.poses is not None:
         true = np.concatenate([first.true_keyframes, second.true_keyframes])
@@ -95,7 +95,8 @@ def merges_table(seeds: Sequence[int], folder: Path) -> str:
     head = ["town", "ATE of the first drive, m", "of the second, m", "of both, m"]
     head += ["times the better one", "loops believed", "refused", "s to merge"]
     head += ["loops with another town", "merged"]
-    return table(head, [row(seed, folder) for seed in seeds])
+    others = [*seeds[1:], *seeds[:1]] if len(seeds) > 1 else [another_seed(seed) for seed in seeds]
+    return table(head, [row(*pair, folder) for pair in zip(seeds, others, strict=True)])
 
 
 def main() -> None:

@@ -81,7 +81,7 @@ def test_a_merged_map_is_judged_by_both_drives(
         ]
     )
     monkeypatch.setattr(map_merges, "join", lambda one, other: next(joints))
-    cells = map_merges.row(1, Path())
+    cells = map_merges.row(1, 2, Path())
     assert cells[1:3] == ["0.100", "0.100"]
     assert float(cells[3]) == pytest.approx(2.5, rel=0.01)
     assert cells[5:7] == ["3", "0"]
