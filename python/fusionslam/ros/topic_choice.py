@@ -9,7 +9,7 @@ from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import INFO_ROLES, ROLES, candidates
 from fusionslam.fusion import SENSORS_OF
 from fusionslam.ros.nodes import NODES
-from fusionslam.ros.nodes.data_fusion import LEFT, ODOM, RIGHT, SCANS
+from fusionslam.ros.nodes.frame_node import LEFT, ODOM, RIGHT, SCANS
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
 
 INPUTS = {

@@ -19,7 +19,8 @@ from fusionslam.pipelines.bag_overview import Inspection
 from fusionslam.pipelines.first_frame import FirstCloud, try_frames
 from fusionslam.pipelines.overview import Overview, look_at_bag
 from fusionslam.ros.check.master import Graph
-from fusionslam.ros.nodes.data_fusion import DataFusionConfig, frame_builder
+from fusionslam.ros.nodes.data_fusion import DataFusionConfig
+from fusionslam.ros.nodes.frame_node import frame_builder
 from fusionslam.ros.topic_choice import Choice
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.frame_builder import FrameBuilder
@@ -80,7 +81,7 @@ class Evidence:
     @cached_property
     def builder(self) -> FrameBuilder:
         """The frame builder of data_fusion, which ``trial`` uses."""
-        return frame_builder(self.config)
+        return frame_builder(self.config.online, self.config.fusion.source)
 
     @cached_property
     def trial(self) -> FirstCloud | None:

@@ -38,11 +38,25 @@ Ground = tuple[float, float, float]
 @functools.cache
 def message_class(type_name: str) -> type[Any]:
     """Return the class of a type like "nav_msgs/Odometry". Raises DataError if not installed."""
-    package, _, name = plain_type(type_name).partition("/")
+    return _class_of(plain_type(type_name), "msg")
+
+
+@functools.cache
+def service_class(type_name: str) -> type[Any]:
+    """Return the class of a type like "std_srvs/Empty". Raises DataError if not installed."""
+    return _class_of(type_name, "srv")
+
+
+def _class_of(type_name: str, kind: str) -> type[Any]:
+    package, _, name = type_name.partition("/")
     try:
-        return getattr(import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
+        return getattr(import_module(f"{package}.{kind}"), name)  # type: ignore[no-any-return]
     except (ImportError, AttributeError):
-        raise DataError(f"the message type {type_name} is not installed") from None
+        raise DataError(
+            f"the type {type_name} is not installed: make ros installs it",
+            code="no-ros-type",
+            fields=(type_name,),
+        ) from None
 
 
 def make(type_name: str, /, **fields: Any) -> Any:

@@ -24,7 +24,7 @@ from fusionslam.ros.messages.types import (
     header,
     make,
 )
-from fusionslam.ros.nodes.data_fusion import LEFT
+from fusionslam.ros.nodes.frame_node import LEFT
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
 from fusionslam.ros.runtime.config import CommonConfig

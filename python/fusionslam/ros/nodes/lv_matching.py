@@ -14,7 +14,7 @@ from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.view_sources import TemplateSource, ViewSource, restore_source, save_source
 from fusionslam.ros.messages.types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
-from fusionslam.ros.nodes.data_fusion import LEFT
+from fusionslam.ros.nodes.frame_node import LEFT
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
 from fusionslam.ros.nodes.view_config import ViewsConfig, matcher_of, source_of
 from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings

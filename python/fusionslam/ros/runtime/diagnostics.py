@@ -38,6 +38,7 @@ def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:
     taken = worker.queue.taken
     for topic in worker.inputs:
         yield f"received {topic}", str(taken[topic])
+    yield "waiting", str(worker.queue.waiting)
     for (topic, reason), count in sorted(worker.queue.dropped.items()):
         yield f"dropped {topic}: {reason}", str(count)
     for what, count in worker.node.report().items():

@@ -12,6 +12,7 @@ from xmlrpc.client import Error, ServerProxy, Transport
 import rosgraph
 import rospy
 from rospy.core import is_shutdown_requested
+from rospy.impl.registration import get_service_manager
 from rospy.topics import get_topic_manager
 
 logger = logging.getLogger(__name__)
@@ -22,7 +23,7 @@ _SUCCESS = 1
 
 
 class Registration(threading.Thread):
-    """Registers this node's publishers and subscribers again after a restart of the master.
+    """Registers this node's topics and services again after a restart of the master.
 
     It is a thread of its own, as asking the master takes long if the network is down.
     """
@@ -61,6 +62,8 @@ def _register(master: Any, name: str) -> None:
         _, _, publishers = master.registerSubscriber(name, topic, type_name, own)
         # The call that the master makes to the node's slave API when publishers change.
         ros_proxy(own).publisherUpdate("/master", topic, publishers)
+    for service, uri in get_service_manager().get_services():
+        master.registerService(name, service, uri, own)
 
 
 class _Impatient(Transport):

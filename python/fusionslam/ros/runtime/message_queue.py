@@ -64,6 +64,12 @@ class MessageQueue:
             return self._taken.copy()
 
     @property
+    def waiting(self) -> int:
+        """Number of messages that wait."""
+        with self._changed:
+            return sum(len(queue) for queue in self._waiting.values())
+
+    @property
     def dropped(self) -> Counter[tuple[str, str]]:
         """Number of dropped messages by (topic, reason)."""
         with self._changed:

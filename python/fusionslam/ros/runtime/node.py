@@ -37,6 +37,37 @@ class Input:
     optional: bool = False
 
 
+@dataclass(frozen=True)
+class Service:
+    """A service that a node offers.
+
+    Attributes:
+        name: its name, which can be remapped.
+        type: its ROS type.
+        answer: returns the response to a request; called like ``Input.take``, between messages.
+    """
+
+    name: str
+    type: str
+    answer: Callable[[Any], Any]
+
+
+@dataclass(frozen=True)
+class Timer:
+    """What a node does at a rate, whatever messages it processes meanwhile.
+
+    Attributes:
+        name: for the log.
+        period: seconds of the wall clock from one end to the next start.
+        fire: called in a thread of its own with the time by the clock of the stamps, nanoseconds;
+            0 if unknown.
+    """
+
+    name: str
+    period: float
+    fire: Callable[[int], None]
+
+
 class Outlet(Protocol):
     """Receiver of a node's output messages."""
 
@@ -85,6 +116,16 @@ class Node(ABC, Generic[C]):
     def inputs(self) -> Sequence[Input]:
         """Its input topics."""
 
+    @property
+    def services(self) -> Sequence[Service]:
+        """Its services."""
+        return ()
+
+    @property
+    def timers(self) -> Sequence[Timer]:
+        """What it does at a rate."""
+        return ()
+
     def idle(self) -> None:
         """Called once after a silence of all inputs; here: write the state."""
         if self.saver is not None:
@@ -95,6 +136,6 @@ class Node(ABC, Generic[C]):
         if self.saver is not None:
             self.saver.close()
 
-    def report(self) -> Mapping[str, int]:
-        """Return counts for /diagnostics."""
+    def report(self) -> Mapping[str, int | str]:
+        """Return counts, and states in words, for /diagnostics."""
         return self.counts

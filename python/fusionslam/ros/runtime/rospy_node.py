@@ -2,18 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a node with rospy: subscribe, publish, report diagnostics and end cleanly."""
 
+import threading
 import time
 from collections.abc import Collection
+from concurrent.futures import CancelledError
 from typing import Any
 
 import rospy
 from rospy.core import is_shutdown_requested
 
-from fusionslam.ros.messages.types import DIAGNOSTICS, message_class
+from fusionslam.errors import FusionSlamError
+from fusionslam.ros.messages.types import DIAGNOSTICS, message_class, service_class
 from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.runtime.diagnostics import diagnostics
 from fusionslam.ros.runtime.master_watch import Registration
-from fusionslam.ros.runtime.node import Node
+from fusionslam.ros.runtime.node import Node, Service, Timer
 from fusionslam.ros.runtime.problem_log import ProblemLog
 from fusionslam.ros.runtime.worker import Worker
 
@@ -46,6 +49,8 @@ class RospyNode:
         self._subscribers: dict[str, rospy.Subscriber] = {}
         for topic in self._worker.inputs:
             self._subscribers[topic] = self._subscriber(topic)
+        for service in node.services:
+            self._offer(service)
         Registration().start()
         self._started = self._last_work = self._last_report = time.monotonic()
         self._looked_for_silence = False
@@ -71,12 +76,15 @@ class RospyNode:
 
     def run(self) -> None:
         """Process messages until ROS shuts down, then let the node save its state."""
+        for timer in self._worker.node.timers:
+            threading.Thread(target=self._beat, args=[timer], name=timer.name, daemon=True).start()
         try:
             while not is_shutdown_requested():
                 if self._worker.work(_POLL_S):
                     self._last_work = time.monotonic()
                 self._look_at_clock(time.monotonic())
         finally:
+            self._worker.cancel_calls()
             self._worker.run_guarded("closing", self._worker.node.close)
 
     def _look_at_clock(self, now: float) -> None:
@@ -93,6 +101,24 @@ class RospyNode:
 
     def _report(self) -> None:
         _send(self._reports, diagnostics(self._worker))
+
+    def _beat(self, timer: Timer) -> None:
+        while not is_shutdown_requested():
+            time.sleep(timer.period)
+            self._worker.run_guarded(timer.name, lambda: timer.fire(_now_ns()))
+
+    def _offer(self, service: Service) -> None:
+        """Answer requests in the node's thread, as messages are processed there."""
+
+        def answer(request: Any) -> Any:
+            try:
+                return self._worker.call(lambda: service.answer(request))
+            except CancelledError:
+                raise rospy.ServiceException("the node ends") from None
+            except FusionSlamError as error:
+                raise rospy.ServiceException(str(error)) from error
+
+        rospy.Service(service.name, service_class(service.type), answer)
 
     def _publisher(self, topic: str, kind: type[Node[Any]]) -> rospy.Publisher:
         return rospy.Publisher(

@@ -4,9 +4,12 @@
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
 from fusionslam.datasets.bags.messages import is_known, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
@@ -17,6 +20,8 @@ from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.storage.timer import Stopwatch
 
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 
 class Worker:
@@ -51,6 +56,22 @@ class Worker:
         self.queue = MessageQueue(self._common.queue, self._common.only_one, is_there)
         self.problems, self.watch, self._sent = node.problems, Stopwatch(), sent
         self.is_idle = True
+        self._calls: SimpleQueue[tuple[Future[Any], Callable[[], Any]]] = SimpleQueue()
+
+    def call(self, action: Callable[[], T]) -> T:
+        """Return what an action returns, or raise what it raises; called in any other thread.
+
+        ``work`` runs it, before the messages that wait. Raises CancelledError if the node ends
+        before.
+        """
+        future: Future[T] = Future()
+        self._calls.put((future, action))
+        return future.result()
+
+    def cancel_calls(self) -> None:
+        """Release the threads whose actions ``work`` did not run."""
+        for future, _ in self._waiting_calls():
+            future.cancel()
 
     def enqueue(self, message: Any, topic: str) -> None:
         """Queue a message delivered as rospy's AnyMsg; called in any thread."""
@@ -77,6 +98,8 @@ class Worker:
 
     def work(self, timeout_s: float) -> bool:
         """Process the message that waited longest; return False if none comes within the time."""
+        for future, action in self._waiting_calls():
+            _run_call(future, action)
         arrival = self.queue.get(timeout_s)
         if arrival is None:
             return False
@@ -126,6 +149,11 @@ class Worker:
         except Exception as error:
             if self._report(topic, f"a defect of fusionslam, please report it: {error!r}", error):
                 logger.exception("%s", topic)
+
+    def _waiting_calls(self) -> Iterator[tuple[Future[Any], Callable[[], Any]]]:
+        with suppress(Empty):
+            while True:
+                yield self._calls.get_nowait()
 
     def _report(self, topic: str, problem: str, error: Exception) -> bool:
         # Errors from reading a message already begin with its topic.
@@ -187,6 +215,13 @@ class Worker:
                 code="no-clock",
             )
         return arrival.stamp_ns
+
+
+def _run_call(future: Future[Any], action: Callable[[], Any]) -> None:
+    try:
+        future.set_result(action())
+    except BaseException as error:  # for the thread that waits
+        future.set_exception(error)
 
 
 def _sender(message: Any) -> str:

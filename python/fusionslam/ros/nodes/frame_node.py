@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Base class of the nodes that make frames of what a robot's sensors publish."""
+
+import logging
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TypeVar
+
+from fusionslam.config import option
+from fusionslam.errors import DataError, ShapeError, cause_of
+from fusionslam.fusion import SENSORS_OF, Source
+from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, ODOMETRY, TRANSFORMS
+from fusionslam.ros.runtime.config import CommonConfig
+from fusionslam.ros.runtime.node import Input, Node, Outlet
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
+from fusionslam.sensors.messages import Message
+from fusionslam.sensors.synchronizer import BUFFER_FULL, DUPLICATE, LATE, NO_IMAGE, REASONS
+
+logger = logging.getLogger(__name__)
+
+SCANS = "velodyne_points"
+LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
+RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
+ODOM = "odom"
+_WENT_BACK = (
+    "the clock went back, so waiting messages are dropped: this is normal for a bag that is played "
+    "again; else check the sensors' clocks"
+)
+_ADVICE = {
+    DUPLICATE: "is its driver running twice?",
+    LATE: "~online/sync/lateness waits for messages that are out of order",
+    NO_IMAGE: "is the camera published, and do both sensors have the same clock? The limit is "
+    "~online/sync/max_difference",
+    BUFFER_FULL: "are all sensors published, by one clock? ~online/sync/buffer holds more",
+}
+
+
+class FramesConfig(CommonConfig):
+    """Configuration of the nodes that make frames."""
+
+    # rospy has one thread per topic: when a bag is played five times as fast, odometry arrives up
+    # to half a second of stamps after its scan, on a busy machine even later.
+    online: OnlineConfig = option(
+        OnlineConfig(wait=5.0),
+        "pairing of images with scans; names of frames",
+    )
+
+
+def frame_builder(online: OnlineConfig, source: Source) -> FrameBuilder:
+    """Return a builder of frames from messages, with the cameras that a source of clouds needs."""
+    sensors = SENSORS_OF[source]
+    cameras = tuple(sensor for sensor in sensors if sensor != "points")
+    return FrameBuilder(online, cameras=cameras, scans="points" in sensors)
+
+
+C = TypeVar("C", bound=FramesConfig)
+
+
+class FrameNode(Node[C]):
+    """Pairs scans with images, and takes the robot's motion with them.
+
+    Args:
+        config: of its own type.
+        outlet: receives the messages that it publishes.
+        source: of its clouds, which says which sensors it needs.
+
+    Attributes:
+        frames: makes the frames.
+        lead: topic of the sensor that each frame is of.
+    """
+
+    def __init__(self, config: C, outlet: Outlet, source: Source) -> None:
+        super().__init__(config, outlet)
+        self._sensors = SENSORS_OF[source]
+        self.lead = SCANS if "points" in self._sensors else LEFT[0]
+        self._logged: set[tuple[str, str]] = set()
+        self.frames = frame_builder(config.online, source)
+
+    @abstractmethod
+    def take_frame(self, frame: Frame) -> None:
+        """Process a frame. Raises DataError or ShapeError for one that cannot be used."""
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """Inputs: scans, images with their calibration, odometry and TF."""
+        found = [
+            Input(ODOM, [ODOMETRY], self._take, small=True, optional=True),
+            Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
+            Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
+        ]
+        if "points" in self._sensors:
+            found.append(Input(SCANS, [CLOUD], self._take))
+        for camera, topics in (("left", LEFT), ("right", RIGHT)):
+            if camera in self._sensors:
+                found += self._camera(camera, *topics)
+        return found
+
+    def _camera(self, camera: str, images: str, info: str) -> list[Input]:
+        take = partial(self._take, camera=camera)
+        return [Input(images, IMAGES, take), Input(info, [CAMERA_INFO], take)]
+
+    def idle(self) -> None:
+        """Process the waiting frames: the messages that they wait for have not come."""
+        self._process(self.frames.flush())
+
+    def report(self) -> Mapping[str, int | str]:
+        """Count frames, and dropped messages by reason."""
+        frames = self.frames
+        dropped = {f"{sensor}: {why}": count for (sensor, why), count in frames.dropped.items()}
+        refused = {f"refused {kind}": count for kind, count in frames.refused.items()}
+        more = {"frames": frames.frames, "without odometry": frames.still, "jumps": frames.jumps}
+        return {**self.counts, **more, **dropped, **refused}
+
+    def went_back(self) -> None:
+        """Called after the clock of the sensors went back."""
+
+    def _take(self, message: Message, camera: str = "left") -> None:
+        jumps = self.frames.jumps
+        frames = self.frames.process(message, camera)
+        if self.frames.jumps > jumps:
+            self.problems.add(self.lead, _WENT_BACK, "clock")
+            self.went_back()
+        self._process(frames)
+
+    def _process(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            try:
+                self.take_frame(frame)
+            except (DataError, ShapeError) as error:
+                self.problems.add(self.lead, self.explain(error), *cause_of(error))
+        self._log_dropped()
+
+    def explain(self, error: DataError | ShapeError) -> str:
+        """Say why a frame cannot be used, and what to do."""
+        return str(error)
+
+    def _log_dropped(self) -> None:
+        for (sensor, reason), count in self.frames.dropped.items():
+            if reason in _ADVICE and (sensor, reason) not in self._logged:
+                self._logged.add((sensor, reason))
+                why = f"{REASONS[reason]}: {_ADVICE[reason]}"
+                words, cause = "%s: %d dropped, %s; %s", (reason, sensor)
+                logger.warning(words, sensor, count, reason, why, extra={"cause": cause})
