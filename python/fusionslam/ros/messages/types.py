@@ -20,6 +20,7 @@ VIEW_TEMPLATE = f"{PACKAGE}/ViewTemplate"
 TOPOLOGICAL_ACTION = f"{PACKAGE}/TopologicalAction"
 TOPOLOGICAL_MAP = f"{PACKAGE}/TopologicalMap"
 LOOP_CLOSURE = f"{PACKAGE}/LoopClosure"
+LOCALIZE = f"{PACKAGE}/Localize"
 VIEW_STATISTICS = f"{PACKAGE}/ViewStatistics"
 CLOUD = "sensor_msgs/PointCloud2"
 IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
@@ -27,7 +28,9 @@ CAMERA_INFO = "sensor_msgs/CameraInfo"
 ODOMETRY = "nav_msgs/Odometry"
 TRANSFORMS = "tf2_msgs/TFMessage"
 POSE = "geometry_msgs/PoseStamped"
+LOCATED_POSE = "geometry_msgs/PoseWithCovarianceStamped"
 PATH = "nav_msgs/Path"
+GRID = "nav_msgs/OccupancyGrid"
 MARKERS = "visualization_msgs/MarkerArray"
 DIAGNOSTICS = "diagnostic_msgs/DiagnosticArray"
 
@@ -116,6 +119,19 @@ def ground_pose(place: Ground) -> Any:
     return make("geometry_msgs/Pose", position=position, orientation=_quaternion_of(heading))
 
 
+def pose_of(pose: Matrix) -> Any:
+    """Return a geometry_msgs/Pose from float64 (4, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z = pose[:3, 3].tolist()
+    qx, qy, qz, qw = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+    return make(
+        "geometry_msgs/Pose",
+        position=make("geometry_msgs/Point", x=x, y=y, z=z),
+        orientation=make("geometry_msgs/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+
+
 def pose_with_covariance(pose: Matrix, covariance: Matrix) -> Any:
     """Return a geometry_msgs/PoseWithCovariance.
 
@@ -124,18 +140,10 @@ def pose_with_covariance(pose: Matrix, covariance: Matrix) -> Any:
         covariance: float64 (6, 6), of the error as a small motion in b: x, y, z in metres and
             rotations in radians. The message's is of positions in a and rotations about its axes.
     """
-    from scipy.spatial.transform import Rotation
-
     turn = np.kron(np.eye(2), pose[:3, :3])
-    x, y, z = pose[:3, 3].tolist()
-    qx, qy, qz, qw = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
     return make(
         "geometry_msgs/PoseWithCovariance",
-        pose=make(
-            "geometry_msgs/Pose",
-            position=make("geometry_msgs/Point", x=x, y=y, z=z),
-            orientation=make("geometry_msgs/Quaternion", x=qx, y=qy, z=qz, w=qw),
-        ),
+        pose=pose_of(pose),
         covariance=(turn @ covariance @ turn.T).ravel().tolist(),
     )
 

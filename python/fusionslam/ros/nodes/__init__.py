@@ -13,6 +13,7 @@ _CLASSES = {
     "lv_matching": "ViewMatching",
     "ratslam": "Mapper",
     "loop_closure": "LoopClosure",
+    "mapper": "PlaceMapper",
     "lv_analyzer": "ViewAnalyzer",
     "lv_dataset_creator": "DatasetCreator",
 }

@@ -41,8 +41,8 @@ def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:
     yield "waiting", str(worker.queue.waiting)
     for (topic, reason), count in sorted(worker.queue.dropped.items()):
         yield f"dropped {topic}: {reason}", str(count)
-    for what, count in worker.node.report().items():
-        yield what, str(count)
+    for what, value in worker.node.report().items():
+        yield what, str(value)
     for (topic, cause), count in sorted(worker.problems.counts.items()):
         yield f"refused {topic}: {cause}", str(count)
     for share in (0.5, 0.95):

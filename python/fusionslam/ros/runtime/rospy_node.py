@@ -133,11 +133,16 @@ class RospyNode:
         return rospy.Subscriber(
             topic,
             rospy.AnyMsg,
-            self._worker.enqueue,
+            self._enqueue,
             callback_args=topic,
             buff_size=BUFFER_BYTES,
             tcp_nodelay=True,
         )
+
+    def _enqueue(self, message: Any, topic: str) -> None:
+        # What the node itself publishes on /tf is no news.
+        if message._connection_header.get("callerid") != rospy.get_name():
+            self._worker.enqueue(message, topic)
 
     def _is_there(self, topic: str, publisher: str) -> bool:
         subscriber = self._subscribers.get(topic)

@@ -1,0 +1,357 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node that extends a map that lasts by the robot's drive, or finds the robot on it."""
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fusionslam.config import Section, option
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.fusion import FusionConfig
+from fusionslam.loop_closure import LoopConfig
+from fusionslam.mapping import Localization, MapConfig, MapStep, PlaceMap
+from fusionslam.registration import Refusal, RegistrationConfig
+from fusionslam.ros.messages.place_maps import (
+    grid_message,
+    localize_response,
+    located_pose,
+    trajectory_message,
+)
+from fusionslam.ros.messages.types import (
+    CLOUD,
+    GRID,
+    LOCALIZE,
+    LOCATED_POSE,
+    PATH,
+    TRANSFORMS,
+    builder,
+    header,
+    service_class,
+)
+from fusionslam.ros.nodes.frame_node import FrameNode, FramesConfig
+from fusionslam.ros.runtime.node import Outlet, Service, Timer
+from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Scan
+from fusionslam.storage.arrays import Matrix
+
+CLOUDS, GRIDS, WAY, POSE = "~cloud", "~grid", "~path", "~pose"
+TF = "/tf"
+_SHARE = 4
+"""Drawing the map takes at most 1 in this many seconds."""
+_CLOSING_S = 5.0
+"""A drawing that is not finished this long after the end of the node is left to itself."""
+_ODOMETRY = (
+    "no odometry, which a map needs: publish it on odom (odom:=/its/name), or as TF of the robot "
+    "in the odometry frame"
+)
+
+
+class MapFileConfig(Section):
+    """Which map, and what for."""
+
+    file: str = option("", "the map (.fsmap), made if it is missing")
+    session: str = option("", "name of the drive; empty: the date")
+    read_only: bool = option(False, "only find the robot on the map, which does not change")
+
+
+class DrawingConfig(Section):
+    """How the map is published; only to subscribers."""
+
+    every: float = option(
+        2.0, "shortest time between two drawings; longer for large maps", unit="s", gt=0
+    )
+    voxel: float = option(0.2, "one point of the cloud a cube of this size", unit="m", ge=0.01)
+    resolution: float = option(0.1, "side of a cell of the grid", unit="m", ge=0.01)
+
+
+class TransformConfig(Section):
+    """How the pose of the odometry frame on the map is published."""
+
+    publish: bool = option(True, "whether it is published on /tf")
+    rate: float = option(20.0, "how often", unit="Hz", gt=0, le=1000)
+    ahead: float = option(
+        0.1, "how far its stamp is ahead of the present, so that it holds until the next", ge=0
+    )
+
+
+class MapperConfig(FramesConfig):
+    """Configuration of the node mapper; a map that exists keeps how it was made."""
+
+    map: MapFileConfig = option(MapFileConfig(), "which map, and what for")
+    descriptor: str = option("cm2dp", "descriptor of a new map")
+    descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
+    loop_closure: LoopConfig = option(LoopConfig(window=20), "vectors to loops")
+    fusion: FusionConfig = option(FusionConfig(), "source and frame of the clouds")
+    registration: RegistrationConfig = option(RegistrationConfig(), "pairs of clouds to poses")
+    mapping: MapConfig = option(MapConfig(), "what a map keeps of a drive")
+    map_frame: str = option("map", "the frame of the map")
+    tf: TransformConfig = option(TransformConfig(), "map to odometry on /tf")
+    drawing: DrawingConfig = option(DrawingConfig(), "cloud, grid and path")
+    every: float = option(
+        1.0, "of map/read_only: shortest time between two localisations", unit="s", ge=0
+    )
+
+
+class PlaceMapper(FrameNode[MapperConfig]):
+    """Adds frames to a ``PlaceMap``, as ``fusionslam map build`` does, or localises them on it."""
+
+    name = "mapper"
+    defaults = MapperConfig()
+    outputs: ClassVar = {
+        CLOUDS: CLOUD,
+        GRIDS: GRID,
+        WAY: PATH,
+        POSE: LOCATED_POSE,
+        TF: TRANSFORMS,
+    }
+    latched = (CLOUDS, GRIDS, WAY)
+
+    def __init__(self, config: MapperConfig, outlet: Outlet) -> None:
+        if not config.map.file:
+            raise ConfigError(
+                "~map/file is empty: expected the path of a map (.fsmap)",
+                code="no-map-file",
+                fields=("~map/file",),
+            )
+        self._path = Path(config.map.file).expanduser()
+        self._read_only = config.map.read_only
+        self._session = config.map.session or time.strftime("%Y-%m-%d")
+        self._site = PlaceMap.open(
+            self._path,
+            None if self._read_only else self._session,
+            read_only=self._read_only,
+            descriptor=config.descriptor,
+            loops=config.loop_closure,
+            describe=config.descriptors,
+            fusion=config.fusion,
+            registration=config.registration,
+            config=config.mapping,
+        )
+        super().__init__(config, outlet, self._site.fusion.source)
+        if not self._read_only:
+            self._site.check_recording("live topics")
+        last = self._site.last_frame
+        self._first_number = 0 if last is None else last + 1
+        self._newest: Frame | None = None
+        self._map_from_odometry: Matrix | None = None
+        self._state, self._reason = "waiting", ""
+        self._is_solved = True
+        self._tried_ns: int | None = None
+        self._localizing_s = 0.0
+        self._sent_ns = 0
+        self._changes = 1
+        self._drawn: dict[str, int] = {}
+        self._drawing = threading.Lock()
+        self._next_drawing = 0.0
+
+    @property
+    def services(self) -> Sequence[Service]:
+        """Services: localise, solve the graph, forget where the robot was."""
+        return [
+            Service("~localize", LOCALIZE, lambda _: self._answer_localize()),
+            Service("~solve", "std_srvs/Trigger", lambda _: self._answer_solve()),
+            Service("~forget_motion", "std_srvs/Empty", lambda _: self._answer_forget()),
+        ]
+
+    @property
+    def timers(self) -> Sequence[Timer]:
+        """TF, and drawing the map: both go on while frames are added."""
+        drawing = Timer("drawing", self.config.drawing.every, self.draw)
+        if not self.config.tf.publish:
+            return [drawing]
+        return [drawing, Timer(TF, 1 / self.config.tf.rate, self.publish_frame)]
+
+    def take_frame(self, frame: Frame) -> None:
+        """Add a frame to the map, or localise it."""
+        self._newest = frame
+        if self._read_only:
+            self._localize_if_due(frame)
+            return
+        frame.number += self._first_number
+        self._note_step(frame, self._site.add(frame))
+
+    def explain(self, error: DataError | ShapeError) -> str:
+        """Say why a frame is not on the map, and what to do."""
+        text = _ODOMETRY if error.code == "no-odometry" else str(error)
+        return f"a frame is left out: {text}"
+
+    def went_back(self) -> None:
+        """Forget where the robot was: odometry has begun anew."""
+        self._forget()
+
+    def idle(self) -> None:
+        """Add the waiting frames, and solve the graph while the robot stands."""
+        super().idle()
+        self._solve()
+
+    def close(self) -> None:
+        """Add the waiting frames, solve the graph, and close the file."""
+        try:
+            super().idle()
+            self._solve()
+        finally:
+            # A reader that is open beside it would leave the log of changes behind.
+            is_free = self._drawing.acquire(timeout=_CLOSING_S)
+            self._site.close()
+            if is_free:
+                self._drawing.release()
+
+    def report(self) -> Mapping[str, int | str]:
+        """Say what state the map is in, and count keyframes, loops and refused candidates."""
+        known = {"state": self._state, "last reason": self._reason}
+        return {**known, "keyframes": len(self._site), **super().report()}
+
+    def publish_frame(self, now_ns: int) -> None:
+        """Publish map_from_odometry, stamped a little ahead of now. Called in any thread."""
+        place, stamp_ns = self._map_from_odometry, now_ns + round(self.config.tf.ahead * 1e9)
+        # TF warns of each stamp that it has already, as while simulated time stands still.
+        if place is None or not now_ns or stamp_ns == self._sent_ns:
+            return
+        child = self.frames.frame_of("odometry")
+        if child.strip("/") in ("", self.config.map_frame):
+            self.problems.add(
+                TF,
+                f"the frame of odometry is '{child}': nothing is published; odometry needs a "
+                "frame other than ~map_frame, or set ~tf/publish to false",
+                "odometry-in-map-frame",
+            )
+            return
+        self._sent_ns = stamp_ns
+        link = FrameTransform(
+            stamp_ns=stamp_ns,
+            parent=self.config.map_frame,
+            child=child,
+            parent_from_child=place,
+        )
+        self.outlet.publish(TF, builder.build(FrameTransforms(transforms=(link,))))
+
+    def draw(self, now_ns: int) -> None:
+        """Publish cloud, grid and path to subscribers, if the map changed. Called in any thread.
+
+        It reads the map as the file has it, so that adding frames does not wait.
+        """
+        changes, began = self._changes, time.monotonic()
+        wanted = [
+            topic
+            for topic in self.latched
+            if self._drawn.get(topic) != changes and self.outlet.is_wanted(topic)
+        ]
+        if not wanted or began < self._next_drawing:
+            return
+        with self._drawing, PlaceMap.open(self._path, read_only=True) as site:
+            if len(site):
+                for topic in wanted:
+                    self.outlet.publish(topic, self._drawing_of(topic, site))
+        self._drawn |= dict.fromkeys(wanted, changes)
+        self._next_drawing = time.monotonic() + (_SHARE - 1) * (time.monotonic() - began)
+
+    def _drawing_of(self, topic: str, site: PlaceMap) -> Any:
+        stamp_ns = 0 if self._newest is None else self._newest.stamp_ns
+        frame, drawing = self.config.map_frame, self.config.drawing
+        if topic == CLOUDS:
+            cloud = site.cloud(drawing.voxel)
+            return builder.build(
+                Scan(stamp_ns=stamp_ns, frame_id=frame, points=cloud.points, colors=cloud.colors)
+            )
+        top = header(stamp_ns, frame)
+        if topic == GRIDS:
+            return grid_message(top, site.grid(drawing.resolution))
+        if self._read_only or self._session not in site.names:
+            return trajectory_message(top, np.empty(0, np.int64), np.empty((0, 4, 4)))
+        stamps, poses = site.trajectory(self._session)
+        joined = site.parts(self._session) == site.first_part
+        return trajectory_message(top, stamps[joined], poses[joined])
+
+    def _note_step(self, frame: Frame, step: MapStep) -> None:
+        if step.keyframe is not None:
+            self._is_solved, self._changes = False, self._changes + 1
+            self.counts["new keyframes"] += 1
+            self.counts["loops"] += len(step.loops)
+            self.counts["refused"] += len(step.refused)
+            reasons = [*step.refused, *(edge.reason for edge in step.loops), step.why]
+            self._reason = next((each.text for each in reasons[::-1] if each), self._reason)
+        self._place(step.part, step.pose, frame.odometry)
+
+    def _place(self, part: int, pose: Matrix, odometry: Matrix | None) -> None:
+        """Take the robot's pose on the map, unless it is in a part that is not joined yet."""
+        is_joined = part == self._site.first_part
+        self._state = "mapping" if is_joined else "mapping, not joined with the map yet"
+        self._map_from_odometry = None
+        if is_joined and odometry is not None:
+            self._map_from_odometry = pose @ np.linalg.inv(odometry)
+
+    def _solve(self) -> None:
+        if self._is_solved:
+            return
+        self._site.solve()
+        self._is_solved, self._changes = True, self._changes + 1
+        if self._site.reason is not None:
+            self._reason = self._site.reason.text
+        _, poses = self._site.trajectory(self._session)
+        odometry, parts = self._site.odometry(self._session), self._site.parts(self._session)
+        if len(poses):
+            self._place(int(parts[-1]), poses[-1], odometry[-1])
+
+    def _localize_if_due(self, frame: Frame) -> None:
+        tried = self._tried_ns
+        # The newest frame matters, not each: those that wait while one is looked for are skipped.
+        every = max(self.config.every, 2 * self._localizing_s)
+        if tried is None or abs(frame.stamp_ns - tried) >= every * NANOSECONDS:
+            self._tried_ns = frame.stamp_ns
+            self._localize(frame)
+
+    def _localize(self, frame: Frame) -> Localization:
+        began = time.monotonic()
+        try:
+            found = self._site.localize(frame)
+        except DataError as error:
+            found = Localization(None, reason=Refusal(error.code, 0, str(error)))
+        self._localizing_s = time.monotonic() - began
+        self.counts["localisations"] += 1
+        self.counts["found"] += found.map_from_robot is not None
+        self._reason = "" if found.reason is None else found.reason.text
+        if self._read_only:
+            self._take_place(frame, found)
+        return found
+
+    def _take_place(self, frame: Frame, found: Localization) -> None:
+        """Publish where the robot is; where it is not found, odometry carries on."""
+        pose = found.map_from_robot
+        self._state = "searching" if pose is None else "localised"
+        if pose is None or found.part != self._site.first_part:
+            return
+        self.outlet.publish(
+            POSE, located_pose(header(frame.stamp_ns, self.config.map_frame), found)
+        )
+        if frame.odometry is not None:
+            self._map_from_odometry = pose @ np.linalg.inv(frame.odometry)
+
+    def _answer_localize(self) -> Any:
+        if self._newest is None:
+            text = "no frame has come yet: are the sensors published?"
+            found, stamp_ns = Localization(None, reason=Refusal("no-frame", 0, text)), 0
+        else:
+            found, stamp_ns = self._localize(self._newest), self._newest.stamp_ns
+        return localize_response(header(stamp_ns, self.config.map_frame), found)
+
+    def _answer_solve(self) -> Any:
+        self._is_solved = False
+        self._solve()
+        states = [edge.state for edge in self._site.loops]
+        text = ", ".join(f"{states.count(each)} {each}" for each in ("believed", "refused"))
+        return service_class("std_srvs/Trigger")._response_class(success=True, message=text)
+
+    def _forget(self) -> None:
+        self._site.forget_motion()
+        if self._read_only:
+            self._map_from_odometry, self._state, self._tried_ns = None, "searching", None
+
+    def _answer_forget(self) -> Any:
+        self._forget()
+        return service_class("std_srvs/Empty")._response_class()
