@@ -71,7 +71,7 @@ def test_a_robot_that_has_everything_has_no_problem_but_the_missing_truth() -> N
     assert "60.0 60.0 px" in rows["camera left"]
     # The camera looks 56 degrees wide: so many of the 41 points that 4 m ahead are 5 cm apart.
     assert finding(check, "fusing").fine and "41 points" in finding(check, "fusing").detail
-    assert check.nodes == [*ON_CLOUDS, "ratslam"] and check.lacking == ["truth"]
+    assert check.nodes == [*ON_CLOUDS, "mapper", "ratslam"] and check.lacking == ["truth"]
 
 
 def test_a_guessed_topic_gives_a_remapping_that_suffices() -> None:

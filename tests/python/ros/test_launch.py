@@ -16,6 +16,7 @@ import yaml
 from fusionslam.ratslam import OnlineRatSlam
 from fusionslam.ros.launch.files import launch_environment, package_folder
 from fusionslam.ros.nodes import NODES, node_class
+from fusionslam.ros.nodes.mapper import MapFileConfig
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
@@ -28,6 +29,7 @@ EXPERIMENTS = {
     "ratslam": CLOUDS | {"lv_analyzer", "ratslam"},
     "visual": {"lv_matching", "lv_analyzer", "ratslam"},
     "loops": {"data_fusion", "loop_closure"},
+    "mapper": {"mapper"},
 }
 
 
@@ -70,7 +72,7 @@ def test_every_experiment_takes_every_argument_it_declares(
     assert values["/data_fusion/fusion/ground"] == "plane" and values["/use_sim_time"] is True
     assert values["/bag_player/bag"] == "/here/any.bag"
     files = [value for key, value in values.items() if key.endswith("memory/file")]
-    assert files == ["/here/any"] * {"ratslam": 2, "visual": 2}.get(name, 1)
+    assert files == ["/here/any"] * {"ratslam": 2, "visual": 2, "mapper": 0}.get(name, 1)
 
 
 def test_bags_take_every_argument_of_every_experiment() -> None:
@@ -95,7 +97,12 @@ def list_nodes() -> Iterator[ElementTree.Element]:
         yield from ElementTree.parse(path).getroot().findall("node")
 
 
-def test_remappings_and_parameters_are_those_of_the_nodes() -> None:
+def _needed(name: str, folder: Path) -> dict[str, Any]:
+    """Values of parameters without which a node cannot be made."""
+    return {"map": MapFileConfig(file=str(folder / "site.fsmap"))} if name == "mapper" else {}
+
+
+def test_remappings_and_parameters_are_those_of_the_nodes(tmp_path: Path) -> None:
     ours = [each for each in list_nodes() if each.attrib["type"] in NODES]
     assert {each.attrib["type"] for each in ours} == set(NODES) - {"lv_dataset_creator"}
     for each in ours:
@@ -105,7 +112,7 @@ def test_remappings_and_parameters_are_those_of_the_nodes() -> None:
             value: Any = defaults
             for part in parameter.attrib["name"].split("/"):
                 value = value[part]
-        known = topics(name)
+        known = topics(name, **_needed(name, tmp_path))
         if name == "lv_matching":
             known |= topics(name, source="visual_templates")
         if name == "lv_analyzer":
@@ -121,14 +128,18 @@ def read_topics(path: Path) -> set[str]:
 
 def test_pictures_show_what_the_nodes_of_their_experiment_publish() -> None:
     pictures = {path.stem: read_topics(path) for path in (LAUNCH.parent / "rviz").glob("*.rviz")}
-    assert set(pictures) == {"clouds", "map", "visual", "loops"}
+    assert set(pictures) == {"clouds", "map", "visual", "loops", "mapper"}
     for name, wanted in EXPERIMENTS.items():
         (picture,) = (
             each.attrib["value"]
             for each in ElementTree.parse(LAUNCH / f"{name}.launch").getroot().findall("arg")
             if each.attrib["name"] == "picture"
         )
-        published = {f"/{topic}" for node in wanted for topic in node_class(node).outputs}
+        published = {
+            f"/{topic.replace('~', f'{node}/')}"
+            for node in wanted
+            for topic in node_class(node).outputs
+        }
         assert pictures[picture] <= published | {"/camera/rgb/image_raw"}
 
 

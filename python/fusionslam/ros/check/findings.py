@@ -37,7 +37,7 @@ _ADVICE = {
     "camera_info": _CALIBRATE,
     "right": _CAMERA,
     "right_camera_info": _CALIBRATE,
-    "odometry": "ratslam needs it; clouds are fused as if the robot stood still",
+    "odometry": "ratslam and mapper need it; clouds are fused as if the robot stood still",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
 }
 _SET_CLOCKS = "set the clocks (chrony, PTP)"

@@ -27,6 +27,7 @@ _NODES = {
     "loop_closure": {"clouds"},
     "lv_analyzer": {"clouds", "truth"},
     "lv_dataset_creator": {"clouds", "truth"},
+    "mapper": {"clouds", "odometry"},
     "ratslam": {"views", "odometry"},
     "lv_matching with _source:=visual_templates": {"images alone"},
 }
@@ -35,12 +36,13 @@ _FILES = {
     "loops": {"clouds"},
     "first_stage": {"clouds"},
     "two_stages": {"clouds"},
+    "mapper": {"clouds", "odometry"},
     "ratslam": {"clouds", "odometry"},
 }
 """Needs of nodes and launch files; the launch file that does most is the last."""
 _LACKS = {
     "clouds": "there are no coloured clouds",
-    "odometry": "ratslam lacks odometry",
+    "odometry": "ratslam and mapper lack odometry",
     "truth": "lv_analyzer and lv_dataset_creator lack true poses",
 }
 _OF_IMAGES = ("left", "odometry", "truth")

@@ -32,8 +32,8 @@ _OWN_TIME = ("processor time", "latency")
 
 _OF_MESSAGES = ("received ", "dropped ", "refused ")
 """Values of a report that count messages, not results."""
-_FILES = ("memory/file", "export", "output")
-"""Parameters of nodes that name what they write at their end."""
+_FILES = ("memory/file", "map/file", "export", "output")
+"""Parameters of nodes that name what they write."""
 
 
 class BagPlayerConfig(Section):
@@ -68,7 +68,7 @@ class _Reports:
             node: [
                 f"{value} {key}"
                 for key, value in values or []
-                if value != "0" and not key.startswith(_OF_MESSAGES)
+                if value.isdigit() and value != "0" and not key.startswith(_OF_MESSAGES)
             ]
             for node, (values, _) in sorted(self._last.items())
         }

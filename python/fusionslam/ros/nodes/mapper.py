@@ -138,6 +138,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
             self._site.check_recording("live topics")
         last = self._site.last_frame
         self._first_number = 0 if last is None else last + 1
+        self._keyframe: int | None = None
         self._newest: Frame | None = None
         self._map_from_odometry: Matrix | None = None
         self._state, self._reason = "waiting", ""
@@ -262,25 +263,28 @@ class PlaceMapper(FrameNode[MapperConfig]):
         top = header(stamp_ns, frame)
         if topic == GRIDS:
             return grid_message(top, site.grid(drawing.resolution))
-        if self._read_only or self._session not in site.names:
+        if self._read_only or self._session not in site.content.sessions:
             return trajectory_message(top, np.empty(0, np.int64), np.empty((0, 4, 4)))
         stamps, poses = site.trajectory(self._session)
-        joined = site.parts(self._session) == site.first_part
+        joined = [_is_joined(site, each) for each in site.keyframes(self._session).tolist()]
         return trajectory_message(top, stamps[joined], poses[joined])
 
     def _note_step(self, frame: Frame, step: MapStep) -> None:
         if step.keyframe is not None:
+            self._keyframe = step.keyframe
             self._is_solved, self._changes = False, self._changes + 1
             self.counts["new keyframes"] += 1
             self.counts["loops"] += len(step.loops)
             self.counts["refused"] += len(step.refused)
             reasons = [*step.refused, *(edge.reason for edge in step.loops), step.why]
             self._reason = next((each.text for each in reasons[::-1] if each), self._reason)
-        self._place(step.part, step.pose, frame.odometry)
+        self._place(step.pose, frame.odometry)
 
-    def _place(self, part: int, pose: Matrix, odometry: Matrix | None) -> None:
+    def _place(self, pose: Matrix, odometry: Matrix | None) -> None:
         """Take the robot's pose on the map, unless it is in a part that is not joined yet."""
-        is_joined = part == self._site.first_part
+        if self._keyframe is None:
+            self._keyframe = int(self._site.keyframes(self._session)[-1])
+        is_joined = _is_joined(self._site, self._keyframe)
         self._state = "mapping" if is_joined else "mapping, not joined with the map yet"
         self._map_from_odometry = None
         if is_joined and odometry is not None:
@@ -294,9 +298,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
         if self._site.reason is not None:
             self._reason = self._site.reason.text
         _, poses = self._site.trajectory(self._session)
-        odometry, parts = self._site.odometry(self._session), self._site.parts(self._session)
         if len(poses):
-            self._place(int(parts[-1]), poses[-1], odometry[-1])
+            self._place(poses[-1], self._site.odometry(self._session)[-1])
 
     def _localize_if_due(self, frame: Frame) -> None:
         tried = self._tried_ns
@@ -324,7 +327,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
         """Publish where the robot is; where it is not found, odometry carries on."""
         pose = found.map_from_robot
         self._state = "searching" if pose is None else "localised"
-        if pose is None or found.part != self._site.first_part:
+        if pose is None or found.keyframe is None or not _is_joined(self._site, found.keyframe):
             return
         self.outlet.publish(
             POSE, located_pose(header(frame.stamp_ns, self.config.map_frame), found)
@@ -355,3 +358,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
     def _answer_forget(self) -> Any:
         self._forget()
         return service_class("std_srvs/Empty")._response_class()
+
+
+def _is_joined(site: PlaceMap, keyframe: int) -> bool:
+    """Whether a keyframe is in the part of the map that began first, whose frame is published."""
+    return site.content.part(keyframe) == site.content.parts[0]
