@@ -51,8 +51,8 @@ class MapConfig(Section):
     )
     max_silence: float = option(
         10.0,
-        "odometry of frames that are farther apart in time counts only if their clouds confirm it; "
-        "else the map goes on in a part of its own",
+        "odometry of frames that are farther apart in time, on or back, counts only if their "
+        "clouds confirm it; else the map goes on in a part of its own",
         unit="s",
         gt=0,
     )

@@ -41,8 +41,8 @@ class Localization:
 
     Attributes:
         map_from_robot: float64 (4, 4); None if it is not known.
-        covariance: float64 (6, 6) of the pose's error against the keyframe, as
-            ``Registration.covariance``; None without a pose.
+        covariance: float64 (6, 6) of the pose's error against the keyframe, as a small motion in
+            the robot's frame: x, y, z in metres and rotations in radians; None without a pose.
         keyframe: number of the keyframe that the pose was found by; of the best one that was not
             believed if there is a reason; None without any.
         reason: why there is no pose; None if there is one.

@@ -42,9 +42,9 @@ class MapStep(NamedTuple):
         refused: candidates that are no loop, and why.
         pose: float64 (4, 4), map_from_robot.
         why: what is unusual about the frame; None if nothing is. Its code is "jump" (number:
-            metres of odometry since the frame before), "silence" (seconds since then, and clouds do
-            not confirm odometry), both of which begin a part of the map, or "stamp" (seconds that
-            the time stamp is before that of the frame before).
+            metres of odometry since the frame before) or "silence" (seconds since then, and clouds
+            do not confirm odometry), both of which begin a part of the map, or "stamp" (seconds
+            that the time stamp is before that of the frame before; as "silence" if they are many).
     """
 
     keyframe: int | None
@@ -247,14 +247,17 @@ class MapWriter:
         return (stamp_ns - self._last_stamp_ns) / 1e9
 
     def _check_silence(self, seconds: float) -> Refusal | None:
-        if seconds <= self.settings.map.max_silence:
+        limit = self.settings.map.max_silence
+        if abs(seconds) <= limit:
             return None
+        code, what = "silence", f"{seconds:.1f} s without frames"
+        if seconds < 0:  # a recording that is played again, or a clock that was set
+            code, what = "stamp", f"the time stamp goes back by {-seconds:.1f} s"
         text = (
-            f"{seconds:.1f} s without frames, more than {self.settings.map.max_silence:g}, and "
-            "clouds do not confirm odometry: the map goes on in a part of its own until loops "
-            "join it"
+            f"{what}, more than {limit:g}, and clouds do not confirm odometry: the map goes on in "
+            "a part of its own until loops join it"
         )
-        return Refusal("silence", seconds, text)
+        return Refusal(code, abs(seconds), text)
 
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
         from scipy.spatial.transform import Rotation

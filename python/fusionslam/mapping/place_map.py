@@ -18,6 +18,7 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, robot_from_cloud
+from fusionslam.geometry.se3 import adjoint
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
@@ -327,7 +328,13 @@ class PlaceMap:
         found = self._localizer.localize(sight)
         if found.map_from_robot is None:
             return found
-        return replace(found, map_from_robot=found.map_from_robot @ np.linalg.inv(mount))
+        assert found.covariance is not None
+        carry = adjoint(mount)  # small motions of the cloud's frame are the robot's
+        return replace(
+            found,
+            map_from_robot=found.map_from_robot @ np.linalg.inv(mount),
+            covariance=carry @ found.covariance @ carry.T,
+        )
 
     @_one_at_a_time
     def merge(self, other: PathLike, *, progress: Progress | None = None) -> Merge:

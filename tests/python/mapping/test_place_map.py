@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
 from fusionslam import Cloud, ConfigError, DataError, FusionSlamError, LoopConfig, LoopDetector
+from fusionslam.geometry.se3 import exp, log
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.mapping.map_database import APPLICATION_ID, VERSION, is_map
@@ -132,6 +133,24 @@ def test_a_robot_is_found_without_a_guess(path: Path, truth: Any) -> None:
         off = np.linalg.inv(np.linalg.inv(WAY[0]) @ truth) @ found.pose
         assert np.linalg.norm(off[:3, 3]) < 0.4
         assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 3
+
+
+def test_the_covariance_of_a_robot_that_is_found_is_that_of_its_own_frame(path: Path) -> None:
+    points = scan_blocks(at(1.0, 0.5, 30), 99)
+    mount = at(2.0, 0.5, 90)
+    frame = Frame(points=points, robot_from_points=mount)
+    with PlaceMap.open(path, read_only=True) as site:
+        robot, cloud = site.localize(frame), site.localize(Cloud(points))
+    assert robot.pose is not None and cloud.pose is not None
+    np.testing.assert_allclose(robot.pose @ mount, cloud.pose, atol=1e-9)
+    # A small motion v of the cloud's frame moves the robot's by the same motion of the world.
+    rng = np.random.default_rng(0)
+    moves = 1e-4 * rng.multivariate_normal(np.zeros(6), cloud.covariance, 20_000)
+    moved = exp(moves) @ np.linalg.inv(mount)
+    steps = log(mount @ moved) / 1e-4
+    sampled, stated = np.cov(steps.T), robot.covariance
+    sds = np.sqrt(np.diag(sampled))
+    np.testing.assert_allclose(stated / np.outer(sds, sds), sampled / np.outer(sds, sds), atol=0.04)
 
 
 def test_a_robot_elsewhere_is_not_found(path: Path) -> None:
@@ -342,6 +361,17 @@ def test_a_time_stamp_that_goes_back_is_named(tmp_path: Path) -> None:
             assert step.why is not None and step.keyframe == keyframe
             assert (step.why.code, step.why.number) == ("stamp", back)
         assert site.sessions[0].parts == (0,)
+
+
+def test_a_drive_that_is_played_again_begins_a_part(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "a", **OPTIONS) as site:
+        site.add(later(FRAMES[5], 60))
+        # Clouds confirm the odometry of one of them alone; none is as far as a jump.
+        for frame, odometry, parts in ((4, 4, (0,)), (1, 3, (0, 3))):
+            step = site.add(later(FRAMES[frame], -frame + 1, FRAMES[odometry].odometry))
+            assert step.why is not None and step.why.code == "stamp"
+            assert site.sessions[0].parts == parts
+            site.add(later(FRAMES[frame], 60, FRAMES[odometry].odometry))
 
 
 @pytest.mark.parametrize("gap", [0, 5])
