@@ -25,7 +25,8 @@ MESSAGES = sorted(path.stem for path in (ROOT / "ros" / "msg").glob("*.msg"))
 SUMS = (
     "from fusionslam.ros.environment import need_ros; need_ros(); "
     "import fusionslam_ros.msg as m; "
-    f"print(m.__file__, *[getattr(m, name)._md5sum for name in {MESSAGES}])"
+    "from fusionslam_ros.srv import Localize as service; "
+    f"print(m.__file__, *[getattr(m, name)._md5sum for name in {MESSAGES}], service._md5sum)"
 )
 
 
@@ -58,11 +59,11 @@ def sums(environment: dict[str, str]) -> tuple[Path, list[str]]:
 
 
 @pytest.mark.parametrize("space", ["devel", "install"])
-def test_messages_of_catkin_are_those_that_came_with_pip(space: str, workspace: Path) -> None:
+def test_messages_and_services_of_catkin_are_those_that_came_with_pip(space: str, workspace: Path) -> None:
     installed, wanted = sums(dict(os.environ))
     built, found = sums(source_setup(workspace / space, dict(os.environ)))
     assert built.is_relative_to(workspace / space) and not installed.is_relative_to(workspace)
-    assert found == wanted and len(found) == len(set(found)) == len(MESSAGES) == 8
+    assert found == wanted and len(found) == len(set(found)) == len(MESSAGES) + 1 == 9
 
 
 @pytest.mark.parametrize("space", ["devel", "install"])

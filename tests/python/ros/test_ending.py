@@ -43,6 +43,7 @@ def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
         ("data_fusion", "_online/wiat:=1", "~online/wiat"),
         ("lv_builder", "_source:=alignmnt", "~source"),
         ("loop_closure", "_memory/file:={folder}", "~memory/file"),
+        ("mapper", "_map/session:=monday", "~map/file"),
     ],
 )
 def test_a_parameter_that_a_node_cannot_start_with_is_named_in_one_line(

@@ -297,8 +297,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
         self._is_solved, self._changes = True, self._changes + 1
         if self._site.reason is not None:
             self._reason = self._site.reason.text
-        _, poses = self._site.trajectory(self._session)
-        if len(poses):
+        if self._keyframe is not None:
+            _, poses = self._site.trajectory(self._session)
             self._place(poses[-1], self._site.odometry(self._session)[-1])
 
     def _localize_if_due(self, frame: Frame) -> None:
