@@ -59,7 +59,9 @@ def sums(environment: dict[str, str]) -> tuple[Path, list[str]]:
 
 
 @pytest.mark.parametrize("space", ["devel", "install"])
-def test_messages_and_services_of_catkin_are_those_that_came_with_pip(space: str, workspace: Path) -> None:
+def test_messages_and_services_of_catkin_are_those_that_came_with_pip(
+    space: str, workspace: Path
+) -> None:
     installed, wanted = sums(dict(os.environ))
     built, found = sums(source_setup(workspace / space, dict(os.environ)))
     assert built.is_relative_to(workspace / space) and not installed.is_relative_to(workspace)

@@ -32,6 +32,20 @@ name, kind = sys.argv[1:]
 answer = rospy.ServiceProxy(name, service_class(kind))()
 print(json.dumps({slot: str(getattr(answer, slot)) for slot in answer.__slots__}))
 """
+_STATIC = """
+import sys
+from fusionslam.ros.environment import need_ros
+need_ros()
+import rosbag, rospy
+from tf2_msgs.msg import TFMessage
+rospy.init_node("static")
+publisher = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
+links = [each for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages("/tf_static")
+         for each in m.transforms]
+publisher.publish(TFMessage(links))
+print("is ready")
+rospy.spin()
+"""
 
 
 def call(world: RosWorld, name: str, kind: str) -> dict[str, str]:
@@ -44,6 +58,20 @@ def call(world: RosWorld, name: str, kind: str) -> dict[str, str]:
 
 def start(world: RosWorld, bag: PlayedBag, *parameters: str) -> Any:
     return world.node("mapper", *bag.sensors, FILE, *parameters)
+
+
+def play_on(world: RosWorld, bag: PlayedBag) -> Any:
+    """A player that runs on, and static transforms that stay, which the bag sends once."""
+    world.run("static", [sys.executable, "-uc", _STATIC, str(bag.path)])
+    wait_until(lambda: "is ready" in world.log("static"), "static transforms")
+    return world.run("rosbag", ["rosbag", "play", "--quiet", "--clock", str(bag.path)])
+
+
+def count_keyframes(path: Path) -> int:
+    if not path.exists():
+        return 0
+    with PlaceMap.open(path, read_only=True) as site:
+        return len(site)
 
 
 def assert_same_map(path: Path, other: Path) -> None:
@@ -92,19 +120,20 @@ def test_the_map_of_two_drives_is_that_of_the_command(
 
 
 def test_a_map_outlives_a_killed_node_and_goes_on(played_bag: PlayedBag, tmp_path: Path) -> None:
+    path = tmp_path / "site.fsmap"
     with RosWorld(tmp_path) as world:
         listener = world.listen("/odom")
         node = start(world, played_bag, "_map/session:=monday")
-        world.play(played_bag.path, "-r", "4", "-u", "10")
-        listener.settle()
+        player = play_on(world, played_bag)
+        wait_until(lambda: count_keyframes(path) > 3, "keyframes")
         world.end(node, signal.SIGKILL)
-        with PlaceMap.open(tmp_path / "site.fsmap", read_only=True) as site:
+        with PlaceMap.open(path, read_only=True) as site:
             stamps, frames = site.trajectory("monday")[0], site.frames("monday")
         node = start(world, played_bag, "_map/session:=monday")
-        world.play(played_bag.path, "-r", "4", "-s", "10")
+        assert player.wait(timeout=600) == 0
         listener.settle()
         assert world.end(node) == 0
-    with PlaceMap.open(tmp_path / "site.fsmap", read_only=True) as site:
+    with PlaceMap.open(path, read_only=True) as site:
         after, numbers = site.trajectory("monday")[0], site.frames("monday")
         assert site.check() == [] and site.sessions[0].parts == (0,)
     assert after[: len(stamps)].tolist() == stamps.tolist() and len(stamps) > 3
@@ -120,8 +149,10 @@ def test_a_robot_that_starts_elsewhere_is_found_on_the_map(
     before = path.read_bytes()
     with RosWorld(tmp_path) as world:
         listener = world.listen("/mapper/pose", "/odom")
+        player = play_on(world, played_bag)
+        wait_until(lambda: listener.count() > 200, "the robot to drive off")
         node = start(world, played_bag, "_map/read_only:=true")
-        world.play(played_bag.path, "-s", "8", "--clock")
+        assert player.wait(timeout=600) == 0
         listener.settle()
         restarted = world.end(world.core) is not None and world.start_core()
         assert restarted
