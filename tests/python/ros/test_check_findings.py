@@ -143,7 +143,7 @@ def test_true_poses_are_found_and_make_judging_possible() -> None:
     ]
     check = check_events([*drive(), *truth])
     assert not problems(check) and not check.lacking
-    assert check.nodes == [*ON_CLOUDS, "lv_analyzer", "lv_dataset_creator", "ratslam"]
+    assert check.nodes == [*ON_CLOUDS, "lv_analyzer", "lv_dataset_creator", "mapper", "ratslam"]
     assert "truth:=/truth" in check.launch
 
 
