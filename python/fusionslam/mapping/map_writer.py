@@ -38,7 +38,7 @@ class MapStep(NamedTuple):
 
     Attributes:
         keyframe: its number; None if the frame is too near the last keyframe.
-        loops: edges that the keyframe closes loops by, as solved.
+        loops: edges that the keyframe closes loops by, with their states so far.
         refused: candidates that are no loop, and why.
         pose: float64 (4, 4), map_from_robot.
         why: what is unusual about the frame; None if nothing is. Its code is "jump" (number:
