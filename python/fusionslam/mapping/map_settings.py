@@ -8,11 +8,13 @@ from typing import Any
 
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.fusion import FusionConfig
+from fusionslam.fusion import FusionConfig, require_up, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import RegistrationConfig
+from fusionslam.sensors.frame import Frame
+from fusionslam.storage.arrays import Matrix
 
 _COMPARED = ("descriptor", "descriptors", "fusion", "registration")
 
@@ -56,6 +58,18 @@ class MapSettings:
         """What maps must have in common for their keyframes to be compared."""
         values = self.dump()
         return {key: values[key] for key in _COMPARED}
+
+    def robot_from_cloud(self, frame: Frame) -> Matrix:
+        """Return the pose of a frame's cloud on the robot, float64 (4, 4).
+
+        Raises:
+            DataError: the transform is not known, or z does not point up in the cloud (code
+                "not-up"), so that it could be registered with no other.
+        """
+        needs_up = self.registration.gravity and self.registration.method != "planar"
+        if needs_up and self.fusion.frame == "scan" and self.fusion.up == "z":
+            require_up(self.fusion, frame)
+        return robot_from_cloud(frame, self.fusion)
 
     def new_detector(self) -> LoopDetector:
         """Make the detector of loops, without keyframes.

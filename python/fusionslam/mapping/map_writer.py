@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.fusion import fuse, robot_from_cloud
+from fusionslam.fusion import fuse
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
@@ -98,7 +98,7 @@ class MapWriter:
         """Add a frame; arguments and errors as of ``PlaceMap.add``."""
         _check_frame(frame)
         robot = _odometry_of(frame, odometry)
-        mount = robot_from_cloud(frame, self.settings.fusion)
+        mount = self.settings.robot_from_cloud(frame)
         waited = self._seconds_since_last(frame.stamp_ns)
         self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
         self._last_odometry = robot

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.fusion import FusionConfig, robot_from_cloud
+from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import adjoint
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
@@ -275,8 +275,9 @@ class PlaceMap:
 
         Raises:
             DataError: a frame without odometry (code "no-odometry"), odometry that is no rigid
-                motion ("not-a-rotation", "not-finite"), a frame that cannot be described, or the
-                file cannot be written; nothing has changed then.
+                motion ("not-a-rotation", "not-finite"), a frame that cannot be described, whose z
+                does not point up ("not-up"), or the file cannot be written; nothing has changed
+                then.
             ConfigError: the map was opened without a session, or read-only.
         """
         self._check_session()
@@ -310,13 +311,14 @@ class PlaceMap:
             stamp_ns: time; None for the frame's.
 
         Raises:
-            DataError: a cloud that cannot be described, or a map without keyframes (code "empty").
+            DataError: a cloud that cannot be described, a frame whose z does not point up (code
+                "not-up"), or a map without keyframes ("empty").
         """
         if not len(self):
             raise DataError(f"{self._file.path}: the map has no keyframes", code="empty")
         mount = np.eye(4)
         if isinstance(frame_or_cloud, Frame):
-            mount = robot_from_cloud(frame_or_cloud, self.settings.fusion)
+            mount = self.settings.robot_from_cloud(frame_or_cloud)
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
             odometry = frame_or_cloud.odometry if odometry is None else odometry
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusionslam import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam import ConfigError, DataError, FusionConfig, FusionSlamError, ShapeError
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
@@ -298,6 +298,64 @@ def test_values_that_make_no_sense_are_damage(path: Path, statement: str, writte
             raise DataError("; ".join(problems) or "nothing found", code="damaged")
     except FusionSlamError as error:
         assert error.code == "damaged" and "nothing found" not in str(error)
+
+
+OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+"""robot_from_points of clouds whose z axis points ahead."""
+
+
+def seen_from(frame: Frame, mount: Any, scale: float = 1.0) -> Frame:
+    """What a scanner that is mounted otherwise sees of the same place."""
+    assert frame.points is not None
+    back = np.linalg.inv(mount)
+    points = scale * (frame.points @ back[:3, :3].T + back[:3, 3])
+    return Frame(
+        index=frame.index,
+        stamp_ns=frame.stamp_ns,
+        points=points.astype(np.float32),
+        odometry=frame.odometry,
+        robot_from_points=mount,
+    )
+
+
+@pytest.mark.parametrize(
+    ("mount", "scale", "code"),
+    [(OPTICAL, 1.0, "not-up"), (np.eye(4), 1000.0, "far-points")],
+)
+def test_clouds_of_another_frame_or_unit_change_nothing(
+    path: Path, mount: Any, scale: float, code: str
+) -> None:
+    with PlaceMap.open(path, "tuesday") as site:
+        with refuses(code):
+            site.add(seen_from(FRAMES[1], mount, scale))
+        with refuses(code):
+            site.localize(seen_from(FRAMES[1], mount, scale))
+        assert len(site) == STORED and [each.name for each in site.sessions] == ["monday"]
+
+
+def test_a_robot_whose_scanner_is_mounted_otherwise_is_found_where_it_is(path: Path) -> None:
+    turned = at(0.3, 0.2, 90, 0.5)
+    with PlaceMap.open(path, read_only=True) as site:
+        poses = [site.localize(seen_from(FRAMES[1], mount)).pose for mount in (np.eye(4), turned)]
+    assert poses[0] is not None and poses[1] is not None
+    np.testing.assert_allclose(poses[0], poses[1], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"descriptor": "cm2dp"}, "no-colors"),
+        ({"fusion": FusionConfig(source="cloud", frame="robot")}, "no-transform"),
+    ],
+)
+def test_sensors_that_lack_what_the_map_needs_are_named(
+    tmp_path: Path, changes: dict[str, Any], code: str
+) -> None:
+    path = tmp_path / "site.fsmap"
+    with PlaceMap.open(path, "monday", **OPTIONS | changes) as site:
+        with refuses(code):
+            site.add(FRAMES[0])
+        assert not len(site)
 
 
 def flip_bit(data: bytes, place: int) -> bytes:
