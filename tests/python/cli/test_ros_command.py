@@ -49,7 +49,7 @@ def test_unknown_launch_files_are_refused_with_those_there_are(
 ) -> None:
     monkeypatch.setattr(environment, "need_ros", lambda: None)
     line = fails(2, "ros", "launch", "ratslm")
-    names = "bag, first_stage, loops, ratslam, two_stages, visual"
+    names = "bag, first_stage, loops, mapper, ratslam, two_stages, visual"
     assert line == (
         f"error: FILE is 'ratslm', expected the path of a launch file or one of {names}"
     )
