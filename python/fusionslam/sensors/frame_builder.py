@@ -104,6 +104,7 @@ class FrameBuilder:
         config: limits and names.
         cameras: cameras that every frame needs; "left" and "right" together are a stereo pair.
         scans: whether frames are scans; else they are stereo pairs, in the left camera's frame.
+        moving: whether frames wait for odometry even while nothing is known of it yet.
 
     Attributes:
         sync: the synchroniser, with its counts.
@@ -120,6 +121,7 @@ class FrameBuilder:
         *,
         cameras: tuple[str, ...] = ("left",),
         scans: bool = True,
+        moving: bool = False,
     ) -> None:
         self.config = config or OnlineConfig()
         is_pair = {*_PAIR} <= {*cameras}
@@ -139,6 +141,7 @@ class FrameBuilder:
             odometry=self.config.odometry_frame,
             truth=self.config.truth_frame,
         )
+        self._moving = moving
         self.frames = self.still = 0
         self.refused: Counter[str] = Counter()
         self._infos: dict[str, CameraInfo] = {}
@@ -295,7 +298,10 @@ class FrameBuilder:
         given = scan, _pictures(pair), self._infos, self.robot
         make = partial(frame_from_pair, *given, index=self.frames, pose=pose)
         try:
-            return make()
+            frame = make()
+            if self._moving and frame.odometry is None and not late:
+                raise _NotYetError
+            return frame
         except TransformError as error:
             if error.may_come and not late:
                 raise

@@ -192,6 +192,20 @@ def test_a_robot_without_odometry_is_found_but_not_mapped(built: Path, tmp_path:
     assert desk.outlet.of("~pose") and map_from_odom(desk) is None
 
 
+def test_the_first_frame_waits_for_the_first_odometry(tmp_path: Path) -> None:
+    desk = start(tmp_path / "site.fsmap")
+    link = FrameTransform(
+        stamp_ns=0, parent="base", child="scanner", parent_from_child=np.eye(4), static=True
+    )
+    desk.give("/tf_static", FrameTransforms(transforms=(link,)))
+    scan = Scan(stamp_ns=START, frame_id="scanner", points=MONDAY[0].points)
+    desk.give("velodyne_points", scan)
+    moved = Odometry(stamp_ns=START, frame_id="odom", child_frame_id="base", pose=np.eye(4))
+    desk.give("odom", moved)
+    assert len(desk.node._site) == 1 and desk.problems() == {}
+    desk.node.close()
+
+
 def test_localisations_are_as_far_apart_as_asked(built: Path) -> None:
     desk = localizer(built)
     drive(desk, [frames(WAY)[4]] * 3)  # at one time

@@ -49,11 +49,11 @@ class FramesConfig(CommonConfig):
     )
 
 
-def frame_builder(online: OnlineConfig, source: Source) -> FrameBuilder:
+def frame_builder(online: OnlineConfig, source: Source, *, moving: bool = False) -> FrameBuilder:
     """Return a builder of frames from messages, with the cameras that a source of clouds needs."""
     sensors = SENSORS_OF[source]
     cameras = tuple(sensor for sensor in sensors if sensor != "points")
-    return FrameBuilder(online, cameras=cameras, scans="points" in sensors)
+    return FrameBuilder(online, cameras=cameras, scans="points" in sensors, moving=moving)
 
 
 C = TypeVar("C", bound=FramesConfig)
@@ -66,18 +66,19 @@ class FrameNode(Node[C]):
         config: of its own type.
         outlet: receives the messages that it publishes.
         source: of its clouds, which says which sensors it needs.
+        moving: as of ``FrameBuilder``.
 
     Attributes:
         frames: makes the frames.
         lead: topic of the sensor that each frame is of.
     """
 
-    def __init__(self, config: C, outlet: Outlet, source: Source) -> None:
+    def __init__(self, config: C, outlet: Outlet, source: Source, *, moving: bool = False) -> None:
         super().__init__(config, outlet)
         self._sensors = SENSORS_OF[source]
         self.lead = SCANS if "points" in self._sensors else LEFT[0]
         self._logged: set[tuple[str, str]] = set()
-        self.frames = frame_builder(config.online, source)
+        self.frames = frame_builder(config.online, source, moving=moving)
 
     @abstractmethod
     def take_frame(self, frame: Frame) -> None:

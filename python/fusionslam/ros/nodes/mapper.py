@@ -133,7 +133,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
             registration=config.registration,
             config=config.mapping,
         )
-        super().__init__(config, outlet, self._site.fusion.source)
+        super().__init__(config, outlet, self._site.fusion.source, moving=not self._read_only)
         if not self._read_only:
             self._site.check_recording("live topics")
         last = self._site.last_frame
