@@ -23,6 +23,7 @@ from benchmarks.accuracy.data import WORLDS, data_folder
 from benchmarks.accuracy.mapped_drives import (
     GOOD,
     NEAR,
+    SESSION,
     SHARES,
     STRIDE,
     Frames,
@@ -37,6 +38,8 @@ from benchmarks.accuracy.rooms import CIRCLE_ROBOT, RecordedDrive, RoomDrive
 from fusionslam import FusionConfig
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.registration import RegistrationConfig
 from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
@@ -97,7 +100,12 @@ def map_recording(name: str, folder: Path, errors: OdometryConfig) -> Room:
 
 
 def map_sectors(
-    path: Path, drive: RecordedDrive, errors: OdometryConfig, frames: Frames
+    path: Path,
+    drive: RecordedDrive,
+    errors: OdometryConfig,
+    frames: Frames,
+    session: str = SESSION,
+    registration: RegistrationConfig = CONFIG.registration,
 ) -> MappedDrive:
     """Map frames of a recording by planar registration."""
     return MappedDrive(
@@ -105,10 +113,34 @@ def map_sectors(
         drive.true,
         drive.odometry(errors),
         frames,
+        session,
         loops=CONFIG.loop_closure,
         fusion=CONFIG.fusion,
-        registration=CONFIG.registration,
+        registration=registration,
         config=MapConfig(keyframe_distance=APART),
+    )
+
+
+def map_part(name: str, folder: Path, like: MappedDrive | None = None) -> MappedDrive:
+    """Map the first part of a recording; or what follows, with the lengths of another map.
+
+    Lengths are fitted to the first cloud of a map; maps with other ones cannot be merged.
+    """
+    drive = RecordedDrive(name)
+    end = round(PART * len(drive.true))
+    rest = like is not None
+    path = folder / f"recorded-{name}-{'rest' if rest else 'part'}"
+    lengths = CONFIG.registration
+    if like is not None:
+        with PlaceMap.open(like.path, read_only=True) as site:
+            lengths = site.settings.registration
+    return map_sectors(
+        path,
+        drive,
+        DRIFT,
+        lambda: (frame for frame in drive.frames() if (frame.number >= end) == rest),
+        "rest" if rest else SESSION,
+        lengths,
     )
 
 
@@ -116,11 +148,7 @@ def split_recording(name: str, folder: Path) -> Shares:
     """Map the first part of a recording, and localise the rest on it."""
     drive = RecordedDrive(name)
     end = round(PART * len(drive.true))
-    path = folder / f"recorded-{name}-part"
-    mapped = map_sectors(
-        path, drive, DRIFT, lambda: (frame for frame in drive.frames() if frame.number < end)
-    )
-    rest = mapped.localize(
+    rest = map_part(name, folder).localize(
         "rest",
         lambda: (frame for frame in drive.frames() if frame.number >= end),
         drive.true,

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmarks of maps in rooms, merged maps and peers' loops measure what they say."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -64,9 +62,7 @@ def test_a_merged_map_is_judged_by_both_drives(
 ) -> None:
     bent = drive.copy()
     bent[::2, 2, 3] += 0.2
-    alone = {"first": made_drive(bent, drive, "first"), "second": made_drive(bent, drive, "second")}
-    monkeypatch.setattr(map_merges, "Town", lambda seed, folder: alone["first"])
-    monkeypatch.setattr(map_merges, "SecondDrive", lambda seed, folder: alone["second"])
+    first, second = (made_drive(bent, drive, name) for name in ("first", "second"))
     edge = Edge(0, "merge", 0, 0, np.eye(4), np.eye(6), "believed")
     refused = Merge((), (), (edge,), Refusal("few-merges", 1, "too few"))
     moved = drive.copy()
@@ -81,7 +77,7 @@ def test_a_merged_map_is_judged_by_both_drives(
         ]
     )
     monkeypatch.setattr(map_merges, "join", lambda one, other: next(joints))
-    cells = map_merges.row(1, 2, Path())
+    cells = map_merges.row("circle", first, second, second)
     assert cells[1:3] == ["0.100", "0.100"]
     assert float(cells[3]) == pytest.approx(2.5, rel=0.01)
     assert cells[5:7] == ["3", "0"]
