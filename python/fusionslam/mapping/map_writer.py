@@ -27,7 +27,7 @@ from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.machine import release_memory
 
-_RELEASE = 50
+_RELEASE = 10
 """Keyframes after which memory that is free is given back, which takes some milliseconds."""
 
 logger = logging.getLogger(__name__)
