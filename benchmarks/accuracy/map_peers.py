@@ -4,7 +4,6 @@
 
 python -m benchmarks.accuracy.map_peers              # the first town
 python -m benchmarks.accuracy.map_peers 1 2 3        # towns of these seeds
-python -m benchmarks.accuracy.map_peers 1 2 --write  # and put the table into the docs
 
 All get the full circle of the LiDAR; the odometry is that of ``benchmarks.accuracy.place_maps``.
 KISS-SLAM runs as a whole, with its own odometry and with ours in its place. MapClosures only finds
@@ -34,8 +33,8 @@ from benchmarks.accuracy.loop_peers import (
     run_peer,
 )
 from benchmarks.accuracy.mapped_drives import RIGHT, difference
-from benchmarks.accuracy.markdown import table, write_between
-from benchmarks.accuracy.place_maps import PAGE, Town
+from benchmarks.accuracy.markdown import table
+from benchmarks.accuracy.place_maps import Town
 from benchmarks.accuracy.pose_graphs import ate
 from benchmarks.accuracy.presets import mean_and_range, record_towns
 from fusionslam import Cloud, PoseGraph, fuse
@@ -172,7 +171,7 @@ def compare(seed: int, folder: Path, python: Path | None) -> Iterator[Mapped]:
 def peers_text(seeds: Sequence[int]) -> str:
     listed = " ".join(map(str, seeds))
     return fill(
-        f"`python -m benchmarks.accuracy.map_peers {listed} --write`: towns of these seeds, full "
+        f"`python -m benchmarks.accuracy.map_peers {listed}`: towns of these seeds, full "
         "circle. The same odometry is that of the tables above. KISS-SLAM as a whole, a local map "
         "each 100 m, its loops those between them. MapClosures alone makes no map: its loops, of "
         f"local maps of {JOINED} scans, joined by the same odometry, and what KISS-SLAM's closer "
@@ -204,16 +203,12 @@ def peers_table(towns: Sequence[Sequence[Mapped]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seeds", nargs="*", type=int, default=[1])
-    parser.add_argument("--write", action="store_true", help="put the table into the docs")
     arguments = parser.parse_args()
     folder = cache_folder() / "place-maps"
     folder.mkdir(parents=True, exist_ok=True)
     python = peers_python()
     towns = [list(compare(seed, folder, python)) for seed in arguments.seeds]
-    text = f"{peers_text(arguments.seeds)}\n\n{peers_table(towns)}"
-    print(text)
-    if arguments.write:
-        write_between(PAGE, "map peers", text)
+    print(f"{peers_text(arguments.seeds)}\n\n{peers_table(towns)}")
 
 
 if __name__ == "__main__":
