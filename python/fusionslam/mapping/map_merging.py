@@ -19,6 +19,9 @@ from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.storage.progress import Progress
 
+MOST_APART = 2.0
+"""Factor between the lengths of maps whose clouds are still compared."""
+
 
 class ComparedMap(Protocol):
     """What merging asks of a ``PlaceMap``."""
@@ -59,6 +62,16 @@ def check_mergeable(site: ComparedMap, other: ComparedMap) -> None:
             code="other-configuration",
             fields=tuple(differing),
         )
+    lengths, other_lengths = site.settings.lengths, other.settings.lengths
+    for key in lengths.keys() & other_lengths.keys():
+        length, other_length = lengths[key], other_lengths[key]
+        if not length / MOST_APART <= other_length <= length * MOST_APART:
+            raise ConfigError(
+                f"{key} of both maps is {length:.3g} and {other_length:.3g}: their keyframes "
+                f"cannot be compared, expected a factor of {MOST_APART:g} at most",
+                code="other-configuration",
+                fields=(key, f"{other_length:.3g}"),
+            )
     common = site.content.sessions.keys() & other.content.sessions.keys()
     if common:
         raise ConfigError(

@@ -12,7 +12,7 @@ from fusionslam.fusion import FusionConfig, require_up, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.mapping.config import MapConfig
-from fusionslam.registration import RegistrationConfig
+from fusionslam.registration import RegistrationConfig, without_lengths
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix
 
@@ -55,9 +55,18 @@ class MapSettings:
 
     @property
     def comparable(self) -> dict[str, Any]:
-        """What maps must have in common for their keyframes to be compared."""
-        values = self.dump()
-        return {key: values[key] for key in _COMPARED}
+        """What maps must have in common for their keyframes to be compared, but for lengths."""
+        values = {key: value for key, value in self.dump().items() if key in _COMPARED}
+        values["descriptors"].pop("normal_radius")
+        return values | {"registration": without_lengths(self.registration)}
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Metres that are fitted to the first cloud of a map: of one building, they are similar."""
+        radius = self.describe.normal_radius
+        return {"registration.voxel": self.registration.voxel} | (
+            {} if radius is None else {"descriptors.normal_radius": radius}
+        )
 
     def robot_from_cloud(self, frame: Frame) -> Matrix:
         """Return the pose of a frame's cloud on the robot, float64 (4, 4).
