@@ -65,6 +65,7 @@ StateDict arrays_of(MapState&& state) {
   arrays["due"] = to_numpy(std::move(state.due));
   arrays["pending_ends"] = rows(std::move(state.pending_ends), 2);
   arrays["pending"] = rows(std::move(state.pending), MapState::pending_values);
+  arrays["interruptions"] = to_numpy(std::move(state.interruptions));
   return arrays;
 }
 
@@ -92,6 +93,8 @@ MapState state_of(const py::dict& arrays) {
   take(arrays, "due", state.due);
   take(arrays, "pending_ends", state.pending_ends);
   take(arrays, "pending", state.pending);
+  // States of version 0.2.0 have none.
+  if (arrays.contains("interruptions")) take(arrays, "interruptions", state.interruptions);
   return state;
 }
 
@@ -104,6 +107,10 @@ void bind_changes(py::class_<SharedMap>& bound) {
             self.write([&](ExperienceMap& map) { map.on_odometry(v, w, dt); });
           },
           "v"_a, "w"_a, "dt"_a, "Moves on: metres and radians a second, seconds.")
+      .def(
+          "mark_interruption",
+          [](SharedMap& self) { self.write([](ExperienceMap& map) { map.mark_interruption(); }); },
+          "Notes that the robot may have been carried since odometry's last pose.")
       .def(
           "check",
           [](SharedMap& self, int kind, std::int64_t source, std::int64_t target, double rotation,

@@ -54,6 +54,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   spoil(source, state.due);
   spoil(source, state.pending_ends);
   spoil(source, state.pending);
+  spoil(source, state.interruptions);
   fusionslam::ExperienceMap map;
   try {
     map.restore(state);

@@ -1128,6 +1128,11 @@ class ExperienceMapConfig:
         robust (ours) or openratslam (as the program of Ball et al. 2013)
         """
     @property
+    def rejoin(self) -> int:
+        """
+        after an interruption of odometry, accept a loop beyond `sigmas` if at least this many loops since then agree (itself included)
+        """
+    @property
     def sigmas(self) -> float:
         """
         accept a loop up to this many standard deviations from odometry
@@ -1161,6 +1166,10 @@ class ExperienceMap:
     def check(self, kind: typing.SupportsInt | typing.SupportsIndex, source: typing.SupportsInt | typing.SupportsIndex, target: typing.SupportsInt | typing.SupportsIndex, relative_rotation: typing.SupportsFloat | typing.SupportsIndex, relative_place: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex]) -> tuple[bool, float, float, float, float, str]:
         """
         Whether a loop fits odometry: the values of LoopCheck.
+        """
+    def mark_interruption(self) -> None:
+        """
+        Notes that the robot may have been carried since odometry's last pose.
         """
     def on_odometry(self, v: typing.SupportsFloat | typing.SupportsIndex, w: typing.SupportsFloat | typing.SupportsIndex, dt: typing.SupportsFloat | typing.SupportsIndex) -> None:
         """

@@ -14,6 +14,9 @@ namespace fusionslam {
 namespace detail {
 namespace {
 
+/// Standard deviations of the way that a robot was carried.
+constexpr double anywhere_m = 100, anywhere_rad = 3;
+
 void arrive(MapArrays& map, std::int64_t node, const Arrival& arrival) {
   map.current = node;
   const Pose2 pose = compose(map.nodes[node], arrival.offset);
@@ -132,7 +135,47 @@ void add_loop(MapArrays& map, const Pending& loop) {
   map.due.push_back(loop.target);
 }
 
+/// Moves the nodes since an interruption, which only odometry joins with those before, so that the
+/// robot is where the loop says. What odometry said of the way between no longer counts.
+void rejoin(MapArrays& map, std::int64_t first, const Pending& loop) {
+  const Pose2 claimed = compose(map.nodes[loop.target], loop.place);
+  const Pose2 robot = map.pose();
+  const Pose2 motion = compose(claimed, relative_pose(robot, {}));
+  Link& between = map.links[map.in.first[first]];
+  add_squares(map, between, -1);
+  for (std::int64_t node = first; node < map.size(); ++node)
+    map.nodes[node] = compose(motion, map.nodes[node]);
+  const Pose2 way = relative_pose(map.nodes[between.source], map.nodes[first]);
+  between.measure.distance = std::hypot(way.x, way.y);
+  between.measure.heading = between.measure.distance > 0 ? std::atan2(way.y, way.x) : 0;
+  between.measure.facing = way.heading;
+  between.measure.variance_m = anywhere_m * anywhere_m;
+  between.measure.variance_rad = anywhere_rad * anywhere_rad;
+  add_squares(map, between, 1);
+  const Pose2& node = map.nodes[map.current];
+  map.dx = claimed.x - node.x, map.dy = claimed.y - node.y, map.facing = claimed.heading;
+}
+
+/// A loop to a node before interruptions of odometry resolves them. Returns whether the way by
+/// odometry from the current node is known.
+bool resolve_interruptions(MapArrays& map, const Pending& loop) {
+  const std::int64_t first = interruption_before(map, loop);
+  if (first < 0) return true;
+  const bool fits = fits_odometry(map, loop), has_nodes = first < map.size();
+  if (fits)
+    std::erase_if(map.interruptions, [&](std::int64_t node) { return node > loop.target; });
+  else
+    map.interruptions.pop_back();
+  if (!fits && has_nodes) rejoin(map, first, loop);
+  return fits || has_nodes;
+}
+
 void create_edge(MapArrays& map, const MapAction& action) {
+  if (!resolve_interruptions(map, build_loop(map, action))) {
+    arrive(map, action.target,
+           {{action.relative_x, action.relative_y, wrap_angle(action.relative_rotation)}});
+    return;
+  }
   const Pending loop = build_loop(map, action);
   const Arrival arrival = arrival_by(map, loop);
   auto confirmed = agreeing_loops(map, loop);
@@ -198,6 +241,15 @@ ExperienceMap::ExperienceMap(const ExperienceMapConfig& config)
 ExperienceMap::~ExperienceMap() = default;
 ExperienceMap::ExperienceMap(ExperienceMap&&) noexcept = default;
 ExperienceMap& ExperienceMap::operator=(ExperienceMap&&) noexcept = default;
+
+void ExperienceMap::mark_interruption() {
+  MapArrays& map = *map_;
+  if (!map.robust() || map.nodes.empty()) return;
+  if (map.interruptions.empty() || map.interruptions.back() != map.size())
+    map.interruptions.push_back(map.size());
+  // Loops agree on the error of one odometry, and this is another one.
+  map.pending.clear();
+}
 
 void ExperienceMap::on_odometry(double v, double w, double dt) {
   MapArrays& map = *map_;

@@ -128,6 +128,17 @@ std::string words(const LoopCheck& check) {
 
 }  // namespace
 
+std::int64_t interruption_before(const MapArrays& map, const Pending& loop) {
+  // The robot is past all of them, the last one included if it has no node yet.
+  if (map.interruptions.empty() || loop.target >= map.interruptions.back()) return -1;
+  return map.interruptions.back();
+}
+
+bool fits_odometry(const MapArrays& map, const Pending& loop) {
+  const auto drift = drift_since(map, loop.target, without_limit);
+  return drift && compare_with_map(map, loop, *drift).accepted;
+}
+
 Arrival arrival_by(const MapArrays& map, const Pending& loop) {
   const double place_m = map.config.place_m * map.config.place_m;
   const double place_rad = map.config.place_rad * map.config.place_rad;
@@ -172,14 +183,19 @@ LoopCheck check_loop(MapArrays& map, const MapAction& action) {
   const auto candidates = agreeing_loops(map, loop);
   const std::size_t group = 1 + largest_group(map, candidates);
   const double farthest = std::max(1.0, map.config.agreed_sigmas / map.config.sigmas);
-  const bool beyond =
-      check.error_m > farthest * check.allowed_m || check.error_rad > farthest * check.allowed_rad;
-  check.accepted = !beyond && group >= static_cast<std::size_t>(map.config.agreeing);
+  const std::int64_t interruption = interruption_before(map, loop);
+  const bool interrupted = interruption >= 0;
+  const int needed = interrupted ? map.config.rejoin : map.config.agreeing;
+  const bool beyond = !interrupted && (check.error_m > farthest * check.allowed_m ||
+                                       check.error_rad > farthest * check.allowed_rad);
+  check.accepted = !beyond && group >= static_cast<std::size_t>(needed);
   check.reason = words(check) + "; " + std::to_string(group - 1) + " earlier loops agree with it" +
+                 (interrupted ? " since odometry was interrupted" : "") +
                  (check.accepted ? ""
                   : beyond       ? ", too far off for any number"
-                                 : ", expected " + std::to_string(map.config.agreeing - 1));
-  if (!check.accepted) remember(map, loop);
+                                 : ", expected " + std::to_string(needed - 1));
+  // Before the first node after an interruption, the robot's offset to its node means nothing.
+  if (!check.accepted && interruption != map.size()) remember(map, loop);
   return check;
 }
 

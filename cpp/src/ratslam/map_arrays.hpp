@@ -101,6 +101,7 @@ struct MapArrays {
   double squares_m = 0, squares_rad = 0;  ///< sums of the links' squared errors
 
   std::vector<Pending> pending;
+  std::vector<std::int64_t> interruptions;  ///< first node after each that no loop has resolved
 
   std::vector<int> rows;  ///< of each node in the part that is being solved; -1 elsewhere
 
@@ -135,8 +136,15 @@ struct Arrival {
   double variance_m = 0, variance_rad = 0;
 };
 
+/// Whether a loop fits odometry.
+bool fits_odometry(const MapArrays& map, const Pending& loop);
+
 /// Fuses odometry and the view unless they contradict each other; then the view alone counts.
 Arrival arrival_by(const MapArrays& map, const Pending& loop);
+
+/// First node after the latest unresolved interruption of odometry between the target and the
+/// robot, which may not be there yet; -1 if there is none.
+std::int64_t interruption_before(const MapArrays& map, const Pending& loop);
 
 /// Numbers of the pending loops that agree with this one.
 std::vector<std::size_t> agreeing_loops(const MapArrays& map, const Pending& loop);

@@ -107,6 +107,11 @@ void check_values(const MapState& state) {
   check_robot(state.robot);
   expect_nodes(state.due, count, "due");
   expect_nodes(state.pending_ends, count, "pending_ends");
+  for (std::size_t i = 0; i < state.interruptions.size(); ++i)
+    expect(state.interruptions[i] > (i ? state.interruptions[i - 1] : 0) &&
+               state.interruptions[i] <= count,
+           "interruptions has node " + std::to_string(state.interruptions[i]) +
+               ", expected ascending ones from 1 to " + std::to_string(count));
   const std::int64_t current = state.counts[0];
   expect(current >= 0 && current < std::max<std::int64_t>(count, 1),
          "the current node is " + std::to_string(current) + ", there are " + std::to_string(count));
@@ -134,6 +139,7 @@ MapState ExperienceMap::state() const {
     put(state.pending, loop.place);
     put(state.pending, loop.measure);
   }
+  state.interruptions = map.interruptions;
   return state;
 }
 
@@ -168,6 +174,7 @@ void ExperienceMap::restore(const MapState& state) {
   map->current = state.counts[0];
   map->local_only = state.counts[1] != 0;
   map->due = state.due;
+  map->interruptions = state.interruptions;
   map_ = std::move(map);
 }
 

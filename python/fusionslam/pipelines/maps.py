@@ -200,7 +200,7 @@ def run_events(
 def _check_overlap(recorder: RunRecorder) -> None:
     """Refuse or log views that are earlier than the map's end, unless the map was made of them.
 
-    A gap before the first view is logged, too: nothing tells whether the robot was carried away.
+    A gap before the first view is logged, too: only loops can tell whether the robot was carried.
     """
     events, earlier, end_ns = recorder.events, recorder.earlier, recorder.slam.seen_ns[1]
     stamps_ns = events.look_stamps_ns
@@ -212,8 +212,8 @@ def _check_overlap(recorder: RunRecorder) -> None:
         # Two parts of one recording are about as far apart as its views; one alone does not tell.
         if len(stamps_ns) > 1 and gap_ns > 2 * np.ptp(stamps_ns) / (len(stamps_ns) - 1):
             logger.warning(
-                "%s begins %.1f s after the end of the map: it must be of the same place; a robot "
-                "that was carried elsewhere in between needs a map of its own",
+                "%s begins %.1f s after the end of the map: it must be of the same place, and a "
+                "robot that was carried in between is found once some loops agree",
                 events.name,
                 gap_ns / 1e9,
             )

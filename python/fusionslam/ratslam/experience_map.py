@@ -155,6 +155,14 @@ class ExperienceMap:
         """
         self._map.on_odometry(v, w, dt)
 
+    def mark_interruption(self) -> None:
+        """Note that odometry was interrupted, so that the robot may have been carried (``robust``).
+
+        The next loop to a node from before that fits odometry ends the doubt. If the robot is
+        elsewhere, ``rejoin`` loops at different places that agree with each other put it there.
+        """
+        self._map.mark_interruption()
+
     def check(self, action: Action) -> LoopCheck:
         """Check whether a loop fits odometry; call it before ``apply``.
 
@@ -163,8 +171,9 @@ class ExperienceMap:
         deviations. A loop beyond that is refused, and remembered: once ``agreeing`` loops at
         different places, including this one, imply the same shift between map and odometry of at
         most ``agreed_sigmas`` deviations, the last of them is accepted, and ``apply`` links the
-        earlier ones too. A refused loop need not be checked again: the new node of the same view
-        that was made instead stays, and ends up in the right place.
+        earlier ones too. After an interruption of odometry (``mark_interruption``), ``rejoin``
+        loops since then are enough, however far off. A refused loop need not be checked again: the
+        new node of the same view that was made instead stays, and ends up in the right place.
 
         Checking twice changes nothing. An action that is not a loop is accepted.
 
@@ -179,7 +188,8 @@ class ExperienceMap:
 
         A new node is created at the robot's pose. An edge (robust) links the current node to the
         target by odometry minus the robot's pose in the target's frame according to the view
-        (``relative_place``, ``relative_rotation``); the robot is then put at that pose. A second
+        (``relative_place``, ``relative_rotation``); the robot is then put at that pose. An edge
+        across an interruption that contradicts odometry first moves all nodes since then. A second
         edge between two nodes makes the link more certain. The reference makes no second edge, and
         puts the robot onto the target.
 

@@ -29,18 +29,23 @@ FORGOTTEN_NS = -(2**62) - 1
 
 
 class Limits(NamedTuple):
-    """Limits of plausible odometry: gap in seconds, speed in m/s, step length in metres."""
+    """Limits of plausible odometry: gap in seconds, speed in m/s, step length in metres.
+
+    After a silence of ``max_silence`` seconds, the robot may have been carried.
+    """
 
     gap: float
     max_speed: float
     max_way: float = math.inf
+    max_silence: float = math.inf
 
 
 class MotionStep(NamedTuple):
     """One odometry step: m/s forward, rad/s, duration in seconds, and a note.
 
     After a gap, or if it moved sideways, the path is a straight line instead of an arc: ``bearing``
-    gives its direction, in radians relative to the heading before.
+    gives its direction, in radians relative to the heading before. If odometry was
+    ``interrupted``, by a restart, a jump or a long silence, the robot may have been carried.
     """
 
     v: float
@@ -48,6 +53,7 @@ class MotionStep(NamedTuple):
     dt: float
     note: str = ""
     bearing: float | None = None
+    interrupted: bool = False
 
     @property
     def legs(self) -> list[tuple[float, float, float]]:
@@ -108,7 +114,8 @@ def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> 
     counts for ``limits.gap`` at most. Poses faster than ``limits.max_speed`` or farther than
     ``limits.max_way`` apart are a jump; a pose back at the origin after a gap is a restart of the
     driver, or of the robot where it stood. After either, the velocity counts if there is one, else
-    the robot did not move.
+    the robot did not move. Jumps, restarts and silences longer than ``limits.max_silence`` are
+    marked as ``interrupted``.
 
     Raises:
         DataError: a stamp that is not later, or neither two poses nor a velocity.
@@ -116,26 +123,29 @@ def step_between(before: Odometry2D | None, now: Odometry2D, limits: Limits) -> 
     if before is None:
         return None
     if before.stamp_ns == FORGOTTEN_NS:
-        return _step_after_jump(before, now, limits)
+        step = _step_after_jump(before, now, limits)
+        return step and step._replace(interrupted=True)
     dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
     if dt <= 0:
         raise DataError(
             f"odometry at {now.stamp_ns} ns: expected a stamp later than {before.stamp_ns} ns"
         )
+    silent = dt > limits.max_silence
     if before.pose is None or now.pose is None:
-        return _step_by_speed(now, dt, limits)
+        return _step_by_speed(now, dt, limits)._replace(interrupted=silent)
     forward, turn = _displacement_between(before.pose, now.pose)
     way = _distance(before.pose, now.pose)
     known = now._replace(speed=now.speed or (0.0, 0.0))
     if way > min(limits.max_speed * dt, limits.max_way):
-        return _step_by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, ignored")
+        jumped = _step_by_speed(known, dt, limits, f"odometry jumped {way:.4g} m, ignored")
+        return jumped._replace(interrupted=True)
     if dt > limits.gap and _is_reset(before.pose, now.pose):
         note = f"odometry was reset after {dt:.2f} s: {way:.2f} m back to its origin, ignored"
-        return _step_by_speed(known, dt, limits, note)
+        return _step_by_speed(known, dt, limits, note)._replace(interrupted=True)
     if dt <= limits.gap:
         return MotionStep(forward / dt, turn / dt, dt)
-    silent = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
-    return _straight_step(before.pose, now.pose, dt, silent)
+    note = f"odometry was silent for {dt:.2f} s: {way:.2f} m in one step"
+    return _straight_step(before.pose, now.pose, dt, note)._replace(interrupted=silent)
 
 
 def _step_after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> MotionStep | None:

@@ -89,6 +89,12 @@ class RatSlamConfig(Section):
         gt=0,
         le=1000,
     )
+    max_silence: float = option(
+        10.0,
+        "after a longer silence of odometry the robot may have been carried, as after a restart",
+        unit="s",
+        gt=0,
+    )
     ambiguous: int = option(
         3, "a view seen at this many other places is too ambiguous to override odometry", ge=1
     )
@@ -175,7 +181,9 @@ class RatSlam:
         self.memory = Memory()
         cells = self.cells.config
         farthest = _FARTHEST[cells.preset] * cells.cell_m
-        self._limits = Limits(self.config.gap, self.config.max_speed, farthest)
+        self._limits = Limits(
+            self.config.gap, self.config.max_speed, farthest, self.config.max_silence
+        )
         self._lock = threading.RLock()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -314,6 +322,8 @@ class RatSlam:
     ) -> None:
         cells = self.cells.config
         if motion is not None:
+            if motion.interrupted:
+                self.map.mark_interruption()
             for v, w, dt in motion.legs:
                 # openratslam takes less than a cell at a time.
                 pieces = 1 if cells.preset == "robust" else int(abs(v * dt) / cells.cell_m) + 1

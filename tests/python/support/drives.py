@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fusionslam.evaluation import MapReport, RatSlamRun, judge_map
 from fusionslam.geometry.odometry_noise import OdometryConfig, simulate_odometry
 from fusionslam.geometry.rigid import fit_rigid
-from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.geometry.trajectory import Trajectory, ground_poses
 from fusionslam.pipelines.map_events import RunEvents
 from fusionslam.pipelines.maps import RunRecorder
 from fusionslam.ratslam import (
@@ -326,6 +326,29 @@ class LittleCourse:
 
     def pose_at(self, sighting: Sighting) -> NDArray[np.float64]:
         return np.asarray(self.poses[sighting.stamp_ns * RATE // 10**9])
+
+    def messages(self, start: int, end: int, shift_ns: int = 0) -> list[Message]:
+        """Views, and odometry that drifts and begins at its own origin, of some of the steps."""
+        looks = looks_of(self.sightings)
+        looks = [one for one in looks if start <= one.stamp_ns * RATE // SECOND < end]
+        poses = np.zeros((end - start + 1, 3))
+        for i, (v, w) in enumerate(self.add_drift().speeds[start:end]):
+            heading = poses[i, 2] + w / RATE
+            poses[i + 1] = (*(poses[i, :2] + v / RATE * _direction(heading)), heading)
+        zero = np.zeros(3)
+        moves = [
+            Odometry(
+                stamp_ns=number * SECOND // RATE,
+                frame_id="odom",
+                child_frame_id="base",
+                pose=pose,
+                linear=zero,
+                angular=zero,
+            )
+            for number, pose in enumerate(ground_poses(*poses.T), start)
+        ]
+        both: list[Message] = [*moves, *looks]
+        return later(sorted(both, key=lambda one: one.stamp_ns), shift_ns / SECOND)
 
     def run(self, config: RatSlamConfig) -> RatSlamRun:
         seconds = np.arange(len(self.poses)) / RATE

@@ -40,6 +40,7 @@ struct ExperienceMapConfig {
   int agreeing = 64;
   double agreed_sigmas = 9.0;
   double agreement_m = 0.5;
+  int rejoin = 4;
   double outlier = 3.0;
   int work = 30;
   double tolerance = 1e-4;
@@ -83,6 +84,11 @@ struct ExperienceMapConfig {
                    "", 0, 1e6});
     visitor("agreement_m", config.agreement_m,
             OptionInfo{"loops agree only if the drift between them is at most this", "m", 0, 1e6});
+    visitor(
+        "rejoin", config.rejoin,
+        OptionInfo{"after an interruption of odometry, accept a loop beyond `sigmas` if at least "
+                   "this many loops since then agree (itself included)",
+                   "", 2, 64});
     visitor("outlier", config.outlier,
             OptionInfo{"standard deviations from which on a loop's link pulls no harder", "", 0.1,
                        1e6});
@@ -156,8 +162,9 @@ struct MapState {
   std::vector<double> robot;         ///< robot_values
   std::vector<std::int64_t> counts;  ///< robot_counts
   std::vector<std::int64_t> due;     ///< nodes whose surroundings are to be relaxed
-  std::vector<std::int64_t> pending_ends;  ///< p x 2
-  std::vector<double> pending;             ///< p x 12
+  std::vector<std::int64_t> pending_ends;   ///< p x 2
+  std::vector<double> pending;              ///< p x 12
+  std::vector<std::int64_t> interruptions;  ///< first nodes after unresolved ones, ascending
 
   static constexpr std::size_t link_values = 6, robot_values = 11, robot_counts = 2,
                                pending_values = 12;
@@ -176,13 +183,20 @@ class ExperienceMap {
   /// for a negative time.
   void on_odometry(double v, double w, double dt);
 
+  /// Notes that odometry was interrupted: the robot may have been carried, so what comes next may
+  /// be anywhere on the map. The next loop to an older node that fits odometry ends the doubt;
+  /// `rejoin` loops that contradict it but agree with each other move all nodes since then (see
+  /// apply).
+  void mark_interruption();
+
   /// Checks whether a loop fits the map and its drift. A loop that does not is remembered, for
   /// later ones to agree with; checking twice changes nothing. Throws DataError for an unknown
   /// target.
   LoopCheck check(const MapAction& action);
 
-  /// Applies an action. Throws DataError for a new node that is not the next one, or an edge to an
-  /// unknown one.
+  /// Applies an action. An edge across an interruption of odometry that contradicts odometry first
+  /// moves all nodes since the interruption, as one piece, to where it says. Throws DataError for a
+  /// new node that is not the next one, or an edge to an unknown one.
   void apply(const MapAction& action);
 
   /// Moves nodes until links fit. With `whole` all of them, until they converge.

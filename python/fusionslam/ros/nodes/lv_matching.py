@@ -67,9 +67,10 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def _look(self, item: Any, stamp_ns: int, frame_id: str) -> None:
         known = self._source.known
         sighting = self._source.look(item, stamp_ns)
-        self.counts["new places"] += sighting.view_id >= known
+        is_new = sighting.view_id >= known
+        self.counts["new places"] += is_new
         self.counts["nothing recognised"] += sighting.view_id < 0
-        self.outlet.publish(TEMPLATES, _template(sighting, frame_id, sighting.view_id >= known))
+        self.outlet.publish(TEMPLATES, template_message(sighting, frame_id, is_new))
         self._saver.note_change()
 
 
@@ -82,7 +83,8 @@ def _settings(source: ViewSource) -> Settings:
     return {"visual_templates": source.templates.config}
 
 
-def _template(sighting: Sighting, frame_id: str, is_new: bool) -> Any:
+def template_message(sighting: Sighting, frame_id: str, is_new: bool) -> Any:
+    """Return the message of a recognised view."""
     x, y = sighting.relative_place
     return make(
         VIEW_TEMPLATE,
