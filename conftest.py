@@ -53,17 +53,20 @@ def run_bash(example: Example) -> None:
 
 
 def _run_with_robot(block: str) -> None:
-    """Run a block while a bag is played again and again; Ctrl-C ends it once there is a map."""
+    """Run a block while a bag is played again and again; Ctrl-C ends it once there is a map.
+
+    The blocks of a page share a folder, so that a later one finds the files of an earlier one.
+    """
     from ros_master import RosWorld, lacking, wait_until
 
     if lacking:
         raise SkipTest(lacking)
     folder = Path("ros")
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     with RosWorld(folder.absolute()) as world:
         topics = [f"{name}:={other}" for name, other in ROBOT_TOPICS.items()]
         world.run("robot", ["rosbag", "play", "--quiet", "--loop", "../drive.bag", *topics])
-        listener = world.listen("/ExperienceMap/Map")
+        listener = world.listen("/ExperienceMap/Map", "/mapper/cloud")
         world.environment = _environment(world.environment)
         shell = world.run("block", [*BASH, block])
         wait_until(lambda: listener.count() or shell.poll() is not None, "a map")

@@ -130,9 +130,13 @@ class RosWorld:
 
     def play(self, bag: Path, *options: str) -> None:
         """Play a bag to its end, once the lines to those who listen already may be there."""
-        command = ["rosbag", "play", "--quiet", "--delay", _CONNECTED_S, *options, str(bag)]
-        player = self.run("rosbag", command)
+        player = self.start_player(bag, *options)
         assert player.wait(timeout=_PLAYING_S) == 0, self.log("rosbag")
+
+    def start_player(self, bag: Path, *options: str) -> "subprocess.Popen[Any]":
+        """Begin to play a bag, as ``play``."""
+        command = ["rosbag", "play", "--quiet", "--delay", _CONNECTED_S, *options, str(bag)]
+        return self.run("rosbag", command)
 
     def end(self, process: "subprocess.Popen[Any]", how: int = signal.SIGINT) -> int:
         """End a process as Ctrl-C does, or as told; returns its exit code."""

@@ -90,8 +90,7 @@ def test_time_may_be_simulated_stand_still_and_begin_anew(bag: Path, tmp_path: P
         fusion = world.node("data_fusion", *FUSION)
         # Nobody tells the time yet, and it is none of a node's that works by stamps.
         wait_until(lambda: reports(others), "a report")
-        command = ["rosbag", "play", "--quiet", "--clock", "-r", "2", str(bag)]
-        player = world.run("rosbag", command)
+        player = world.start_player(bag, "--clock", "-r", "2")
         wait_for_clouds(clouds, 2)
         player.send_signal(signal.SIGSTOP)
         count = len(reports(others))
