@@ -17,6 +17,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.progress import Progress
 from fusionslam.views.comparison import Comparison, View
@@ -111,22 +112,31 @@ class MatchRun:
         ]
 
 
-def run_views(scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None = None) -> MatchRun:
+def run_views(
+    scenes: SceneSet,
+    matcher: ViewMatcher,
+    progress: Progress | None = None,
+    *,
+    odometry: Floats | None = None,
+) -> MatchRun:
     """Pass every scan of a set to a matcher.
 
     Args:
         scenes: a set with the views that the matcher compares, or clouds to make them from.
         matcher: new or resumed.
         progress: called with (scans done, total scans).
+        odometry: float64 (n, 4, 4), odom_from_robot of each scan, by which stored views are
+            weighed; None to compare single scans.
 
     Raises:
         DataError: the set lacks the views to compare, or a scan cannot be compared; the message
             names it.
     """
+    poses = [None] * len(scenes) if odometry is None else odometry
     matches, seconds = [], np.zeros((2, len(scenes)))
     for index, view in enumerate(_build_views(scenes, matcher, seconds[0])):
         start = time.perf_counter()
-        matches.append(matcher.process(view))
+        matches.append(matcher.process(view, odometry=poses[index]))
         seconds[1, index] = time.perf_counter() - start
         if progress is not None:
             progress(index + 1, len(scenes))

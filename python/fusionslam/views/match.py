@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 NO_VIEW = -1
-"""The id of scans without anything to recognise."""
+"""The id of scans without anything to recognise, and of those that may show several places."""
 
 
 @dataclass(frozen=True)
@@ -13,14 +13,20 @@ class ViewMatch:
     """The place recognised in a scan.
 
     Attributes:
-        id: id of the place, counted from 0; -1 for a scan without anything to recognise.
-        similarity: similarity to the best stored view, in [0, 1]; 0 if there is none.
+        id: id of the place, counted from 0; -1 for a scan without anything to recognise, or an
+            ambiguous one.
+        similarity: similarity to the best stored view, in [0, 1]; 0 if there is none. With
+            odometry: the probability of the answer.
         is_new: whether the place is new.
         reason: the reason, as a sentence.
         stored: whether this scan was stored.
         matched: number of the matched stored scan, counted from 0; None without a match.
         relative_pose: x, y in metres and yaw in radians of this scan in the frame of the matched
             one; None if the comparison does not estimate it.
+        is_ambiguous: whether the scan may show one of several places, or a new one, and odometry
+            does not decide.
+        candidates: with odometry: places that were considered, most probable first, and the
+            probability of each.
     """
 
     id: int
@@ -30,6 +36,8 @@ class ViewMatch:
     stored: bool
     matched: int | None = None
     relative_pose: tuple[float, float, float] | None = None
+    is_ambiguous: bool = False
+    candidates: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass
@@ -41,6 +49,7 @@ class ViewStats:
         matched: scans that matched a stored view.
         new: new places, which is the number of ids given.
         nothing: scans without anything to recognise.
+        ambiguous: scans that may show several places.
         single: scans with a single object.
         stored: views stored now.
         dropped: views removed to make room for others.
@@ -51,6 +60,7 @@ class ViewStats:
     matched: int = 0
     new: int = 0
     nothing: int = 0
+    ambiguous: int = 0
     single: int = 0
     stored: int = 0
     dropped: int = 0

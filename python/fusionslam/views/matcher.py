@@ -13,14 +13,17 @@ from numpy.typing import NDArray
 
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.archive import check_types, load_archive, save_archive
+from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import PathLike
+from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.match import NO_VIEW, Slot, ViewMatch, ViewStats
+from fusionslam.views.place_filter import PlaceFilter, PlaceFilterConfig
 from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
@@ -30,7 +33,7 @@ from fusionslam.views.recognisers import (
 )
 
 FORMAT = "fusionslam.view_matcher.1"
-_STATE = "state."
+_STATE, _FILTER = "state.", "filter."
 
 _ABSENCE = 0.1
 """Scans without a view, as a share of the stored views, from which it was absent: a robot that
@@ -48,6 +51,7 @@ class ViewMatcher:
         fusion: how frames are fused into clouds; by default in the robot's frame, without ground.
         descriptors: how clouds are described, if the method is a descriptor.
         comparison: replaces the configured method, for example by one with a second stage.
+        places: how odometry counts, where ``process`` gets it.
 
     Attributes:
         config: names the method and the second stage that it uses, even if the preset decided.
@@ -63,6 +67,7 @@ class ViewMatcher:
         fusion: FusionConfig | None = None,
         descriptors: DescriptorConfig | None = None,
         comparison: Comparison | None = None,
+        places: PlaceFilterConfig | None = None,
     ) -> None:
         self.config = config or ViewMatcherConfig()
         self.fusion_config = fusion or ROBOT_FUSION
@@ -77,6 +82,8 @@ class ViewMatcher:
         self._slots: list[Slot] = []
         self._stats = ViewStats()
         self._lock = threading.RLock()
+        self._places_config = places or PlaceFilterConfig()
+        self._filter: PlaceFilter | None = None
 
     def __reduce__(self) -> Any:
         stream = io.BytesIO()
@@ -110,26 +117,70 @@ class ViewMatcher:
             fuse(item, self.fusion_config) if isinstance(item, Frame) else item
         )
 
-    def process(self, item: Frame | Item | View) -> ViewMatch:
+    def process(self, item: Frame | Item | View, *, odometry: Matrix | None = None) -> ViewMatch:
         """Recognise the place that a scan shows; stores the scan if it is the first of its place.
 
+        Args:
+            item: the scan.
+            odometry: float64 (4, 4), odom_from_robot, any frame. A matcher that has got odometry
+                weighs the stored views by it, and takes a scan without as one after which the
+                robot may be anywhere. It needs alignment, and odometry from the first scan on.
+
         Raises:
-            DataError, ShapeError: as ``view``; nothing is counted or stored.
+            DataError, ShapeError: as ``view``, or of odometry; ConfigError: odometry, but the
+                method does not tell poses, or scans without came first (code "no-filter").
+                Nothing is counted or stored.
         """
         view = self.view(item)
         with self._lock:
+            if odometry is not None and self._filter is None:
+                self._filter = self._new_filter()
+            if self._filter is not None:
+                self._filter.move(odometry)
             match = self._match(view)
             self._stats.processed += 1
             self._stats.single += view.objects == 1
         return match
 
+    def _new_filter(self) -> PlaceFilter:
+        if self.comparison.kind != AlignmentComparison.kind or self._slots:
+            found = f"views by {self.comparison.kind}"
+            if self._slots:
+                found = f"{counted(len(self), 'stored view')} without odometry"
+            raise ConfigError(
+                f"odometry, but {found}: expected alignment, and odometry from the first scan on",
+                code="no-filter",
+                fields=("odometry",),
+            )
+        return PlaceFilter(self._places_config)
+
     def _match(self, view: View) -> ViewMatch:
         if view.objects < self.config.min_objects:
             return self._skip(view)
+        if self._filter is not None:
+            return self._match_place(view, self._filter)
         best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
         if best is not None and not best.rejected and best.similarity >= self.threshold:
             return self._match_view(view, best)
         return self._start_place(view, best)
+
+    def _match_place(self, view: View, places: PlaceFilter) -> ViewMatch:
+        """Recognise the place by what the scan and odometry say together."""
+        most = self._places_config.candidates
+        belief = places.weigh(self.comparison.compare(view, most) if self._slots else [])
+        shares = tuple((self._slots[slot].id, share) for slot, share in belief.shares)
+        if belief.best is not None and belief.known >= self.threshold:
+            places.arrive(belief.best)
+            match = self._match_view(view, replace(belief.best, similarity=belief.known))
+        elif belief.new >= 0.5 or belief.best is None:
+            match = self._start_place(view, belief.best)
+            match = replace(match, similarity=belief.new)
+        else:
+            self._stats.ambiguous += 1
+            places.pass_by()
+            reason = f"ambiguous: {len(shares)} places, none of them with {self.threshold:.4g}"
+            match = ViewMatch(NO_VIEW, belief.known, False, reason, False, is_ambiguous=True)
+        return replace(match, candidates=shares)
 
     def _skip(self, view: View) -> ViewMatch:
         self._stats.nothing += 1
@@ -177,6 +228,8 @@ class ViewMatcher:
         self._stats.bytes += self.comparison.add(view)
         number = self._stats.processed
         self._slots.append(Slot(id, number, number))
+        if self._filter is not None:
+            self._filter.store()
 
     def _drop_view(self) -> None:
         """Make room: drop the view that is least likely to be needed again."""
@@ -185,6 +238,8 @@ class ViewMatcher:
         self._stats.dropped += 1
         self.comparison.remove(least)
         del self._slots[least]
+        if self._filter is not None:
+            self._filter.remove(least)
 
     def _least_needed(self) -> int:
         """The slot of the view to drop.
@@ -219,9 +274,12 @@ class ViewMatcher:
                 "fusion": self.fusion_config.model_dump(mode="json"),
                 "descriptors": self.descriptor_config.model_dump(mode="json"),
                 "stats": asdict(self.stats),
+                "places": self._places_config.model_dump(mode="json"),
             }
             slots = np.array([astuple(slot) for slot in self._slots], np.int64).reshape(-1, 4)
             state = {_STATE + name: array for name, array in self.comparison.state().items()}
+            if self._filter is not None:
+                state |= {_FILTER + name: rows for name, rows in self._filter.state().items()}
         save_archive(target, FORMAT, about, {"slots": slots, **state})
 
     @classmethod
@@ -244,6 +302,8 @@ class ViewMatcher:
                 fusion=merged(FusionConfig(), about["fusion"]),
                 descriptors=merged(DescriptorConfig(), about["descriptors"]),
                 comparison=comparison,
+                # Files of version 0.2.0 have none.
+                places=merged(PlaceFilterConfig(), about.get("places", {})),
             )
             matcher._restore(about, arrays)
         return matcher
@@ -258,6 +318,7 @@ class ViewMatcher:
                 fields=[kind, self.comparison.kind],
             )
         slots = arrays.pop("slots")
+        filtered = {k.removeprefix(_FILTER): arrays.pop(k) for k in [*arrays] if k[:7] == _FILTER}
         self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})
         # Three values before 0.2.0: without the longest absence.
         is_table = slots.dtype == np.int64 and slots.ndim == 2 and slots.shape[1] in (3, 4)
@@ -265,6 +326,9 @@ class ViewMatcher:
             raise DataError(f"{len(self.comparison)} views, but slots {slots.dtype} {slots.shape}")
         self.threshold = float(about["threshold"])
         self._slots = [Slot(*row) for row in slots.tolist()]
+        if filtered:
+            self._filter = PlaceFilter(self._places_config)
+            self._filter.restore(filtered, len(self._slots))
         self._stats = check_types(ViewStats(**about["stats"]))
 
 

@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stored views are weighed by odometry: look-alike places are told apart, lost robots found."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.storage.arrays import Floats, Matrix
+from fusionslam.views.match import NO_VIEW, ViewMatch
+from fusionslam.views.matcher import ViewMatcher
+from fusionslam.views.recognisers import ViewMatcherConfig
+from scenes import NOTHING, place
+
+LOOKS = (0, 1, 2, 3, 1, 2, 4)
+"""What the places along a corridor look like: two of them twice."""
+APART = 4.0
+"""Metres between places."""
+
+
+def at(x: float, y: float = 0.0, heading: float = 0.0) -> Matrix:
+    return np.asarray(ground_poses(np.array([x]), np.array([y]), np.array([heading]))[0])
+
+
+def drive(
+    matcher: ViewMatcher, places: Any, start: Matrix | None = None, scale: float = 1.0
+) -> list[ViewMatch]:
+    """Visit places of the corridor, with odometry from anywhere that is too long."""
+    first = np.eye(4) if start is None else start
+    return [
+        matcher.process(place(LOOKS[k]), odometry=first @ at(scale * APART * k)) for k in places
+    ]
+
+
+def ids(matches: list[ViewMatch]) -> list[int]:
+    return [match.id for match in matches]
+
+
+THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
+
+
+def test_places_that_look_alike_are_told_apart_by_odometry_and_not_without() -> None:
+    assert ids(drive(ViewMatcher(), THERE_AND_BACK)) == list(THERE_AND_BACK)
+    alone = ViewMatcher()
+    found = [alone.process(place(LOOKS[k])).id for k in THERE_AND_BACK]
+    assert found[4:6] == [1, 2]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.02])
+@pytest.mark.parametrize("start", [at(0.0), at(100.0, -7.0, 2.5), at(0.0, 0.0, -3.1)])
+def test_only_relative_motion_counts(start: Matrix, scale: float) -> None:
+    assert ids(drive(ViewMatcher(), THERE_AND_BACK, start, scale)) == list(THERE_AND_BACK)
+
+
+def test_a_match_says_what_was_considered_and_how_probable_it_is() -> None:
+    matches = drive(ViewMatcher(), THERE_AND_BACK)
+    again = matches[7]
+    assert again.id == 5 and again.similarity > 0.96
+    assert again.candidates[0] == (5, pytest.approx(again.similarity, abs=1e-3))
+    # The other place that looks like it is too far away.
+    assert dict(again.candidates)[2] < 1e-6
+    assert matches[4].is_new and matches[4].similarity > 0.9
+
+
+def corridor(matcher: ViewMatcher, count: int, **options: Any) -> list[ViewMatch]:
+    """Places that all look different, a metre apart."""
+    return [matcher.process(place(k), odometry=at(float(k)), **options) for k in range(count)]
+
+
+def test_a_lost_robot_is_doubtful_until_four_views_agree_and_then_found() -> None:
+    matcher = ViewMatcher()
+    corridor(matcher, 12)
+    # Odometry begins anew at its origin, where the robot sees what it saw at the sixth place.
+    matcher.process(place(5))
+    found = [matcher.process(place(5 + k), odometry=at(float(k))) for k in range(7)]
+    assert [match.is_ambiguous for match in found] == [True] * 3 + [False] * 4
+    assert [match.id for match in found] == [NO_VIEW] * 3 + [8, 9, 10, 11]
+    assert matcher.stats.ambiguous == 4
+    # And goes on from there.
+    assert matcher.process(place(7), odometry=at(2.0)).id == 7
+
+
+def test_odometry_that_jumps_is_no_reason_for_a_wrong_place() -> None:
+    matcher = ViewMatcher()
+    corridor(matcher, 6)
+    assert matcher.process(place(2), odometry=at(500.0)).is_ambiguous
+    assert matcher.process(NOTHING, odometry=at(500.5)).id == NO_VIEW
+
+
+def test_a_matcher_that_is_stored_goes_on_the_same(tmp_path: Path) -> None:
+    whole = ViewMatcher()
+    expected = drive(whole, THERE_AND_BACK)
+    matcher, found = ViewMatcher(), list[ViewMatch]()
+    for k in THERE_AND_BACK:
+        found += drive(matcher, [k])
+        matcher.save(tmp_path / "views.npz")
+        matcher = ViewMatcher.load(tmp_path / "views.npz")
+    assert found == expected
+
+
+def test_views_that_are_dropped_are_forgotten_by_the_filter_too() -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(max_views=4))
+    corridor(matcher, 9)
+    assert len(matcher) == 4 and matcher.process(place(8), odometry=at(8.0)).id == 8
+
+
+BROKEN = np.diag([2.0, 1.0, 1.0, 1.0])
+NAN = np.full((4, 4), np.nan)
+
+
+@pytest.mark.parametrize(("pose", "error"), [(BROKEN, DataError), (NAN, DataError)])
+def test_odometry_that_is_no_motion_is_refused_and_changes_nothing(
+    pose: Floats, error: type[Exception]
+) -> None:
+    matcher = ViewMatcher()
+    corridor(matcher, 2)
+    before = matcher.stats
+    with pytest.raises(error, match="odometry"):
+        matcher.process(place(0), odometry=pose)
+    with pytest.raises(ShapeError, match="odometry"):
+        matcher.process(place(0), odometry=np.eye(3))
+    assert matcher.stats == before and matcher.process(place(1), odometry=at(1.0)).id == 1
+
+
+def test_odometry_needs_alignment_from_the_first_scan_on() -> None:
+    started = ViewMatcher()
+    started.process(place(0))
+    for matcher in (started, ViewMatcher(ViewMatcherConfig(method="objects"))):
+        with pytest.raises(ConfigError) as caught:
+            matcher.process(place(1), odometry=np.eye(4))
+        assert caught.value.code == "no-filter"
