@@ -139,7 +139,7 @@ def main() -> None:
         f"`python -m benchmarks.accuracy.recorded_loops`: revisits are within {NEAR[0]:g} m and "
         f"{NEAR[1]:g} degrees of a pose more than {AGE_S:g} s before, right poses up to "
         f"{RIGHT[0]:g} m and {RIGHT[1]:g} degrees off. Scans without a point above the floor are "
-        "left out. Loops and their errors: those that the detector accepts by default. "
+        "left out. Loops and their errors: those that the detector accepts. "
         "scan_context alone: max_range 20 m, height 0.2 m, no voters.",
         100,
     )

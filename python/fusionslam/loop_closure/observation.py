@@ -138,6 +138,8 @@ class FrameObserver:
         if self.fits_lengths:
             lengths = fit_lengths([whole], lengths)
         prepared = PreparedCloud(whole, lengths, colored=cloud)
+        if is_first and lengths.method != "planar":
+            _warn_of_narrow_views(prepared)
         if odometry is None and frame is not None and frame.odometry is not None:
             odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
         return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius, len(cloud))
@@ -198,3 +200,13 @@ def can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
         logger.warning("loops are not verified: %s; verify=False says so", why)
         return False
     raise FusionSlamError(f"loops cannot be verified: {why}", code="missing-extra", fields=("map",))
+
+
+def _warn_of_narrow_views(cloud: PreparedCloud) -> None:
+    """Say that some poses of sectors in rooms are wrong however probable they look."""
+    if cloud.is_sector and cloud.shows_room and len(cloud):
+        logger.warning(
+            "the first scan shows less than half of the circle, in a room: such views look alike, "
+            "and some of the loops will be wrong; on a level floor registration.method=planar "
+            "proves them better"
+        )

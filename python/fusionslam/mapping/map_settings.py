@@ -3,10 +3,10 @@
 """The configuration that all keyframes of a map share."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, cast
 
-from fusionslam.config import merged
+from fusionslam.config import Section, merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.fusion import FusionConfig, require_up, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
@@ -16,6 +16,14 @@ from fusionslam.registration import RegistrationConfig, without_lengths
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix
 
+_SECTIONS = {
+    "loops": "loop_closure",
+    "describe": "descriptors",
+    "fusion": "fusion",
+    "registration": "registration",
+    "map": "mapping",
+}
+"""Names of the configuration's sections, by attribute."""
 _COMPARED = ("descriptor", "descriptors", "fusion", "registration")
 
 
@@ -29,6 +37,12 @@ class MapSettings:
     fusion: FusionConfig
     registration: RegistrationConfig
     map: MapConfig
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, expected = getattr(self, field.name), cast("type", field.type)
+            if not isinstance(value, expected):
+                raise TypeError(f"{field.name}: {value!r}, expected a {expected.__name__}")
 
     def dump(self) -> dict[str, Any]:
         """Return what the file of a map holds of them, ready for JSON."""
@@ -52,6 +66,21 @@ class MapSettings:
             merged(RegistrationConfig(), values["registration"], "registration."),
             merged(MapConfig(), values["mapping"], "mapping."),
         )
+
+    def list_differences(self, descriptor: str | None, **given: Section | None) -> list[str]:
+        """Return what was given explicitly and is otherwise here, such as "mapping.voxel=0.4".
+
+        Args:
+            descriptor: None if it was not given.
+            given: by the names of attributes.
+        """
+        found = []
+        if descriptor is not None and descriptor != self.descriptor:
+            found.append(f"descriptor={descriptor} (the map has {self.descriptor})")
+        for name, section in given.items():
+            if section is not None:
+                found += _differences(_SECTIONS[name], section, getattr(self, name))
+        return found
 
     @property
     def comparable(self) -> dict[str, Any]:
@@ -92,3 +121,15 @@ class MapSettings:
             fusion=self.fusion,
             registration=self.registration,
         )
+
+
+def _differences(name: str, given: Section, known: Section) -> list[str]:
+    """Keys of a section that were set to something else than what is known."""
+    found = []
+    for key in sorted(given.model_fields_set):
+        value, other = getattr(given, key), getattr(known, key)
+        if isinstance(value, Section) and isinstance(other, Section):
+            found += _differences(f"{name}.{key}", value, other)
+        elif value != other:
+            found.append(f"{name}.{key}={value} (the map has {other})")
+    return found

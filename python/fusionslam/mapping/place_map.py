@@ -3,6 +3,7 @@
 """A map that lasts: keyframes, loops and poses in one file, extended by each drive."""
 
 import logging
+import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
@@ -72,6 +73,8 @@ def _one_at_a_time(
     return alone
 
 
+DEFAULT_DESCRIPTOR = "cm2dp"
+"""By which a new map finds its places."""
 _WINDOW = 20
 """Keyframes that are no candidates: odometry is still good."""
 
@@ -103,7 +106,7 @@ class PlaceMap:
         session: str | None = None,
         *,
         read_only: bool = False,
-        descriptor: str = "cm2dp",
+        descriptor: str | None = None,
         loops: LoopConfig | None = None,
         describe: DescriptorConfig | None = None,
         fusion: FusionConfig | None = None,
@@ -115,10 +118,11 @@ class PlaceMap:
         Args:
             path: of the file.
             session: name of the drive that ``add`` extends, begun or gone on with; None if nothing
-                is added.
+                is added, to a map that exists.
             read_only: whether nothing may be changed; another process may add meanwhile.
             descriptor, loops, describe, fusion, registration, config: of a new map, as of
-                ``LoopDetector``. A map that exists has its own.
+                ``LoopDetector``; the descriptor by default "cm2dp". A map that exists has its own:
+                a warning names what differs.
 
         Raises:
             DataError: the file is no map (code "other-format"), damaged ("damaged"), of a later
@@ -131,12 +135,18 @@ class PlaceMap:
         """
         if session is not None:
             _check_name(session)
+        elif not os.path.exists(path):  # False for names that cannot be, too
+            raise DataError(
+                f"{path}: no such map; expected session=NAME to make one",
+                code="not-found",
+                fields=(str(path),),
+            )
         file = MapFile(path, read_only=read_only)
         try:
             stored = file.setting("config")
             if stored is None:
                 made = MapSettings(
-                    descriptor,
+                    descriptor or DEFAULT_DESCRIPTOR,
                     loops or LoopConfig(window=_WINDOW),
                     describe or DescriptorConfig(),
                     fusion or FusionConfig(),
@@ -146,6 +156,20 @@ class PlaceMap:
             else:
                 with file.decoding():
                     made = MapSettings.load(stored)
+                different = made.list_differences(
+                    descriptor,
+                    loops=loops,
+                    describe=describe,
+                    fusion=fusion,
+                    registration=registration,
+                    map=config,
+                )
+                if different:
+                    logger.warning(
+                        "%s keeps what it was made with: %s has no effect",
+                        file.path,
+                        ", ".join(different),
+                    )
             made = replace(made, loops=merged(made.loops, {"max_frames": 0, "verify": True}))
             return cls(file, session, made)
         except BaseException:

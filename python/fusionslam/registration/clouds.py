@@ -197,19 +197,26 @@ class PreparedCloud:
 
     @cached_property
     def is_small_view(self) -> bool:
-        """Whether it shows a room, or less than half of the circle.
+        """Whether it shows a room, or less than half of the circle."""
+        return self.is_sector or self.shows_room
 
-        Of a room most voxels are less than ``ROOM_REACH`` away. Gaps of up to 10 degrees belong to
-        what is shown.
-        """
+    @property
+    def shows_room(self) -> bool:
+        """Whether most of its voxels are less than ``ROOM_REACH`` away."""
+        if not len(self.points):
+            return True
+        return bool(np.median(np.linalg.norm(self.points, axis=1)) < ROOM_REACH)
+
+    @cached_property
+    def is_sector(self) -> bool:
+        """Whether it shows less than half of the circle, gaps of up to 10 degrees included."""
         columns = np.flatnonzero((self.ranges > 0).any(axis=0))
         if not columns.size:
             return True
         circle = self.ranges.shape[1]
         gaps = np.diff(columns, append=columns[:1] + circle) - 1
         outside = gaps[gaps > circle * _GAP_DEG / 360].sum()
-        reach = np.median(np.linalg.norm(self.points, axis=1))
-        return bool(circle - outside < circle / 2 or reach < ROOM_REACH)
+        return bool(circle - outside < circle / 2)
 
     @property
     def has_search_image(self) -> bool:

@@ -355,6 +355,8 @@ def _color_difference(
 def _config_of(
     config: RegistrationConfig | None, *clouds: Cloud | Points | PreparedCloud
 ) -> RegistrationConfig:
+    if not isinstance(config, RegistrationConfig | None):
+        raise TypeError(f"config: {config!r}, expected a RegistrationConfig")
     for each in clouds:
         if not isinstance(each, PreparedCloud):
             continue

@@ -462,7 +462,26 @@ def test_what_is_no_map_is_named(tmp_path: Path) -> None:
         PlaceMap.open(tmp_path, "a")
     with refuses("not-found"):
         PlaceMap.open(tmp_path / "none.fsmap", read_only=True)
+    with refuses("not-found"):  # a name that was mistyped: nothing could be added
+        PlaceMap.open(tmp_path / "none.fsmap")
+    with pytest.raises(TypeError, match="MapConfig"):
+        wrong: Any = {"voxel": 0.1}
+        PlaceMap.open(tmp_path / "none.fsmap", "a", config=wrong)
     assert not (tmp_path / "none.fsmap").exists()
+
+
+def test_what_is_given_for_a_map_that_has_another_configuration_is_named(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with PlaceMap.open(path, "tuesday", **OPTIONS):
+        assert not caplog.messages
+    changes = MapConfig(voxel=0.71, drift={"drift_m": 0.031})
+    with PlaceMap.open(path, "tuesday", descriptor="shot", config=changes) as site:
+        assert site.settings.map != changes
+    (message,) = caplog.messages
+    for key in ("descriptor=shot", "mapping.voxel=0.71", "mapping.drift.drift_m=0.031"):
+        assert key in message
+    assert "keyframe_distance" not in message
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.97])
