@@ -59,7 +59,8 @@ EXTRAS = {
     "map": Extra(
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (
-            *("map build", "map show", "map localize", "map merge", "map export", "map check"),
+            *("map build", "map show", "map localize", "map merge", "map forget"),
+            *("map export", "map check"),
             *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
         ),
     ),

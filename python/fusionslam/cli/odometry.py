@@ -50,6 +50,7 @@ def odometry(
         track_lidar,
     )
 
+    opt.check_output(output, build_recording, read_config)
     check_new_file(output)
     chosen = read_config().lidar_odometry
     bad_frames, cores = opt.bad_frames(skip_bad_frames), opt.cores(jobs)

@@ -274,7 +274,7 @@ def options_of(**functions: Callable[..., Any]) -> Callable[[Command], Command]:
 
 def _options(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Return the parameters that declare an option, by name."""
-    fixed = getattr(function, "keywords", {})
+    fixed = _filled(function)
     return {
         name: parameter
         for name, parameter in inspect.signature(function).parameters.items()
@@ -411,6 +411,31 @@ def check_folder_name(output: Path, suffixes: Sequence[str], instead: str) -> No
             code="suffix",
             fields=(output.suffix, *suffixes),
         )
+
+
+def check_output(output: Path, *sources: "Path | Callable[..., Any] | None") -> None:
+    """Check that a file can be written: it is no recording, no map, and nothing that is read.
+
+    Args:
+        output: the file.
+        sources: files and folders that are read, or functions of ``options_of`` whose options name
+            them.
+
+    Raises:
+        DataError: as ``fusionslam.pipelines.results.check_output``.
+    """
+    from fusionslam.pipelines.results import check_output
+
+    inputs: list[Path] = []
+    for source in sources:
+        named = [source] if isinstance(source, Path) else _filled(source).values()
+        inputs += [value for value in named if isinstance(value, Path)]
+    check_output(output, inputs)
+
+
+def _filled(function: "Callable[..., Any] | None") -> dict[str, Any]:
+    """Return the arguments that ``functools.partial`` fixed."""
+    return getattr(function, "keywords", {})
 
 
 def command_line() -> str:

@@ -19,7 +19,7 @@ from fusionslam.storage.progress import Step
 if TYPE_CHECKING:
     from fusionslam.evaluation.maps.run import RatSlamRun
     from fusionslam.pipelines.map_events import RunEvents
-    from fusionslam.pipelines.maps import RunRecorder, Watch
+    from fusionslam.pipelines.maps import Recovery, RunRecorder, Watch
     from fusionslam.pipelines.recording import Recording
     from fusionslam.ratslam.slam import RatSlam
 
@@ -107,6 +107,9 @@ def ratslam(
         needs_extra("report", unless="--no-report")
     if live is not None:
         needs_extra("live")
+    for file in (save, None if live in (None, "viewer") else Path(str(live))):
+        if file is not None:
+            opt.check_output(file, build_recording, config)
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
     changes += [f"odometry.seed={seed}"] if seed is not None else []
     if views is not None:
@@ -175,7 +178,7 @@ def _finish(
                 recorder.slam.save(save, run=run)
             run.save(output / "run.npz")
             export_run(output, run)
-        print(_page(run, output, rule, no_report or interrupted))
+        print(_page(run, recorder.recoveries, output, rule, no_report or interrupted))
     except KeyboardInterrupt:
         also = "" if save is None else f", its state {save}"
         typer.echo(f"interrupted: {output} holds the map{also}, but no judgement of it", err=True)
@@ -235,7 +238,15 @@ def _check_state(state: Path) -> None:
     from fusionslam.errors import DataError
     from fusionslam.ratslam.slam import FORMAT
     from fusionslam.storage.archive import format_of
+    from fusionslam.storage.files import is_map_file
 
+    if is_map_file(state):
+        raise DataError(
+            f"--resume {state}: it is a map of map build (fusionslam map show says what is in it), "
+            "expected the file that ratslam --save (or Ctrl-C) wrote",
+            code="no-state",
+            fields=(str(state), "map"),
+        )
     found = format_of(state)
     kinds = (kind for kind in KINDS.values() if state.is_dir() or not kind.folder)
     kind = next((kind.name for kind in kinds if state.exists() and kind.recognises(state)), None)
@@ -290,7 +301,9 @@ def _process_events(recorder: "RunRecorder", step: Step, watch: "Watch | None") 
     return False
 
 
-def _page(run: "RatSlamRun", output: Path, rule: str, no_report: bool) -> Path:
+def _page(
+    run: "RatSlamRun", recoveries: "list[Recovery]", output: Path, rule: str, no_report: bool
+) -> Path:
     """Print how good the map is and write the page if wanted; return the file to look at."""
     from fusionslam.evaluation.maps.judge import judge_map
     from fusionslam.pipelines.results import delete_page
@@ -298,6 +311,8 @@ def _page(run: "RatSlamRun", output: Path, rule: str, no_report: bool) -> Path:
     judged = judge_map(run, rule=rule)
     judged.save(output / "map_report.json")
     print(judged)
+    for each in recoveries:
+        print(each)
     if no_report:
         delete_page(output, "ratslam")
         return output / "map.json"

@@ -113,6 +113,7 @@ def sim(
     check_output(output, kind, chosen.robot)
     for file in filter(None, (save_trajectory, save_map)):
         check_parents(file)
+        opt.check_output(file, Path(world), trajectory, config, output)
     way = None if trajectory is None else read_trajectory(trajectory)
     with progress() as step:
         step("preparing world and drive", 0, 1)

@@ -42,6 +42,8 @@ def tune(
     needs_extra("tune")
     whole = views_config()
     state = output.with_name(f"{output.name}.state")
+    for file in (output, state):
+        opt.check_output(file, *scenes, views_config)
     keep(ctx, state)
     with progress() as step:
         sets = [open_scenes(build_recording(path), whole, step) for path in scenes]

@@ -51,7 +51,7 @@ from fusionslam.datasets.streams import (
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.storage.archive import format_of
-from fusionslam.storage.files import check_regular
+from fusionslam.storage.files import check_regular, is_map_file
 
 __all__ = [
     "KINDS",
@@ -119,8 +119,9 @@ def open_dataset(
             for visual if the recording has both.
 
     Raises:
-        DataError: the path does not exist, is not a known recording or has no frames; or a file
-            is missing, too short or malformed; the message names it and what was expected.
+        DataError: the path does not exist, is not a known recording, is a map (code "is-map") or
+            has no frames; or a file is missing, too short or malformed; the message names it and
+            what was expected.
         ConfigError: an unknown kind, sensor or value of ``gaps``; topics for anything but a bag;
             or a calibration for a recording that has its own.
     """
@@ -178,6 +179,13 @@ def _root(path: str | os.PathLike[str]) -> Path:
         message = f"{root} cannot be read: {error.strerror}"
         raise DataError(message, code="unreadable", fields=(str(root),)) from error
     check_regular(root, "a recording")
+    if is_map_file(root):
+        raise DataError(
+            f"{root} is a map, expected a recording: fusionslam map show says what is in it, map "
+            "check whether it is damaged",
+            code="is-map",
+            fields=(str(root),),
+        )
     if not stat.S_ISDIR(mode) and bag_kind(root) is None and not is_recording(root):
         message = f"{root} is a file: expected the folder of a recording, or a bag"
         fields = [str(root)]

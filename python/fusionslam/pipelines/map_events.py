@@ -191,6 +191,8 @@ def _choose_odometry(drive: Drive) -> OdometryName:
     if drive.truth is not None:
         return "truth"
     cures = ["--gt FILE (poses=) names true poses"]
+    if drive.dataset.has_points:
+        cures.insert(0, "--odometry lidar (odometry='lidar') takes the motion from scans")
     if "left" in drive.dataset.sensors or drive.images() is not None:
         cures.insert(0, "--odometry visual (odometry='visual') takes the motion from images")
     raise DataError(

@@ -6,7 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,23 @@ Watch = Callable[[Step, RatSlam, Event], None]
 """Called after each step, with the step, the ``RatSlam`` and the event."""
 
 
+class Recovery(NamedTuple):
+    """A robot that was carried, found again by loops that agree.
+
+    Attributes:
+        seconds: since odometry was interrupted; None if that was in an earlier run.
+        refused: number of loops that were refused since then.
+    """
+
+    seconds: float | None
+    refused: int
+
+    def __str__(self) -> str:
+        later = "" if self.seconds is None else f" {self.seconds:.1f} s later,"
+        loops = counted(self.refused, "refused loop")
+        return f"the robot was carried: found again{later} after {loops}"
+
+
 class RunRecorder:
     """Steps a ``RatSlam`` and records what it does; ``record`` may be called at any time.
 
@@ -48,6 +65,9 @@ class RunRecorder:
         slam: new or resumed.
         events: its input.
         earlier: earlier run of the same ``slam``; the record begins with it.
+
+    Attributes:
+        recoveries: how the robot was found again, each time that it was carried.
     """
 
     def __init__(
@@ -58,6 +78,9 @@ class RunRecorder:
         self._activity: list[tuple[NDArray[np.float32], ...]] = []
         self._notes: list[str] = []
         self._refused: list[FusionSlamError] = []
+        self.recoveries: list[Recovery] = []
+        self._interrupted_ns: int | None = None
+        self._refused_loops = 0
 
     @property
     def has_steps(self) -> bool:
@@ -90,7 +113,23 @@ class RunRecorder:
             sums = (cells.sum(axis=axes) for axes in ((1, 2), (0, 1), (0, 2)))
             self._activity.append(tuple(each.astype(np.float32) for each in sums))
         elif step.why and not step.action.kind:
-            self._notes.append(f"{step.stamp_ns / 1e9:.3f} s: {step.why}")
+            self._note(step, step.why)
+        self._watch_recovery(step)
+
+    def _watch_recovery(self, step: Step) -> None:
+        """Count the loops refused since odometry was interrupted, and note how they ended."""
+        if step.interrupted:
+            self._interrupted_ns, self._refused_loops = step.stamp_ns, 0
+        self._refused_loops += step.refused is not None
+        if step.found:
+            since = self._interrupted_ns
+            seconds = None if since is None else (step.stamp_ns - since) / 1e9
+            self.recoveries.append(Recovery(seconds, self._refused_loops))
+            self._note(step, str(self.recoveries[-1]))
+            self._interrupted_ns, self._refused_loops = None, 0
+
+    def _note(self, step: Step, text: str) -> None:
+        self._notes.append(f"{step.stamp_ns / 1e9:.3f} s: {text}")
 
     def record(self) -> RatSlamRun:
         """Return the run so far. Raises the first refusal if no view was taken."""

@@ -4,6 +4,7 @@
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain, count
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -31,6 +32,9 @@ from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
 
 MapOdometry = Literal["recorded", "lidar", "truth+noise"]
+
+_MAP_CODES = ("cannot-read", "cannot-write", "changed", "closed", "damaged", "locked")
+"""Codes of errors of a map's file."""
 
 
 class Built(NamedTuple):
@@ -162,8 +166,7 @@ def build_map(
                 keyframes += added.keyframe is not None
                 loops += len(added.loops)
             except DataError as error:
-                if error.code == "cannot-write" and isinstance(error.__cause__, DataError):
-                    raise error.__cause__ from None  # the frame is not to blame
+                _raise_error_of_map(error)
                 if bad_frames != "skip":
                     raise
                 skipped[int(dataset.numbers[index])] = str(error)
@@ -207,7 +210,7 @@ def localize_recording(
     be used why they have no place.
 
     Raises:
-        DataError: a frame cannot be used.
+        DataError: a frame cannot be used, or the map is damaged (code "damaged").
     """
     with ordered_results(_reader(dataset), range(len(dataset)), jobs) as frames:
         for index, frame in enumerate(frames):
@@ -218,12 +221,19 @@ def localize_recording(
                     moved = None if odometry is None else odometry[index]
                     found = site.localize(frame, odometry=moved)
             except DataError as error:
+                _raise_error_of_map(error)
                 if bad_frames != "skip":
                     raise
                 found = Localization(None, reason=Refusal(error.code, 0, str(error)))
             yield int(dataset.numbers[index]), int(dataset.stamps_ns[index]), found
             if progress is not None:
                 progress(index + 1, len(dataset))
+
+
+def _raise_error_of_map(error: DataError) -> None:
+    """Raise the map's error behind one that names a frame, which is not to blame for it."""
+    if error.code in _MAP_CODES and isinstance(error.__cause__, DataError):
+        raise error.__cause__ from None
 
 
 def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localization]]) -> None:
@@ -254,8 +264,9 @@ def export_map(
     """Write a map for other programs; returns the files.
 
     ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
-    ``graph.g2o``; ``SESSION.tum``, the trajectory of each session; with ``origin``
-    ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's first part.
+    ``graph.g2o``; ``SESSION.tum``, the trajectory of each session (``trajectory_files``); with
+    ``origin`` ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's first
+    part.
 
     Args:
         site: the map.
@@ -281,12 +292,27 @@ def export_map(
     graph = target / "graph.g2o"
     write_map_graph(graph, site.content)
     files = [*clouds, *grid, heights, graph]
-    for name, (stamps, poses) in tracks.items():
-        files.append(target / f"{_file_name(name)}.tum")
-        write_poses_tum(files[-1], stamps, poses)
+    for file, name in trajectory_files(site).items():
+        files.append(target / file)
+        write_poses_tum(files[-1], *tracks[name])
     if origin is not None:
         files.append(target / "trajectory.geojson")
         write_geojson(files[-1], tracks, origin)
+    return files
+
+
+def trajectory_files(site: PlaceMap) -> dict[str, str]:
+    """Return the session of each file of a trajectory that ``export_map`` writes, by its name.
+
+    A session whose name cannot be that of a file has a similar one, with a number if it is taken.
+    """
+    names = [each.name for each in site.sessions]
+    files: dict[str, str] = {}
+    for name in sorted(names, key=lambda name: _file_name(name) != name):
+        similar = _file_name(name)
+        numbered = (f"{similar}-{number}.tum" for number in count(2))
+        free = next(file for file in chain([f"{similar}.tum"], numbered) if file not in files)
+        files[free] = name
     return files
 
 

@@ -9,10 +9,13 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fusionslam.datasets.bags.reader import bag_kind
+from fusionslam.datasets.range_recording import is_recording
 from fusionslam.descriptors import in_file_names
 from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
 from fusionslam.storage.archive import load_json, save_json
+from fusionslam.storage.files import is_map_file
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import VerifiedRun
@@ -111,13 +114,56 @@ def _other_results(folder: str | os.PathLike[str], earlier: Work, how: str = "")
 
 def refuse_input(recording: Recording, target: str | os.PathLike[str]) -> None:
     """Raise DataError if results were to be written into the recording or in its place."""
-    source, there = _place(recording), Path(target).resolve()
-    if there == source or (there.exists() and source.exists() and there.samefile(source)):
+    if _is_same(_place(recording), Path(target).resolve()):
+        raise _output_is_input(target, "the recording")
+
+
+def check_output(
+    target: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()
+) -> None:
+    """Check that a file can be written without losing data.
+
+    Args:
+        target: the file.
+        inputs: files and folders that are read; those that are missing do not count.
+
+    Raises:
+        DataError: the file is one of the inputs (code "output-is-input"), or a recording or a map
+            ("output-is-data").
+    """
+    path = Path(target).expanduser()
+    for each in map(Path, inputs):
+        source = each.expanduser()
+        if source.exists() and _is_same(source.resolve(), path.resolve()):
+            raise _output_is_input(target, "a file" if source.is_file() else "a folder")
+    if (what := _describe_data(path)) is not None:
         raise DataError(
-            f"{target} is the recording that is read: write to another place",
-            code="output-is-input",
+            f"{target} is {what}, which is not replaced: write to another place",
+            code="output-is-data",
             fields=(str(target),),
         )
+
+
+def _describe_data(path: Path) -> str | None:
+    """Describe a file that is a recording or a map; None for any other."""
+    if not path.is_file():
+        return None
+    if is_map_file(path):
+        return "a map"
+    return "a recording" if bag_kind(path) is not None or is_recording(path) else None
+
+
+def _is_same(source: Path, there: Path) -> bool:
+    """Whether two resolved paths are one place."""
+    return there == source or (there.exists() and source.exists() and there.samefile(source))
+
+
+def _output_is_input(target: str | os.PathLike[str], what: str) -> DataError:
+    return DataError(
+        f"{target} is {what} that is read: write to another place",
+        code="output-is-input",
+        fields=(str(target),),
+    )
 
 
 def forget_demo(folder: str | os.PathLike[str], recording: Recording) -> None:

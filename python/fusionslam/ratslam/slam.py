@@ -118,6 +118,9 @@ class Step:
         refused: the edge that was not made because its loop did not fit.
         relaxation: how well links fit after relaxation; None if nothing was done.
         looked: True if the event had a view, recognised or not.
+        interrupted: True if odometry was interrupted before the event: the robot may have been
+            carried.
+        found: True if loops that agree put a robot that was carried back on the map.
         seconds: time spent on view recognition, the cells and the map.
     """
 
@@ -134,6 +137,8 @@ class Step:
     refused: Action | None = None
     relaxation: Relaxation | None = None
     looked: bool = False
+    interrupted: bool = False
+    found: bool = False
     seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
 
 
@@ -385,8 +390,13 @@ class RatSlam:
         if loop.accepted and not fits:  # accepted because other loops agree
             loop = self._check_ambiguity(action, loop)
         if loop.accepted:
-            return _ActionResult(action, loop)
+            return _ActionResult(action, loop, found=not fits and self._crosses(action))
         return _ActionResult(self.cells.refuse(action), loop, refused=action)
+
+    def _crosses(self, action: Action) -> bool:
+        """Whether a loop leads to a node before an interruption of odometry."""
+        interruptions = self.map.state()["interruptions"]
+        return bool(interruptions.size and action.target < interruptions[-1])
 
     def _check_ambiguity(self, action: Action, loop: LoopCheck) -> LoopCheck:
         """Refuse a loop against odometry if its view is seen all over the map.
@@ -425,6 +435,8 @@ class RatSlam:
             refused=done.refused,
             relaxation=done.relaxation,
             looked=sighting is not None,
+            interrupted=motion is not None and motion.interrupted,
+            found=done.found,
             seconds=(watch.total("view"), watch.total("cells"), watch.total("map")),
         )
 
@@ -470,12 +482,16 @@ def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | No
 
 
 class _ActionResult(NamedTuple):
-    """The action applied to the map, the check of its loop, and the refused edge."""
+    """The action applied to the map, the check of its loop, and the refused edge.
+
+    ``found`` tells whether the loop puts a robot that was carried back on the map.
+    """
 
     action: Action
     loop: LoopCheck | None = None
     refused: Action | None = None
     relaxation: Relaxation | None = None
+    found: bool = False
 
 
 @dataclass

@@ -38,6 +38,10 @@ _TEMPORARY = re.compile(rf"\..*\.{_MARK}-(?P<host>[0-9a-f]{{8}})-(?P<pid>\d+)-[0
 _OLD_S = 7 * 24 * 3600
 _cleaned: set[tuple[int, str]] = set()
 
+_MAP_SUFFIX = ".fsmap"
+_MAP_ID = slice(68, 72)
+"""Where SQLite keeps the application id, ``map_database.APPLICATION_ID``, as bytes."""
+
 _LONGEST_YAML = 256 << 10  # characters
 _DEEPEST_YAML = 50
 _MOST_YAML = 200_000  # values, each alias counted as what it stands for
@@ -175,6 +179,21 @@ def check_regular(path: PathLike, expected: str) -> None:
             code="not-a-file",
             fields=(str(path),),
         )
+
+
+def is_map_file(path: PathLike) -> bool:
+    """Whether a file is a map of ``map build``, whole or damaged, by its suffix or first bytes."""
+    path = Path(path)
+    if not os.path.isfile(path):
+        return False
+    if path.suffix.lower() == _MAP_SUFFIX:
+        return True
+    try:
+        with path.open("rb") as file:
+            start = file.read(_MAP_ID.stop)
+    except OSError:
+        return False
+    return start.startswith(b"SQLite format 3\0") and start[_MAP_ID] == b"fsmp"
 
 
 @contextmanager

@@ -4,6 +4,8 @@
 
 import csv
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import yaml
 
 from cli import error_of, run, succeeds
 from fusionslam import DataError, PlaceMap, datasets
+from fusionslam.pipelines.recording import FrameError
 from streets import RETURN, WAY, error, write_street
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
@@ -93,8 +96,9 @@ def test_building_goes_on_where_it_ended(street: Path, built: Path, tmp_path: Pa
     with PlaceMap.open(path, read_only=True) as one, PlaceMap.open(built, read_only=True) as two:
         np.testing.assert_array_equal(one.trajectory("street")[1], two.trajectory("street")[1])
     before = path.read_bytes()
-    succeeds("map", "build", street, "-o", path)
+    again = succeeds("map", "build", street, "-o", path).stdout
     assert path.read_bytes() == before
+    assert again.startswith("street: nothing new")
 
 
 def test_a_session_is_of_one_recording(site: Path, tmp_path: Path) -> None:
@@ -206,3 +210,70 @@ def test_two_maps_are_merged(site: Path, street: Path, tmp_path: Path) -> None:
     before = site.read_bytes()
     assert run("map", "merge", site, third).exit_code == 1
     assert site.read_bytes() == before
+    alone = succeeds("map", "forget", site, "tuesday").stdout
+    assert "tuesday" not in alone and "street: 18 keyframes" in alone
+    assert error_of(2, "map", "forget", site, "tuesday").code
+
+
+def test_a_map_is_not_merged_with_itself(site: Path) -> None:
+    link = site.with_name("link.fsmap")
+    link.symlink_to(site)
+    for other in (site, link):
+        assert error_of(2, "map", "merge", site, other).code == "same-file"
+
+
+def test_sessions_of_similar_names_are_exported_to_different_files(
+    street: Path, site: Path, tmp_path: Path
+) -> None:
+    for name in ("a/b", "a_b"):
+        succeeds("map", "build", street, "-o", site, "--session", name, "--no-report")
+    lines = succeeds("map", "export", site, "-o", tmp_path / "out").stdout.splitlines()
+    said = dict(line.split(": session ") for line in lines if ".tum" in line)
+    folder = tmp_path / "out"
+    files = {"street": "street.tum", "a_b": "a_b.tum", "a/b": "a_b-2.tum"}
+    assert said == {str(folder / file): name for name, file in files.items()}
+    with PlaceMap.open(site, read_only=True) as grown:
+        for name, file in files.items():
+            stamps, _ = datasets.read_poses_tum(folder / file)
+            np.testing.assert_allclose(stamps, grown.trajectory(name)[0])
+
+
+@pytest.mark.parametrize("skip", [(), ("--skip-bad-frames",)])
+def test_a_damaged_map_is_no_fault_of_a_frame(
+    street: Path, site: Path, tmp_path: Path, skip: tuple[str, ...]
+) -> None:
+    with closing(sqlite3.connect(site)) as database:
+        database.execute("UPDATE cloud SET crc = crc + 1")
+        database.commit()
+    words = ("map", "localize", street, "--map", site, "-o", tmp_path / "found.csv", *skip)
+    problem = error_of(1, *words)
+    assert (problem.code, problem.fields) == ("damaged", (str(site),))
+    assert not isinstance(problem, FrameError) and not (tmp_path / "found.csv").exists()
+
+
+def test_a_map_is_no_recording(site: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.fsmap"
+    cut.write_bytes(site.read_bytes()[:200_000])
+    unnamed = Path(shutil.copy(site, tmp_path / "site.db"))
+    for path in (site, cut, unnamed):
+        for words in (("loops",), ("fuse",), ("map", "build"), ("map", "localize", "--map", site)):
+            problem = error_of(1, *words, path, "-o", tmp_path / "out")
+            assert (problem.code, problem.fields) == ("is-map", (str(path),))
+    assert error_of(1, "info", cut).code == "is-map"
+
+
+def test_no_map_or_recording_is_replaced(street: Path, site: Path, tmp_path: Path) -> None:
+    bag, truth = tmp_path / "drive.bag", tmp_path / "truth.txt"
+    bag.write_bytes(b"#ROSBAG V2.0\n")
+    shutil.copy(street / "odometry.txt", truth)
+    localize = ("map", "localize", street, "--map", site, "--gt", truth, "-o")
+    own, other = "output-is-input", "output-is-data"
+    assert error_of(1, *localize, site).code == own
+    assert error_of(1, *localize, truth).code == own
+    assert error_of(1, *localize, bag).code == other
+    assert error_of(1, "map", "show", site, "-o", bag).code == other
+    assert error_of(1, "map", "build", street, "-o", bag).code == other
+    for command in ("localize", "build"):
+        assert error_of(1, "map", command, bag, "-o", bag).code == own
+    assert bag.read_bytes() == b"#ROSBAG V2.0\n"
+    assert truth.read_bytes() == (street / "odometry.txt").read_bytes()

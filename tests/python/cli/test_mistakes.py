@@ -21,6 +21,7 @@ from cli import (
 from fusionslam.datasets import write_cloud
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.sensors.frame import Cloud
+from recordings import write_drive
 
 
 @pytest.mark.parametrize(
@@ -74,6 +75,45 @@ def test_an_output_that_cannot_be_written_is_named(
         error = error_of(1, command, kitti, "-o", output)
         assert error.code == "cannot-write" and str(file) in error.fields[0]
     assert file.read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("odometry", "DATA", "-o"),
+        ("tune", "DATA", "-o"),
+        ("ratslam", "DATA", "--no-report", "--save"),
+        ("sim", "house", "-o", "OUT", "--save-trajectory"),
+        ("sim", "house", "-o", "OUT", "--save-map"),
+    ],
+    ids=lambda words: f"{words[0]} {words[-1]}",
+)
+@pytest.mark.parametrize("target", ["drive.npz", "site.fsmap", "other.mcap"])
+def test_no_command_replaces_a_recording_or_a_map(
+    tmp_path: Path, words: tuple[str, ...], target: str
+) -> None:
+    if words[0] == "odometry":
+        pytest.importorskip("kiss_icp")
+    if words[0] == "tune":
+        pytest.importorskip("cma")
+    data = write_drive(tmp_path / "drive.npz")
+    if not (tmp_path / target).exists():
+        (tmp_path / target).write_bytes(b"kept")
+    before = (tmp_path / target).read_bytes()
+    names = {"DATA": str(data), "OUT": str(tmp_path / "out.bag")}
+    error = error_of(1, *(names.get(word, word) for word in words), tmp_path / target)
+    own = target == "drive.npz" and "DATA" in words
+    assert error.code == ("output-is-input" if own else "output-is-data")
+    assert (tmp_path / target).read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"drive.npz", target}
+
+
+def test_a_scene_set_does_not_replace_the_recording_that_it_is_made_of(tmp_path: Path) -> None:
+    data = write_drive(tmp_path / "drive.npz")
+    before = data.read_bytes()
+    for output in (data, data.with_suffix("")):
+        assert error_of(1, "views", "record", data, "-o", output).code == "output-is-input"
+    assert data.read_bytes() == before
 
 
 def test_results_of_other_data_are_not_mixed_or_replaced(

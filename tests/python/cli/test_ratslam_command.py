@@ -13,9 +13,11 @@ import pytest
 
 from bags import drive, write_bag
 from cli import error_of, fails, last_line, run, succeeds
+from fusionslam.datasets import write_cloud
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.pipelines.maps import RunRecorder
 from fusionslam.ratslam import GivenView, Look, Motion, OnlineRatSlam, RatSlam
+from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import save_archive
 from recordings import write_drive
 
@@ -141,7 +143,7 @@ def test_odometry_by_images_is_not_advised_without_images(tmp_path: Path) -> Non
     events = [one for one in drive(1.0) if one.topic not in ("/odom", "/camera/image")]
     write_bag(tmp_path / "still.bag", events)
     error = error_of(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
-    assert error.code == "no-motion" and "--odometry" not in str(error)
+    assert error.code == "no-motion" and "--odometry visual" not in str(error)
 
 
 def test_a_recording_of_images_alone_is_told_to_use_visual_templates(tmp_path: Path) -> None:
@@ -310,3 +312,16 @@ def test_data_that_is_refused_leaves_no_folder_behind_but_those_that_were_there(
     for output in (tmp_path / "there", tmp_path / "there/new/newer", tmp_path / "new"):
         assert "nowhere.npz" in fails(1, "ratslam", tmp_path / "nowhere.npz", "-o", output, *QUICK)
         assert [one.name for one in tmp_path.rglob("*")] == ["there"]
+
+
+def test_a_map_of_places_is_no_state(recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "site.fsmap"
+    path.write_bytes(b"SQLite format 3\0" + bytes(100))
+    error = error_of(1, "ratslam", recording, "-o", tmp_path / "out", *QUICK, "--resume", path)
+    assert (error.code, error.fields) == ("no-state", (str(path), "map"))
+
+
+def test_scans_without_motion_name_odometry_by_lidar(tmp_path: Path) -> None:
+    write_cloud(tmp_path / "clouds/000000.bin", Cloud(np.eye(3, dtype=np.float32)))
+    error = error_of(1, "ratslam", tmp_path, "--views", "m2dp", "-o", tmp_path / "out", *QUICK)
+    assert error.code == "no-motion" and "--odometry lidar" in str(error)

@@ -223,6 +223,13 @@ def test_refused_loops_are_told_apart_by_the_truth() -> None:
     assert (report.refused, report.judged_refused, report.refused_true) == (3, 3, 1)
 
 
+def test_a_refused_loop_that_was_linked_later_is_told_apart() -> None:
+    links = [(0, 1), (1, 2), (2, 3)]
+    report = judge_map(square_run(refused=[(120.0, 3, 0), (150.0, 0, 1)], links=links))
+    assert (report.refused_true, report.refused_linked) == (2, 1)
+    assert "1 of 2 wrongly refused, 1 linked later" in str(report)
+
+
 def test_revisits_are_those_of_the_judge_of_views() -> None:
     rng = np.random.default_rng(2)
     truth = np.column_stack([rng.uniform(0, 3, (300, 2)), rng.uniform(-3, 3, 300)])

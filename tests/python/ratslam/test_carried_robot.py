@@ -22,7 +22,12 @@ from drives import (
     rmse,
 )
 from fusionslam.errors import DataError
-from fusionslam.ratslam import Action, ActionKind, ExperienceMap, OnlineRatSlam, RatSlam
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.pipelines.map_events import RunEvents
+from fusionslam.pipelines.maps import RunRecorder
+from fusionslam.ratslam import Action, ActionKind, ExperienceMap, Look, OnlineRatSlam, RatSlam
+from fusionslam.ratslam.external_views import GivenViews
+from fusionslam.sensors.messages import Odometry
 
 OFF, ON = 130, 185
 """Steps after which the robot is switched off, and where it is put down."""
@@ -155,6 +160,30 @@ def test_carried_at_night_and_odometry_anew_the_robot_is_found_within_20_s(
     stamps = np.array(again.slam.memory.node_stamps_ns) % NIGHT
     truth = course.poses[stamps * RATE // SECOND]
     assert rmse(again.slam.map.nodes, truth) < 0.3
+
+
+def test_the_record_of_a_run_tells_that_a_carried_robot_was_found() -> None:
+    course = lap_course(3)
+    lap = len(course.speeds) // 3
+    slam = RatSlam(views=GivenViews())
+    for message in course.messages(0, 2 * lap):
+        slam.step(message)
+    day = course.messages(lap // 2, lap + lap // 2, NIGHT)
+    motions = [message for message in day if isinstance(message, Odometry)]
+    looks = [message for message in day if isinstance(message, Look)]
+    stamps = np.array([look.stamp_ns for look in looks])
+    seconds = np.arange(lap + 1) / RATE + stamps[0] / SECOND
+    truth = Trajectory(seconds, *course.poses[lap // 2 : lap + lap // 2 + 1].T)
+    events = RunEvents("day", "wheels", motions, stamps, lambda row: looks[row].item, truth)
+    recorder = RunRecorder(slam, events)
+    steps = [recorder.step(event) for event in events]
+    (recovery,) = recorder.recoveries
+    found = next(step for step in steps if step is not None and step.found)
+    assert steps[0] is not None and steps[0].interrupted
+    assert recovery.seconds == (found.stamp_ns - steps[0].stamp_ns) / SECOND
+    assert recovery.refused == slam.map.config.rejoin - 1
+    run = recorder.record()
+    assert any(str(recovery) in note for note in run.notes)
 
 
 def test_the_original_preset_knows_no_interruptions() -> None:

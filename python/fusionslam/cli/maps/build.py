@@ -13,11 +13,13 @@ from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.recordings import build_recording, open_data
 from fusionslam.errors import ConfigError
+from fusionslam.help_texts import counted
+from fusionslam.storage.files import is_map_file
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-    from fusionslam.pipelines.place_maps import MapOdometry
+    from fusionslam.pipelines.place_maps import Built, MapOdometry
     from fusionslam.pipelines.recording import Recording
     from fusionslam.registration import Refusal
     from fusionslam.storage.progress import Step
@@ -45,8 +47,9 @@ def build(
         typer.Option("--session", metavar="NAME", help="Of the drive; by default the recording's."),
     ] = None,
     descriptor: Annotated[
-        str, typer.Option("--descriptor", "-d", metavar="NAME", help="Of a new map.")
-    ] = "cm2dp",
+        str | None,
+        typer.Option("--descriptor", "-d", metavar="NAME", help="Of a new map: cm2dp by default."),
+    ] = None,
     odometry: Odometry = "recorded",
     source: opt.Source = None,
     *,
@@ -75,6 +78,8 @@ def build(
             code="choice",
             fields=("--output", str(output)),
         )
+    if not is_map_file(output):
+        opt.check_output(output, build_recording, read_config)
     kind = cast("MapOdometry", opt.check_choice("odometry", odometry, ODOMETRY))
     whole = read_config()
     recording = build_recording()
@@ -121,13 +126,16 @@ def build(
             warning = site.reason
         page = None if no_report else output.with_suffix(".html")
         lines = finish_map(output, name, dataset, kind, page, step, warning)
-    if not built.frames:
-        print(f"{name}: the map has all of it")
-    else:
-        left = f", {len(built.skipped)} frames left out" if built.skipped else ""
-        print(f"{name}: {built.keyframes} keyframes, {built.loops} loops{left}")
+    print(f"{name}: {_describe_growth(built)}")
     for line in [*lines, str(output), *([str(page)] if page else [])]:
         print(line)
+
+
+def _describe_growth(built: "Built") -> str:
+    left = f", {counted(len(built.skipped), 'frame')} left out" if built.skipped else ""
+    if not built.keyframes and not built.loops:
+        return f"nothing new{left or ': the map has all of it'}"
+    return f"{counted(built.keyframes, 'keyframe')}, {counted(built.loops, 'loop')}{left}"
 
 
 _MADE_ODOMETRY = "Odometry is made: true poses with errors (odometry.KEY of the configuration)."

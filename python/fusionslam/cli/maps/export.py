@@ -33,10 +33,12 @@ def export(
     needs_extra("map")
     from fusionslam.mapping import PlaceMap
     from fusionslam.mapping.geojson import parse_origin
-    from fusionslam.pipelines.place_maps import export_map
+    from fusionslam.pipelines.place_maps import export_map, trajectory_files
 
     place = None if origin is None else parse_origin(origin)
     with PlaceMap.open(path, read_only=True) as site:
         files = export_map(site, output, voxel=voxel, resolution=resolution, origin=place)
+        sessions = trajectory_files(site)
     for file in files:
-        print(file)
+        session = sessions.get(file.name)
+        print(file if session is None else f"{file}: session {session}")

@@ -34,6 +34,7 @@ def localize(
 ) -> None:
     """Find each frame of DATA on a map, without any guess. Recorded odometry helps."""
     needs_extra("map")
+    opt.check_output(output, path, build_recording, read_config)
     from fusionslam.config import merged
     from fusionslam.mapping import PlaceMap
     from fusionslam.pipelines.place_maps import (

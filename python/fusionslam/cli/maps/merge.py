@@ -25,8 +25,15 @@ def merge(
     Else nothing changes, the loops are listed, and the exit status is 1.
     """
     needs_extra("map")
+    from fusionslam.errors import ConfigError
     from fusionslam.mapping import PlaceMap
 
+    if path.exists() and other.exists() and path.samefile(other):
+        raise ConfigError(
+            f"MAP {path} and OTHER {other} are the same file: expected two maps",
+            code="same-file",
+            fields=(str(path), str(other)),
+        )
     with PlaceMap.open(path) as site:
         with progress() as step:
             done = site.merge(other, progress=label_progress(step, "comparing keyframes"))

@@ -26,6 +26,7 @@ def show(
     needs_extra("map")
     if output is not None:
         needs_extra("report")
+        opt.check_output(output, path)
     from fusionslam.mapping import PlaceMap
 
     with PlaceMap.open(path, read_only=True) as site:

@@ -46,6 +46,7 @@ def record(
     whole = views_config()
     names = opt.parse_names(features) if features else []
     target = output if output.suffix == ".npz" else output.with_name(f"{output.name}.npz")
+    opt.check_output(target, build_recording, views_config)
     recording = build_recording()
     with progress() as step:
         scenes = open_scenes(recording, whole, step, features=names)

@@ -41,6 +41,7 @@ def show(
     if output.suffix.lower() != ".png":
         raise ConfigError(f"--output is {output}, expected the name of a .png")
     needs_extra("report", module="matplotlib")
+    opt.check_output(output, build_recording, views_config)
     dataset, whole = open_data(build_recording(), views_config())
 
     def scan(number: int) -> ClusteredScan:

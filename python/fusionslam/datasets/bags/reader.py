@@ -18,7 +18,7 @@ from fusionslam.datasets.bags.messages import check_data, is_known, plain_type, 
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import Event, Message
-from fusionslam.storage.files import check_regular
+from fusionslam.storage.files import check_regular, is_map_file
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -83,7 +83,7 @@ def open_bag(path: str | os.PathLike[str]) -> "Bag":
 def bag_kind(path: Path) -> str | None:
     """ "rosbag1", "rosbag2" or "mcap" by the file's first bytes; None if it is not a bag."""
     storage = _storage(path)
-    if storage is None or not storage.is_file():
+    if storage is None or not storage.is_file() or is_map_file(storage):
         return None
     try:
         start = _start(storage)

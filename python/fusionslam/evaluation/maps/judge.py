@@ -181,7 +181,12 @@ class _Judge:
         steps = self._drop_unknown(self.run.steps_at(refused["stamp_ns"]))
         known = (steps >= 0) & (self.node_steps[refused["target"]] >= 0)
         near = self._near(steps[known], refused["target"][known])
-        return {"judged_refused": int(known.sum()), "refused_true": int(near.sum())}
+        linked = self._are_linked(refused["source"][known], refused["target"][known])
+        return {
+            "judged_refused": int(known.sum()),
+            "refused_true": int(near.sum()),
+            "refused_linked": int((near & linked).sum()),
+        }
 
     def _near(self, steps: Integers, nodes: Integers) -> Mask:
         """Bool (n,): the robot was truly within the view radius of these nodes."""
@@ -207,12 +212,17 @@ class _Judge:
 
     def _are_joined(self, steps: Integers, others: Integers) -> Mask:
         """Bool (n,): the nodes of these steps are the same or linked."""
-        ids, links, count = self.run.node_ids, self.run.links, len(self.run.nodes)
+        ids = self.run.node_ids
+        one, other = ids[steps], ids[others]
+        joined = (one == other) | self._are_linked(one, other)
+        return np.asarray(joined & (one >= 0) & (other >= 0))
+
+    def _are_linked(self, nodes: Integers, others: Integers) -> Mask:
+        """Bool (n,): the map has a link between these nodes."""
+        links, count = self.run.links, len(self.run.nodes)
         source, target = links["source"], links["target"]
         codes = np.concatenate([source * count + target, target * count + source])
-        one, other = ids[steps], ids[others]
-        joined = (one == other) | np.isin(one * count + other, codes)
-        return np.asarray(joined & (one >= 0) & (other >= 0))
+        return np.isin(nodes * count + others, codes)
 
     def list_unjudged(self) -> tuple[str, ...]:
         """List what has no ground truth: a resumed run has nodes that are older than itself."""

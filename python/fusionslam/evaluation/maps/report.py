@@ -62,6 +62,8 @@ class MapReport:
             was outside the view radius of the node's true place.
         refused, judged_refused, refused_true: refused loops; those with known ground truth; those
             of them that were within the view radius after all.
+        refused_linked: those of ``refused_true`` that the map links all the same, as later loops
+            agreed with them.
         revisits: looks at the place of an older look (rule: ``loop_age``, ``revisit_distance``).
         linked_revisits: revisits whose node is the node of such an older look, or is linked to
             it.
@@ -94,6 +96,7 @@ class MapReport:
     refused: int = 0
     judged_refused: int | None = None
     refused_true: int | None = None
+    refused_linked: int | None = None
     revisits: int | None = None
     linked_revisits: int | None = None
     unjudged: tuple[str, ...] = ()
@@ -220,6 +223,11 @@ def _topology(report: MapReport) -> list[str]:
         f"{report.linked_revisits} of {report.revisits}",
         f"  false arrivals  {percent(report.false_loop_share):>8}   {report.false_loops} of "
         f"{report.judged_loops}, at known nodes",
-        f"  refused loops   {report.refused:>8}   {report.refused_true} of "
-        f"{report.judged_refused} wrongly refused",
+        f"  refused loops   {report.refused:>8}   {_describe_refused(report)}",
     ]
+
+
+def _describe_refused(report: MapReport) -> str:
+    linked = report.refused_linked or 0
+    wrongly = f"{(report.refused_true or 0) - linked} of {report.judged_refused} wrongly refused"
+    return f"{wrongly}, {linked} linked later" if linked else wrongly
