@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from fusionslam.config import Section, merged
 from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import ConfigError
 from fusionslam.fusion import FusionConfig, require_up, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
@@ -133,3 +134,13 @@ def _differences(name: str, given: Section, known: Section) -> list[str]:
         elif value != other:
             found.append(f"{name}.{key}={value} (the map has {other})")
     return found
+
+
+def check_session_name(session: str) -> None:
+    """Raise ConfigError for a name that is empty or not printable (code "session-name")."""
+    if not isinstance(session, str) or not session.strip() or not session.isprintable():
+        raise ConfigError(
+            f"session is {session!r}: expected a name of printable characters",
+            code="session-name",
+            fields=("session", repr(session)),
+        )

@@ -45,7 +45,7 @@ from fusionslam.mapping.map_merging import (
     find_loops_between,
     judge_merge,
 )
-from fusionslam.mapping.map_settings import MapSettings
+from fusionslam.mapping.map_settings import MapSettings, check_session_name
 from fusionslam.mapping.map_writer import MapStep, MapWriter
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
@@ -134,7 +134,7 @@ class PlaceMap:
             FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
         """
         if session is not None:
-            _check_name(session)
+            check_session_name(session)
         elif not os.path.exists(path):  # False for names that cannot be, too
             raise DataError(
                 f"{path}: no such map; expected session=NAME to make one",
@@ -598,12 +598,3 @@ class PlaceMap:
                 code="read-only",
                 fields=(str(self._file.path),),
             )
-
-
-def _check_name(session: str) -> None:
-    if not isinstance(session, str) or not session.strip() or not session.isprintable():
-        raise ConfigError(
-            f"session is {session!r}: expected a name of printable characters",
-            code="session-name",
-            fields=("session", repr(session)),
-        )
