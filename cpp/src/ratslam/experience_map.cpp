@@ -135,6 +135,12 @@ void add_loop(MapArrays& map, const Pending& loop) {
   map.due.push_back(loop.target);
 }
 
+/// Forgets what odometry said of a way.
+void loosen(Link& link) {
+  link.measure.variance_m = anywhere_m * anywhere_m;
+  link.measure.variance_rad = anywhere_rad * anywhere_rad;
+}
+
 /// Moves the nodes since an interruption, which only odometry joins with those before, so that the
 /// robot is where the loop says. What odometry said of the way between no longer counts.
 void rejoin(MapArrays& map, std::int64_t first, const Pending& loop) {
@@ -149,8 +155,7 @@ void rejoin(MapArrays& map, std::int64_t first, const Pending& loop) {
   between.measure.distance = std::hypot(way.x, way.y);
   between.measure.heading = between.measure.distance > 0 ? std::atan2(way.y, way.x) : 0;
   between.measure.facing = way.heading;
-  between.measure.variance_m = anywhere_m * anywhere_m;
-  between.measure.variance_rad = anywhere_rad * anywhere_rad;
+  loosen(between);
   add_squares(map, between, 1);
   const Pose2& node = map.nodes[map.current];
   map.dx = claimed.x - node.x, map.dy = claimed.y - node.y, map.facing = claimed.heading;
@@ -162,10 +167,11 @@ bool resolve_interruptions(MapArrays& map, const Pending& loop) {
   const std::int64_t first = interruption_before(map, loop);
   if (first < 0) return true;
   const bool fits = fits_odometry(map, loop), has_nodes = first < map.size();
-  if (fits)
-    std::erase_if(map.interruptions, [&](std::int64_t node) { return node > loop.target; });
-  else
-    map.interruptions.pop_back();
+  std::erase_if(map.interruptions, [&](std::int64_t node) {
+    // Parts in between, which the robot passed without a loop, stay where they are, loosely.
+    if (!fits && node > loop.target && node < first) loosen(map.links[map.in.first[node]]);
+    return node > loop.target;
+  });
   if (!fits && has_nodes) rejoin(map, first, loop);
   return fits || has_nodes;
 }

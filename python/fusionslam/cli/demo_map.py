@@ -108,7 +108,8 @@ def _open_map(
             config=own,
         )
 
-    site = open_it()
+    # The configuration of an earlier one decides whether it is replaced.
+    site = PlaceMap.open(path, _SESSION) if path.exists() else open_it()
     try:
         if {session.name for session in site.sessions} - {_SESSION}:
             raise DataError(

@@ -25,6 +25,11 @@ _SECTIONS = {
     "map": "mapping",
 }
 """Names of the configuration's sections, by attribute."""
+_CHOSEN = (
+    *("loop_closure.max_frames=", "loop_closure.verify=", "loop_closure.window="),
+    *("fusion.source=", "fusion.frame=", "fusion.up="),
+)
+"""What a map or a command chooses itself, so that other values need not have been asked for."""
 _COMPARED = ("descriptor", "descriptors", "fusion", "registration")
 
 
@@ -79,9 +84,13 @@ class MapSettings:
         if descriptor is not None and descriptor != self.descriptor:
             found.append(f"descriptor={descriptor} (the map has {self.descriptor})")
         for name, section in given.items():
-            if section is not None:
-                found += _differences(_SECTIONS[name], section, getattr(self, name))
-        return found
+            known = getattr(self, name)
+            if section is None:
+                continue
+            if not isinstance(section, type(known)):
+                raise TypeError(f"{name}: {section!r}, expected a {type(known).__name__}")
+            found += _differences(_SECTIONS[name], section, known)
+        return [each for each in found if not each.startswith(_CHOSEN)]
 
     @property
     def comparable(self) -> dict[str, Any]:

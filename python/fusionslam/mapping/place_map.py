@@ -74,7 +74,7 @@ def _one_at_a_time(
 
 
 DEFAULT_DESCRIPTOR = "cm2dp"
-"""By which a new map finds its places."""
+"""The descriptor of a new map."""
 _WINDOW = 20
 """Keyframes that are no candidates: odometry is still good."""
 
@@ -137,7 +137,7 @@ class PlaceMap:
             check_session_name(session)
         elif not os.path.exists(path):  # False for names that cannot be, too
             raise DataError(
-                f"{path}: no such map; expected session=NAME to make one",
+                f"{path}: no such map" + ("" if read_only else ", and session=NAME makes one"),
                 code="not-found",
                 fields=(str(path),),
             )

@@ -131,10 +131,10 @@ def check_output(
         DataError: the file is one of the inputs (code "output-is-input"), or a recording or a map
             ("output-is-data").
     """
-    path = Path(target).expanduser()
-    for each in map(Path, inputs):
-        source = each.expanduser()
-        if source.exists() and _is_same(source.resolve(), path.resolve()):
+    path = Path(os.path.expanduser(target))  # leaves users that do not exist
+    for each in inputs:
+        source = Path(os.path.expanduser(each))
+        if os.path.exists(source) and _is_same(source.resolve(), path.resolve()):
             raise _output_is_input(target, "a file" if source.is_file() else "a folder")
     if (what := _describe_data(path)) is not None:
         raise DataError(
@@ -146,11 +146,12 @@ def check_output(
 
 def _describe_data(path: Path) -> str | None:
     """Describe a file that is a recording or a map; None for any other."""
-    if not path.is_file():
+    if not os.path.isfile(path):  # False for names that cannot be, too
         return None
     if is_map_file(path):
         return "a map"
-    return "a recording" if bag_kind(path) is not None or is_recording(path) else None
+    is_bag = path.suffix in (".bag", ".mcap", ".db3") and bag_kind(path) is not None
+    return "a recording" if is_bag or is_recording(path) else None
 
 
 def _is_same(source: Path, there: Path) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, needs_up
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
 from fusionslam.sensors.frame import Cloud
@@ -130,8 +130,12 @@ def run_views(
 
     Raises:
         DataError: the set lacks the views to compare, or a scan cannot be compared; the message
-            names it.
+            names it. ShapeError: another number of poses.
     """
+    if odometry is not None and np.shape(odometry) != (len(scenes), 4, 4):
+        raise ShapeError(
+            f"odometry: {np.shape(odometry)}, expected a pose a scan, ({len(scenes)}, 4, 4)"
+        )
     poses = [None] * len(scenes) if odometry is None else odometry
     matches, seconds = [], np.zeros((2, len(scenes)))
     for index, view in enumerate(_build_views(scenes, matcher, seconds[0])):

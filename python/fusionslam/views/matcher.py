@@ -133,10 +133,12 @@ class ViewMatcher:
         """
         view = self.view(item)
         with self._lock:
-            if odometry is not None and self._filter is None:
-                self._filter = self._new_filter()
-            if self._filter is not None:
-                self._filter.move(odometry)
+            places = self._filter
+            if odometry is not None and places is None:
+                places = self._new_filter()
+            if places is not None:
+                places.move(odometry)
+            self._filter = places
             match = self._match(view)
             self._stats.processed += 1
             self._stats.single += view.objects == 1
@@ -168,17 +170,23 @@ class ViewMatcher:
         """Recognise the place by what the scan and odometry say together."""
         most = self._places_config.candidates
         belief = places.weigh(self.comparison.compare(view, most) if self._slots else [])
-        shares = tuple((self._slots[slot].id, share) for slot, share in belief.shares)
+        by_place: dict[int, float] = {}
+        for slot, share in belief.shares:
+            place = self._slots[slot].id
+            by_place[place] = by_place.get(place, 0.0) + share
+        shares = tuple(sorted(by_place.items(), key=lambda item: -item[1]))
         if belief.best is not None and belief.known >= self.threshold:
             places.arrive(belief.best)
             match = self._match_view(view, replace(belief.best, similarity=belief.known))
         elif belief.new >= 0.5 or belief.best is None:
-            match = self._start_place(view, belief.best)
-            match = replace(match, similarity=belief.new)
+            match = self._start_place(view, None)
+            reason = f"new view {match.id}: probability {belief.new:.4g}"
+            match = replace(match, similarity=belief.new, reason=reason)
         else:
             self._stats.ambiguous += 1
             places.pass_by()
-            reason = f"ambiguous: {len(shares)} places, none of them with {self.threshold:.4g}"
+            why = "the robot is lost" if places.is_lost else f"none has {self.threshold:.4g}"
+            reason = f"ambiguous: {counted(len(shares), 'place')} may be right, {why}"
             match = ViewMatch(NO_VIEW, belief.known, False, reason, False, is_ambiguous=True)
         return replace(match, candidates=shares)
 

@@ -26,14 +26,17 @@ from fusionslam.views.comparison import Candidate
 Place = tuple[float, float, float]
 """x, y in metres and heading in radians."""
 
-_SIGMAS = 3.0
-"""Standard deviations that ``ExperienceMap.check`` allows."""
-_CERTAIN = 1e-4
-"""Scans alone are never more certain than this; probabilities are not calibrated beyond."""
+_CERTAIN = 0.02
+"""Scans alone are never more certain than this: where places look alike, half of those that claim
+0.98 and more are wrong."""
 _SAME_M, _SAME_RAD = 0.5, 0.3
 """Candidates whose poses of the robot are this near each other say the same."""
 _BESIDE_M = 5.0
-"""Metres around all stored views in which the robot may be, too."""
+"""Metres by which the area of the robot is longer and wider than that of the stored views."""
+
+
+_OF_THE_MAP = ("drift_m", "drift_turn", "drift_heading", "place_m", "place_rad", "sigmas")
+"""Options that the experience map has, too."""
 
 
 class PlaceFilterConfig(Section):
@@ -44,7 +47,10 @@ class PlaceFilterConfig(Section):
         0.05, "candidates that are less probable by their scans alone are left out", ge=0, le=1
     )
     sigmas: float = option(
-        4.0, "a pose this many standard deviations from where odometry has the robot is wrong", gt=0
+        3.0,
+        "a pose this many standard deviations from where odometry has the robot is wrong",
+        gt=0.1,
+        le=10,
     )
     slide_share: float = option(
         0.5, "share of the wrong poses that are near the right one, as along a wall", ge=0, le=1
@@ -104,9 +110,8 @@ class PlaceFilter:
 
     def __init__(self, config: PlaceFilterConfig | None = None) -> None:
         self.config = config or PlaceFilterConfig()
-        names = ("drift_m", "drift_turn", "drift_heading", "place_m", "place_rad")
-        values = {name: getattr(self.config, name) for name in names}
-        self._map = ExperienceMap(ExperienceMapConfig(**values, sigmas=_SIGMAS))
+        values = {name: getattr(self.config, name) for name in _OF_THE_MAP}
+        self._map = ExperienceMap(ExperienceMapConfig(**values))
         self._nodes: list[int] = []
         self._last: Place | None = None
         self._lost_since: int | None = None
@@ -128,13 +133,11 @@ class PlaceFilter:
         """
         here = None if odometry is None else _ground(odometry)
         before, self._last = self._last, here
-        if before is None:
-            return
-        if self._last is None:
+        if before is None or here is None:
             self._interrupt()
             return
-        x, y = self._last[0] - before[0], self._last[1] - before[1]
-        way, turn = math.hypot(x, y), _wrap(self._last[2] - before[2])
+        x, y = here[0] - before[0], here[1] - before[1]
+        way, turn = math.hypot(x, y), _wrap(here[2] - before[2])
         if way > self.config.max_step:
             self._interrupt()
             return
@@ -183,13 +186,13 @@ class PlaceFilter:
         config = self.config
         check = self._check(candidate.slot, pose)
         accepted, error_m, error_rad, allowed_m, allowed_rad, _ = check
-        sd_m, sd_rad = allowed_m / _SIGMAS, allowed_rad / _SIGMAS
         probability = min(candidate.similarity, 1 - _CERTAIN)
         by_scans = probability / (1 - probability)
-        beyond = error_m > config.sigmas * sd_m or error_rad > config.sigmas * sd_rad
-        if beyond:
-            # Of a lost robot odometry says nothing, until loops that agree with each other do.
-            return _Weight(candidate, by_scans if self.is_lost else 0.0, self.is_lost and accepted)
+        if self._lost_since is not None and self._nodes[candidate.slot] < self._lost_since:
+            return _Weight(candidate, by_scans, accepted)  # odometry says nothing of it
+        if error_m > allowed_m or error_rad > allowed_rad:
+            return _Weight(candidate, by_scans if accepted else 0.0, accepted)
+        sd_m, sd_rad = allowed_m / config.sigmas, allowed_rad / config.sigmas
         right = _density(error_m, error_rad, sd_m, sd_rad)
         sliding = _density(
             error_m,
@@ -260,7 +263,7 @@ class PlaceFilter:
         valid = nodes.dtype == np.int64 and nodes.shape == (slots,)
         if not valid or not ((nodes >= 0) & (nodes < len(self._map))).all():
             raise DataError(f"{slots} views, but nodes {nodes.dtype} {nodes.shape} of a filter")
-        if lost.dtype != np.int64 or lost.shape not in ((0,), (1,)):
+        if lost.dtype != np.int64 or lost.shape not in ((0,), (1,)) or (lost < 1).any():
             raise DataError(f"lost_since {lost.dtype} {lost.shape} of a filter: expected a node")
         if last.shape not in ((0,), (3,)) or not np.isfinite(last).all():
             raise DataError(f"last pose {last.tolist()} of a filter: expected x, y and heading")

@@ -106,6 +106,22 @@ def test_a_robot_that_is_carried_twice_is_found_twice() -> None:
     assert driven.rmse() < 0.4 and not graph.state()["interruptions"].size
 
 
+def test_a_part_that_no_loop_joined_is_found_by_later_loops() -> None:
+    # Day one is half of the block, day two the next side without a loop, day three all of it.
+    def days(graph: ExperienceMap) -> Iterator[Leg]:
+        legs = list(laps(3))
+        yield from legs[:55]
+        graph.mark_interruption()
+        yield from legs[65:95]
+        graph.mark_interruption()
+        yield from legs[120 + 5 : 240 + 5]
+
+    graph = ExperienceMap()
+    driven = drive(graph, days(graph))
+    assert driven.rmse() < 0.6 and not graph.state()["interruptions"].size
+    assert all(check.accepted for check in driven.checks[-20:])
+
+
 def test_an_interruption_is_part_of_the_state() -> None:
     def upto(graph: ExperienceMap, end: int) -> list[Leg]:
         return list(carry(graph))[:end]

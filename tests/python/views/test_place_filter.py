@@ -77,11 +77,29 @@ def test_a_lost_robot_is_doubtful_until_four_views_agree_and_then_found() -> Non
     # Odometry begins anew at its origin, where the robot sees what it saw at the sixth place.
     matcher.process(place(5))
     found = [matcher.process(place(5 + k), odometry=at(float(k))) for k in range(7)]
-    assert [match.is_ambiguous for match in found] == [True] * 3 + [False] * 4
-    assert [match.id for match in found] == [NO_VIEW] * 3 + [8, 9, 10, 11]
-    assert matcher.stats.ambiguous == 4
+    assert [match.is_ambiguous for match in found] == [True] * 4 + [False] * 3
+    assert [match.id for match in found] == [NO_VIEW] * 4 + [9, 10, 11]
+    assert matcher.stats.ambiguous == 5
     # And goes on from there.
     assert matcher.process(place(7), odometry=at(2.0)).id == 7
+
+
+def test_without_odometry_the_robot_may_have_moved() -> None:
+    matcher = ViewMatcher()
+    corridor(matcher, 5)
+    for k in (5, 6):
+        matcher.process(place(k))
+    matcher.process(place(7), odometry=at(7.0))
+    # Nothing is known of the way between the fifth place and the eighth.
+    assert [matcher.process(place(k), odometry=at(float(k))).id for k in (8, 9)] == [8, 9]
+    assert matcher.process(place(8), odometry=at(8.0)).id == 8
+
+
+def test_a_lost_robot_is_not_sure_of_a_place_that_looks_like_another() -> None:
+    matcher = ViewMatcher()
+    drive(matcher, range(6))  # the second and the fifth look alike
+    lost = matcher.process(place(LOOKS[4]))
+    assert lost.is_ambiguous and {id for id, share in lost.candidates if share > 0.3} == {1, 4}
 
 
 def test_odometry_that_jumps_is_no_reason_for_a_wrong_place() -> None:
@@ -124,6 +142,10 @@ def test_odometry_that_is_no_motion_is_refused_and_changes_nothing(
     with pytest.raises(ShapeError, match="odometry"):
         matcher.process(place(0), odometry=np.eye(3))
     assert matcher.stats == before and matcher.process(place(1), odometry=at(1.0)).id == 1
+    unused = ViewMatcher()
+    with pytest.raises(error):
+        unused.process(place(0), odometry=pose)
+    assert [unused.process(place(k)).id for k in (0, 1, 0)] == [0, 1, 0]
 
 
 def test_odometry_needs_alignment_from_the_first_scan_on() -> None:

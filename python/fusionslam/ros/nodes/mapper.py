@@ -126,7 +126,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
             self._path,
             None if self._read_only else self._session,
             read_only=self._read_only,
-            descriptor=config.descriptor,
+            descriptor=config.descriptor if "descriptor" in config.model_fields_set else None,
             loops=config.loop_closure,
             describe=config.descriptors,
             fusion=config.fusion,
