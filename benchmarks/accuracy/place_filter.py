@@ -33,7 +33,7 @@ from fusionslam.views import ViewMatcher
 
 PAGE = ROOT / "docs" / "stages" / "views" / "place_filter.md"
 SEEDS = {"house": (7, 8, 9, 10, 11), "warehouse": (3,), "hospital": (3, 4, 5)}
-"""The filter was developed on the recordings, house 3 and hospital 3."""
+"""The filter was developed on the recordings, house 3 and these hospitals."""
 HEAD = ["drive", "seed", "scans", "by", "accuracy, %", "loop recall, %", "loop precision, %"]
 HEAD += ["false positives", "metres off", "ambiguous, %", "ms a scan", "95 %"]
 
@@ -133,7 +133,7 @@ def filter_text() -> str:
         "Alignment, a sector with colours; rule `paper`. Odometry is "
         f"{100 * (DRIFT.scale - 1):.0f} % too long and turns "
         f"{100 * (DRIFT.rotation_scale - 1):.0f} % too much. The filter was developed on the "
-        "recordings, house 3 and hospital 3; no value was fitted. Milliseconds are processor time "
+        "recordings, house 3 and these hospitals. Milliseconds are processor time "
         "of one thread, without building the view.",
         100,
     )
