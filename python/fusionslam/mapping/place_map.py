@@ -137,7 +137,7 @@ class PlaceMap:
             check_session_name(session)
         elif not os.path.exists(path):  # False for names that cannot be, too
             raise DataError(
-                f"{path}: no such map" + ("" if read_only else ", and session=NAME makes one"),
+                f"{path}: no such map; one is made where a session is named",
                 code="not-found",
                 fields=(str(path),),
             )

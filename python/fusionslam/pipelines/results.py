@@ -156,7 +156,8 @@ def _describe_data(path: Path) -> str | None:
 
 def _is_same(source: Path, there: Path) -> bool:
     """Whether two resolved paths are one place."""
-    return there == source or (there.exists() and source.exists() and there.samefile(source))
+    both = os.path.exists(there) and os.path.exists(source)
+    return there == source or (both and there.samefile(source))
 
 
 def _output_is_input(target: str | os.PathLike[str], what: str) -> DataError:

@@ -19,7 +19,7 @@ from fusionslam._core import ActionKind, ExperienceMap, ExperienceMapConfig
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.geometry.se2 import places_of, wrapped
+from fusionslam.geometry.se2 import compose, places_of, wrapped
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.comparison import Candidate
 
@@ -160,16 +160,18 @@ class PlaceFilter:
             candidates: with ``relative_pose``, and the probability as ``similarity``.
         """
         nodes = self._map.nodes
-        weights, poses = [], []
+        weights, stored, seen = [], [], []
         for one in candidates:
             if one.similarity >= self.config.least and one.relative_pose is not None:
                 weights.append(self._weigh_one(one, one.relative_pose, nodes))
-                poses.append(_place_after(nodes[self._nodes[one.slot]], one.relative_pose))
+                stored.append(nodes[self._nodes[one.slot]])
+                seen.append(one.relative_pose)
         if not weights:
             return Belief(None, 0.0, 1.0)
         odds = np.array([each.odds for each in weights])
         total, best = 1.0 + float(odds.sum()), int(odds.argmax())
-        apart = np.array(poses) - poses[best]
+        poses = compose(np.array(stored), np.array(seen))
+        apart = poses - poses[best]
         same = np.hypot(apart[:, 0], apart[:, 1]) < _SAME_M
         same &= np.abs(wrapped(apart[:, 2])) < _SAME_RAD
         known = float(odds[same].sum()) / total if weights[best].is_confirmed else 0.0
@@ -293,13 +295,6 @@ def _ground(pose: Matrix) -> Place:
 
 def _wrap(angle: float) -> float:
     return float(wrapped(np.asarray(angle)))
-
-
-def _place_after(node: Floats, pose: Place) -> Place:
-    """The pose in the frame of a node, on the map."""
-    c, s = math.cos(node[2]), math.sin(node[2])
-    x, y, turn = pose
-    return float(node[0] + c * x - s * y), float(node[1] + s * x + c * y), float(node[2] + turn)
 
 
 def _density(error_m: float, error_rad: float, sd_m: float, sd_rad: float) -> float:

@@ -16,7 +16,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
-from fusionslam import Cloud, ConfigError, DataError, FusionSlamError, LoopConfig, LoopDetector
+from fusionslam import (
+    Cloud,
+    ConfigError,
+    DataError,
+    FusionConfig,
+    FusionSlamError,
+    LoopConfig,
+    LoopDetector,
+)
 from fusionslam.geometry.se3 import exp, log
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.graph_export import write_map_graph
@@ -475,6 +483,12 @@ def test_what_is_given_for_a_map_that_has_another_configuration_is_named(
 ) -> None:
     with PlaceMap.open(path, "tuesday", **OPTIONS):
         assert not caplog.messages
+    chosen = LoopConfig(max_frames=5, verify=False, window=3)  # that of a map is its own
+    with PlaceMap.open(path, "tuesday", loops=chosen, fusion=FusionConfig(source="stereo")):
+        assert not caplog.messages
+    wrong: Any = {"voxel": 0.71}
+    with pytest.raises(TypeError, match="MapConfig"):
+        PlaceMap.open(path, "tuesday", config=wrong)
     changes = MapConfig(voxel=0.71, drift={"drift_m": 0.031})
     with PlaceMap.open(path, "tuesday", descriptor="shot", config=changes) as site:
         assert site.settings.map != changes

@@ -10,11 +10,13 @@ import pytest
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.pipelines.views import run_views
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from scenes import NOTHING, place
+from scenes import drive as scene_drive
 
 LOOKS = (0, 1, 2, 3, 1, 2, 4)
 """What the places along a corridor look like: two of them twice."""
@@ -124,6 +126,18 @@ def test_views_that_are_dropped_are_forgotten_by_the_filter_too() -> None:
     matcher = ViewMatcher(ViewMatcherConfig(max_views=4))
     corridor(matcher, 9)
     assert len(matcher) == 4 and matcher.process(place(8), odometry=at(8.0)).id == 8
+
+
+def test_candidates_are_places_of_which_several_views_may_be_stored() -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(policy="several", store_below=1.0))
+    for visit in range(4):
+        match = matcher.process(place(0, visit), odometry=at(0.1 * visit))
+    assert len(matcher) > 1 and [id for id, _ in match.candidates] == [0]
+
+
+def test_a_scene_set_needs_a_pose_a_scan() -> None:
+    with pytest.raises(ShapeError, match="odometry"):
+        run_views(scene_drive((0, 1, 2)), ViewMatcher(), odometry=np.stack([np.eye(4)] * 2))
 
 
 BROKEN = np.diag([2.0, 1.0, 1.0, 1.0])
