@@ -112,6 +112,24 @@ void bind_changes(py::class_<SharedMap>& bound) {
           [](SharedMap& self) { self.write([](ExperienceMap& map) { map.mark_interruption(); }); },
           "Notes that the robot may have been carried since odometry's last pose.")
       .def(
+          "mark_interruption_before",
+          [](SharedMap& self, std::int64_t node) {
+            self.write([&](ExperienceMap& map) { map.mark_interruption_before(node); });
+          },
+          "node"_a, "Notes that the robot may have been carried before a node was made.")
+      .def(
+          "rescale_odometry",
+          [](SharedMap& self, double way, double turn) {
+            self.write([&](ExperienceMap& map) { map.rescale_odometry(way, turn); });
+          },
+          "way"_a, "turn"_a, "Multiplies what odometry has measured so far by factors.")
+      .def(
+          "set_odometry_deviations",
+          [](SharedMap& self, double way, double turn) {
+            self.write([&](ExperienceMap& map) { map.set_odometry_deviations(way, turn); });
+          },
+          "way"_a, "turn"_a, "Standard deviations of the factors that odometry may be off by.")
+      .def(
           "check",
           [](SharedMap& self, int kind, std::int64_t source, std::int64_t target, double rotation,
              const std::pair<double, double>& place) {

@@ -164,6 +164,26 @@ Args:
 
 Returns:
     list of (number, Alignment), most probable first, of equal ones the lowest number first.)")
+      .def(
+          "query_near",
+          [](const SharedScenes& self, const Scene& current, const std::vector<std::size_t>& near,
+             std::size_t most, int threads) {
+            std::vector<std::pair<std::size_t, Alignment>> found;
+            for (AlignedScene& scene : self.read([&](const AlignmentIndex& index) {
+                   return index.query_near(current, near, most, threads);
+                 }))
+              found.emplace_back(scene.number, scene.alignment);
+            return found;
+          },
+          "current"_a, "near"_a, "most"_a, py::kw_only(), "threads"_a = 1,
+          R"(As query, with at most so many scenes: those near, and the most similar others.
+
+Args:
+    near: numbers of scenes that are aligned however similar they are.
+    most: of all scenes that are aligned.
+
+Raises:
+    ConfigError: a number that is not stored.)")
       .def("__len__",
            [](const SharedScenes& self) {
              return self.read([](const AlignmentIndex& index) { return index.size(); });

@@ -971,6 +971,17 @@ class AlignmentIndex:
         Returns:
             list of (number, Alignment), most probable first, of equal ones the lowest number first.
         """
+    def query_near(self, current: Scene, near: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], most: typing.SupportsInt | typing.SupportsIndex, *, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> list[tuple[int, Alignment]]:
+        """
+        As query, with at most so many scenes: those near, and the most similar others.
+        
+        Args:
+            near: numbers of scenes that are aligned however similar they are.
+            most: of all scenes that are aligned.
+        
+        Raises:
+            ConfigError: a number that is not stored.
+        """
     def remove(self, number: typing.SupportsInt | typing.SupportsIndex) -> None:
         """
         Removes a scene; the numbers of all later ones fall by one. Raises ConfigError if there is none.
@@ -1171,6 +1182,10 @@ class ExperienceMap:
         """
         Notes that the robot may have been carried since odometry's last pose.
         """
+    def mark_interruption_before(self, node: typing.SupportsInt | typing.SupportsIndex) -> None:
+        """
+        Notes that the robot may have been carried before a node was made.
+        """
     def on_odometry(self, v: typing.SupportsFloat | typing.SupportsIndex, w: typing.SupportsFloat | typing.SupportsIndex, dt: typing.SupportsFloat | typing.SupportsIndex) -> None:
         """
         Moves on: metres and radians a second, seconds.
@@ -1179,9 +1194,17 @@ class ExperienceMap:
         """
         Moves nodes until links fit: the values of Relaxation.
         """
+    def rescale_odometry(self, way: typing.SupportsFloat | typing.SupportsIndex, turn: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        """
+        Multiplies what odometry has measured so far by factors.
+        """
     def restore(self, state: dict[str, numpy.ndarray]) -> None:
         """
         Puts the map into a state that state() gave.
+        """
+    def set_odometry_deviations(self, way: typing.SupportsFloat | typing.SupportsIndex, turn: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        """
+        Standard deviations of the factors that odometry may be off by.
         """
     def state(self) -> dict[str, numpy.ndarray]:
         ...

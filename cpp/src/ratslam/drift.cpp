@@ -40,13 +40,29 @@ bool DriftSearch::reach(std::int64_t node) {
 
 Drift DriftSearch::drift(std::int64_t node, const Pose2& pose) const {
   Drift drift;
+  // Derivatives of the pose by factors on all distances and on all turns of odometry.
+  Drift::Place by_way = Drift::Place::Zero(), by_turn = Drift::Place::Zero();
+  double turns = 0;
   while (node != from_) {
     const Link& link = map_.links[reached_.at(node).link];
     const Pose2& end = map_.nodes[node];
-    drift.add(Drift::isotropic(link.measure.variance_m, link.measure.variance_rad),
-              {pose.x - end.x, pose.y - end.y});
-    node = link.source == node ? link.target : link.source;
+    const Drift::Place away(pose.x - end.x, pose.y - end.y);
+    drift.add(Drift::isotropic(link.measure.variance_m, link.measure.variance_rad), away);
+    const std::int64_t before = link.source == node ? link.target : link.source;
+    if (!link.loop) {
+      const Pose2& start = map_.nodes[before];
+      const double turn = link.source == node ? -link.measure.facing : link.measure.facing;
+      by_way += Drift::Place(end.x - start.x, end.y - start.y);
+      by_turn += turn * Drift::Place(-away[1], away[0]);
+      turns += turn;
+    }
+    node = before;
   }
+  const double way = map_.way_deviation, turn = map_.turn_deviation;
+  by_way *= way, by_turn *= turn, turns *= turn;
+  drift.place += by_way * by_way.transpose() + by_turn * by_turn.transpose();
+  drift.mixed += by_turn * turns;
+  drift.turn(0, 0) += turns * turns;
   return drift;
 }
 

@@ -17,6 +17,9 @@ namespace {
 /// Standard deviations of the way that a robot was carried.
 constexpr double anywhere_m = 100, anywhere_rad = 3;
 
+/// A view counts at least as one of so many.
+constexpr double most_repeats = 50;
+
 void arrive(MapArrays& map, std::int64_t node, const Arrival& arrival) {
   map.current = node;
   const Pose2 pose = compose(map.nodes[node], arrival.offset);
@@ -176,14 +179,25 @@ bool resolve_interruptions(MapArrays& map, const Pending& loop) {
   return fits || has_nodes;
 }
 
+/// Number of loops that say the same as the next one: views that follow closely upon each other err
+/// alike, so that together they tell no more than one of them.
+double count_repeats(const MapArrays& map) {
+  const double alike = 2 * map.config.place_m;
+  return std::clamp(alike / std::max(map.since_loop, 1e-9), 1.0, most_repeats);
+}
+
 void create_edge(MapArrays& map, const MapAction& action) {
   if (!resolve_interruptions(map, build_loop(map, action))) {
     arrive(map, action.target,
            {{action.relative_x, action.relative_y, wrap_angle(action.relative_rotation)}});
     return;
   }
-  const Pending loop = build_loop(map, action);
-  const Arrival arrival = arrival_by(map, loop);
+  Pending loop = build_loop(map, action);
+  const double repeats = count_repeats(map);
+  const Arrival arrival = arrival_by(map, loop, repeats);
+  loop.measure.variance_m += (repeats - 1) * map.config.place_m * map.config.place_m;
+  loop.measure.variance_rad += (repeats - 1) * map.config.place_rad * map.config.place_rad;
+  map.since_loop = 0;
   auto confirmed = agreeing_loops(map, loop);
   for (const std::size_t number : confirmed) add_loop(map, map.pending[number]);
   for (auto number = confirmed.rbegin(); number != confirmed.rend(); ++number)
@@ -257,6 +271,17 @@ void ExperienceMap::mark_interruption() {
   map.pending.clear();
 }
 
+void ExperienceMap::mark_interruption_before(std::int64_t node) {
+  MapArrays& map = *map_;
+  if (node < 1 || node > map.size())
+    throw DataError("interruption before node " + std::to_string(node) + ": expected one from 1 to " +
+                    std::to_string(map.size()));
+  if (!map.robust()) return;
+  std::erase_if(map.interruptions, [&](std::int64_t other) { return other >= node; });
+  map.interruptions.push_back(node);
+  map.pending.clear();
+}
+
 void ExperienceMap::on_odometry(double v, double w, double dt) {
   MapArrays& map = *map_;
   const ExperienceMapConfig& config = map.config;
@@ -271,9 +296,32 @@ void ExperienceMap::on_odometry(double v, double w, double dt) {
                     " s: expected finite values, no way, turn or time beyond 1e12, and a time that "
                     "is not negative");
   map.dx = dx, map.dy = dy, map.facing = facing, map.seconds = seconds;
+  map.since_loop += std::abs(way);
   map.variance_m += place_variance(config.drift_m, std::abs(way));
   map.variance_rad +=
       turn_variance(config.drift_turn, std::abs(turn), config.drift_heading, std::abs(way));
+}
+
+void ExperienceMap::rescale_odometry(double way, double turn) {
+  MapArrays& map = *map_;
+  if (!(way > 0 && turn > 0 && way <= largest_value && turn <= largest_value))
+    throw DataError("factors of odometry " + std::to_string(way) + " and " + std::to_string(turn) +
+                    ": expected finite values above 0");
+  for (Link& link : map.links) {
+    if (link.loop) continue;
+    add_squares(map, link, -1);
+    link.measure.distance = std::min(way * link.measure.distance, largest_value);
+    link.measure.facing = wrap_angle(turn * link.measure.facing);
+    add_squares(map, link, 1);
+  }
+  map.local_only = !map.links.empty();
+}
+
+void ExperienceMap::set_odometry_deviations(double way, double turn) {
+  if (!(way >= 0 && turn >= 0 && way <= largest_value && turn <= largest_value))
+    throw DataError("deviations of odometry's factors " + std::to_string(way) + " and " +
+                    std::to_string(turn) + ": expected finite values of 0 or more");
+  map_->way_deviation = way, map_->turn_deviation = turn;
 }
 
 LoopCheck ExperienceMap::check(const MapAction& action) {

@@ -139,15 +139,16 @@ bool fits_odometry(const MapArrays& map, const Pending& loop) {
   return drift && compare_with_map(map, loop, *drift).accepted;
 }
 
-Arrival arrival_by(const MapArrays& map, const Pending& loop) {
-  const double place_m = map.config.place_m * map.config.place_m;
-  const double place_rad = map.config.place_rad * map.config.place_rad;
+Arrival arrival_by(const MapArrays& map, const Pending& loop, double repeats) {
+  const double view_m = map.config.place_m * map.config.place_m;
+  const double view_rad = map.config.place_rad * map.config.place_rad;
+  const double place_m = repeats * view_m, place_rad = repeats * view_rad;
   const auto drift = drift_since(map, loop.target, unsure * (place_m + place_rad));
   if (!drift || !compare_with_map(map, loop, *drift).accepted)
     return {loop.place, place_m, place_rad};
   // The variances of the link hold those of the motion since the current node and of the view.
-  const double m = drift->largest() + loop.measure.variance_m - place_m;
-  const double rad = drift->turn(0, 0) + loop.measure.variance_rad - place_rad;
+  const double m = drift->largest() + loop.measure.variance_m - view_m;
+  const double rad = drift->turn(0, 0) + loop.measure.variance_rad - view_rad;
   const double share_m = m / (m + place_m), share_rad = rad / (rad + place_rad);
   const Pose2 seen = relative_pose(map.nodes[loop.target], map.pose());
   return {{seen.x + share_m * (loop.place.x - seen.x), seen.y + share_m * (loop.place.y - seen.y),

@@ -94,6 +94,8 @@ struct MapArrays {
   double dx = 0, dy = 0, facing = 0;  ///< since the current node, in the frame of the map
   double seconds = 0, variance_m = 0, variance_rad = 0;
   double arrived_m = 0, arrived_rad = 0;  ///< variances of its pose when it came to that node
+  double since_loop = 0;                  ///< m, driven since the last loop
+  double way_deviation = 0, turn_deviation = 0;  ///< of odometry's factors
 
   std::vector<std::int64_t> due;          ///< nodes whose surroundings are to be relaxed
   double credit = 0;                      ///< nodes that may be moved by now
@@ -140,7 +142,8 @@ struct Arrival {
 bool fits_odometry(const MapArrays& map, const Pending& loop);
 
 /// Fuses odometry and the view unless they contradict each other; then the view alone counts.
-Arrival arrival_by(const MapArrays& map, const Pending& loop);
+/// `repeats`: factor on the variances of the view.
+Arrival arrival_by(const MapArrays& map, const Pending& loop, double repeats);
 
 /// First node after the latest unresolved interruption of odometry between the target and the
 /// robot, which may not be there yet; -1 if there is none.

@@ -17,6 +17,9 @@ using detail::MapArrays;
 using detail::Measure;
 using detail::Pending;
 
+/// Of version 0.2.0.
+constexpr std::size_t robot_values_before = 11;
+
 void expect(bool right, const std::string& message) {
   if (!right) throw DataError("state of an experience map: " + message);
 }
@@ -65,7 +68,8 @@ void check_sizes(const MapState& state) {
   expect(state.nodes.size() % 3 == 0, "nodes has no three values a node");
   expect_size(state.ends.size(), 2 * links, "ends");
   expect_size(state.links.size(), MapState::link_values * links, "links");
-  expect_size(state.robot.size(), MapState::robot_values, "robot");
+  if (state.robot.size() != robot_values_before)
+    expect_size(state.robot.size(), MapState::robot_values, "robot");
   expect_size(state.counts.size(), MapState::robot_counts, "counts");
   expect(state.pending_ends.size() % 2 == 0, "pending_ends has no two values a loop");
   expect(state.pending_ends.size() <= 2 * detail::most_pending,
@@ -88,9 +92,9 @@ void expect_joined(const MapState& state, std::int64_t count) {
 
 /// Searches add up variances and would never end where a sum could fall.
 void check_robot(const std::vector<double>& robot) {
-  constexpr std::size_t not_negative[] = {3, 4, 5, 9, 10};
+  constexpr std::size_t not_negative[] = {3, 4, 5, 9, 10, 11, 12, 13};
   for (const std::size_t i : not_negative)
-    expect(robot[i] >= 0, "robot holds a time or variance below 0");
+    expect(i >= robot.size() || robot[i] >= 0, "robot holds a time, way or variance below 0");
 }
 
 void check_values(const MapState& state) {
@@ -130,7 +134,8 @@ MapState ExperienceMap::state() const {
   }
   state.robot = {map.dx,          map.dy,           map.facing,     map.seconds,
                  map.variance_m,  map.variance_rad, map.credit,     map.squares_m,
-                 map.squares_rad, map.arrived_m,    map.arrived_rad};
+                 map.squares_rad, map.arrived_m,    map.arrived_rad, map.since_loop,
+                 map.way_deviation, map.turn_deviation};
   state.counts = {map.current, map.local_only};
   state.due = map.due;
   for (const Pending& loop : map.pending) {
@@ -171,6 +176,8 @@ void ExperienceMap::restore(const MapState& state) {
   map->variance_m = robot[4], map->variance_rad = robot[5], map->credit = robot[6];
   map->squares_m = robot[7], map->squares_rad = robot[8];
   map->arrived_m = robot[9], map->arrived_rad = robot[10];
+  if (robot.size() > robot_values_before)
+    map->since_loop = robot[11], map->way_deviation = robot[12], map->turn_deviation = robot[13];
   map->current = state.counts[0];
   map->local_only = state.counts[1] != 0;
   map->due = state.due;

@@ -22,19 +22,41 @@ namespace {
 
 using Candidate = std::pair<float, std::size_t>;  // distance of the thumbnails, number
 
-std::vector<Candidate> candidates_of(const AlignedScenes& scenes, const Thumbnail& thumbnail) {
+/// Candidates with the most similar thumbnails, those `near` first; all with comparable thumbnails.
+std::vector<Candidate> candidates_of(const AlignedScenes& scenes, const Thumbnail& thumbnail,
+                                     const std::vector<std::size_t>& near, std::size_t most) {
   std::vector<Candidate> found;
   for (std::size_t i = 0; i < scenes.thumbnails.size(); ++i) {
     if (i % 4096 == 0) check_interrupt();
     const float distance = thumbnail_distance(thumbnail, scenes.thumbnails[i]);
     if (std::isfinite(distance)) found.emplace_back(distance, i);
   }
-  const auto most = static_cast<std::size_t>(scenes.config.candidates);
+  const auto first = std::partition(found.begin(), found.end(), [&](const Candidate& one) {
+    return std::find(near.begin(), near.end(), one.second) != near.end();
+  });
   if (found.size() > most) {
-    std::nth_element(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(most), found.end());
+    const auto last = found.begin() + static_cast<std::ptrdiff_t>(most);
+    std::nth_element(std::min(first, last), last, found.end());
     found.resize(most);
   }
   std::sort(found.begin(), found.end());
+  return found;
+}
+
+std::vector<AlignedScene> align_all(const AlignedScenes& scenes, const Scene& current,
+                                    const std::vector<Candidate>& candidates, int threads) {
+  const PreparedView view = prepare(current.image);
+  std::vector<AlignedScene> found(candidates.size());
+  parallel_for(found.size(), threads, [&](std::size_t i) {
+    const auto [distance, number] = candidates[i];
+    found[i] = {number,
+                align_views(view, prepare(scenes.images[number]), distance, scenes.config)};
+  });
+  std::sort(found.begin(), found.end(), [](const AlignedScene& a, const AlignedScene& b) {
+    if (a.alignment.probability != b.alignment.probability)
+      return a.alignment.probability > b.alignment.probability;
+    return a.number < b.number;
+  });
   return found;
 }
 
@@ -83,20 +105,16 @@ void AlignmentIndex::remove(std::size_t number) {
 }
 
 std::vector<AlignedScene> AlignmentIndex::query(const Scene& current, int threads) const {
-  const auto candidates = detail::candidates_of(*scenes_, detail::thumbnail_of(current.image));
-  const detail::PreparedView view = detail::prepare(current.image);
-  std::vector<AlignedScene> found(candidates.size());
-  detail::parallel_for(found.size(), threads, [&](std::size_t i) {
-    const auto [distance, number] = candidates[i];
-    found[i] = {number, detail::align_views(view, detail::prepare(scenes_->images[number]),
-                                            distance, scenes_->config)};
-  });
-  std::sort(found.begin(), found.end(), [](const AlignedScene& a, const AlignedScene& b) {
-    if (a.alignment.probability != b.alignment.probability)
-      return a.alignment.probability > b.alignment.probability;
-    return a.number < b.number;
-  });
-  return found;
+  return query_near(current, {}, static_cast<std::size_t>(config().candidates), threads);
+}
+
+std::vector<AlignedScene> AlignmentIndex::query_near(const Scene& current,
+                                                     const std::vector<std::size_t>& near,
+                                                     std::size_t most, int threads) const {
+  for (const std::size_t number : near) image(number);
+  const auto candidates =
+      detail::candidates_of(*scenes_, detail::thumbnail_of(current.image), near, most);
+  return detail::align_all(*scenes_, current, candidates, threads);
 }
 
 }  // namespace fusionslam

@@ -55,6 +55,11 @@ class Sighting:
     relative_place: tuple[float, float] = (0.0, 0.0)
     reason: str = ""
 
+    @property
+    def measures_place(self) -> bool:
+        """Whether the source measures positions: without, the robot is taken to be at the view."""
+        return self.relative_place != (0.0, 0.0)
+
 
 # Stamps are stored as int64; their differences must fit, too.
 _LATEST_NS = 2**62

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     class ExperienceMapConfig(Section):
         @property
         def preset(self) -> str: ...
+        @property
+        def drift_turn(self) -> float: ...
+        @property
+        def drift_heading(self) -> float: ...
 else:
     ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig, __name__)
     ExperienceMapConfig.__doc__ = "Parameters of map correction and of the acceptance of loops."
@@ -162,6 +166,25 @@ class ExperienceMap:
         elsewhere, ``rejoin`` loops at different places that agree with each other put it there.
         """
         self._map.mark_interruption()
+
+    def rescale_odometry(self, way: float, turn: float) -> None:
+        """Multiply the distances and turns that odometry has measured so far by factors.
+
+        Raises:
+            DataError: a factor that is not above 0 and finite; the map is unchanged.
+        """
+        self._map.rescale_odometry(way, turn)
+
+    def set_odometry_deviations(self, way: float, turn: float) -> None:
+        """Say how far odometry's distances and turns may be off as a whole.
+
+        Args:
+            way, turn: standard deviations of the factors; 0 by default.
+
+        Raises:
+            DataError: a value that is negative or not finite.
+        """
+        self._map.set_odometry_deviations(way, turn)
 
     def check(self, action: Action) -> LoopCheck:
         """Check whether a loop fits odometry; call it before ``apply``.

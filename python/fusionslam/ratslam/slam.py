@@ -25,6 +25,7 @@ from fusionslam._core import ActionKind
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.geometry.odometry_calibration import OdometryCalibration
 from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.events import (
     Event,
@@ -58,7 +59,7 @@ from fusionslam.views.match import NO_VIEW
 
 FORMAT = "fusionslam.ratslam.1"
 _PARTS = ("cells", "map", "alone")
-_RUN, _VIEWS = "run", "views"
+_RUN, _VIEWS, _CALIBRATION = "run", "views", "calibration"
 
 NOTHING = Action(ActionKind.NONE)
 
@@ -97,6 +98,11 @@ class RatSlamConfig(Section):
     )
     ambiguous: int = option(
         3, "a view seen at this many other places is too ambiguous to override odometry", ge=1
+    )
+    calibrate: bool = option(
+        True,
+        "learn from views that measure the robot's pose how much too long odometry's distances and "
+        "turns are (robust)",
     )
 
 
@@ -163,6 +169,7 @@ class RatSlam:
         map: the experience map.
         views: the view source, which recognises places.
         alone: a map without nodes, for dead reckoning.
+        calibration: what views say of odometry.
         memory: the rest of the state.
 
     Raises:
@@ -184,6 +191,8 @@ class RatSlam:
         # A map without nodes follows odometry alone.
         self.alone = ExperienceMap(self.map.config)
         self.memory = Memory()
+        drift = self.map.config
+        self.calibration = OdometryCalibration(drift.drift_turn, drift.drift_heading)
         cells = self.cells.config
         farthest = _FARTHEST[cells.preset] * cells.cell_m
         self._limits = Limits(
@@ -275,6 +284,8 @@ class RatSlam:
             for part in _PARTS:
                 state = getattr(self, part).state()
                 arrays |= {f"{part}.{key}": np.asarray(value) for key, value in state.items()}
+            learned = self.calibration.state()
+            arrays |= {f"{_CALIBRATION}.{key}": value for key, value in learned.items()}
             if self.views is not None:
                 arrays[_VIEWS] = np.frombuffer(self.views.to_bytes(), np.uint8)
         if run is not None:
@@ -299,12 +310,13 @@ class RatSlam:
             views = _empty_source(about["views"], views)
             slam = cls(merged(RatSlamConfig(), about["config"]), views=views)
             for part in _PARTS:
-                start = f"{part}."
-                state = {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)}
-                getattr(slam, part).restore(state)
+                getattr(slam, part).restore(_state_of(part, arrays))
             if slam.views is not None:
                 slam.views.restore(arrays[_VIEWS].tobytes())
             memory = slam.memory = Memory.of(about["memory"])
+            learned = _state_of(_CALIBRATION, arrays)
+            if learned:  # files of version 0.2.0 have none
+                slam.calibration.restore(learned, len(learned["tracks"]) - 1)
             counts = len(slam.map), len(memory.node_stamps_ns), len(memory.node_views)
             if len(set(counts)) > 1:
                 raise DataError("{} nodes, {} stamps and {} views of nodes".format(*counts))
@@ -329,7 +341,11 @@ class RatSlam:
         if motion is not None:
             if motion.interrupted:
                 self.map.mark_interruption()
+                self.calibration.forget()
             for v, w, dt in motion.legs:
+                self.calibration.move(v * dt, w * dt)
+                self.alone.on_odometry(v, w, dt)
+                v, w = v * self.calibration.factors.way, w * self.calibration.factors.turn
                 # openratslam takes less than a cell at a time.
                 pieces = 1 if cells.preset == "robust" else int(abs(v * dt) / cells.cell_m) + 1
                 with watch.measure("cells"):
@@ -337,7 +353,6 @@ class RatSlam:
                         self.cells.on_odometry(v, w, dt / pieces)
                 with watch.measure("map"):
                     self.map.on_odometry(v, w, dt)
-                self.alone.on_odometry(v, w, dt)
             self.memory.moved = True
         if odometry is not None:
             self.memory.odometry, self.memory.newest_ns = odometry, odometry.stamp_ns
@@ -360,7 +375,21 @@ class RatSlam:
                     sighting.view_id, sighting.relative_rotation, sighting.relative_place
                 )
             self.memory.view = int(sighting.view_id)
+            with watch.measure("map"):
+                self._calibrate(sighting)
         self.memory.looked_ns = self.memory.newest_ns = int(event.stamp_ns)
+
+    def _calibrate(self, sighting: Sighting) -> None:
+        """Learn from a view of which odometry's errors were part of the map so far."""
+        view_id = int(sighting.view_id)
+        if view_id == len(self.calibration):
+            self.calibration.store()
+        elif self.config.calibrate and self.preset == "robust" and sighting.measures_place:
+            pose = (*sighting.relative_place, sighting.relative_rotation)
+            changed = self.calibration.observe(view_id, pose)
+            if changed is not None:
+                self.map.rescale_odometry(*changed)
+                self.map.relax(whole=True)
 
     def _act(
         self, motion: MotionStep | None, sighting: Sighting | None, watch: Stopwatch
@@ -466,6 +495,11 @@ def load_run(path: PathLike) -> RatSlamRun | None:
     """
     with load_archive(path, FORMAT, "a stored RatSLAM") as (_, arrays):
         return RatSlamRun.load(io.BytesIO(arrays[_RUN].tobytes())) if _RUN in arrays else None
+
+
+def _state_of(part: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    start = f"{part}."
+    return {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)}
 
 
 def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | None:

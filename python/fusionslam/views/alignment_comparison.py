@@ -6,6 +6,8 @@ The stored views with the most similar thumbnails are aligned with the current v
 probability that both show the same place follows from what each should have seen of the other.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fusionslam._core import (
@@ -85,6 +87,11 @@ class AlignmentComparison(SceneComparison):
 
     def compare(self, view: View, most: int) -> list[Candidate]:
         found = self._index.query(view.content, threads=self._threads)[:most]
+        return [Candidate(slot, a.probability, (a.x, a.y, a.yaw)) for slot, a in found]
+
+    def compare_near(self, view: View, slots: Sequence[int], most: int) -> list[Candidate]:
+        """Up to ``most`` stored views, best first: those of some slots, and the most similar."""
+        found = self._index.query_near(view.content, slots, most, threads=self._threads)
         return [Candidate(slot, a.probability, (a.x, a.y, a.yaw)) for slot, a in found]
 
     def _encode(self, scene: Scene) -> bytes:

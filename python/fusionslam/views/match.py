@@ -3,9 +3,22 @@
 """Results of a ``ViewMatcher``: one per scan, and counts over all scans."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 NO_VIEW = -1
 """The id of scans without anything to recognise, and of those that may show several places."""
+
+
+class Revision(NamedTuple):
+    """An earlier answer that turned out to be another one.
+
+    Attributes:
+        scan: number of the scan, counted from 0.
+        id: its place; -1 if the answer was wrong, and the place is not known.
+    """
+
+    scan: int
+    id: int
 
 
 @dataclass(frozen=True)
@@ -27,6 +40,9 @@ class ViewMatch:
             does not decide.
         candidates: with odometry: places that were considered, most probable first, and the
             probability of each.
+        look_alikes: with odometry: number of other places that look like the scan.
+        by_odometry: whether odometry alone has the robot at the place: the scan did not show it.
+        revised: earlier scans whose answers turned out to be others.
     """
 
     id: int
@@ -38,6 +54,9 @@ class ViewMatch:
     relative_pose: tuple[float, float, float] | None = None
     is_ambiguous: bool = False
     candidates: tuple[tuple[int, float], ...] = ()
+    look_alikes: int = 0
+    by_odometry: bool = False
+    revised: tuple[Revision, ...] = ()
 
 
 @dataclass
@@ -50,6 +69,8 @@ class ViewStats:
         new: new places, which is the number of ids given.
         nothing: scans without anything to recognise.
         ambiguous: scans that may show several places.
+        by_odometry: scans that matched because of odometry alone.
+        revised: answers that were revised.
         single: scans with a single object.
         stored: views stored now.
         dropped: views removed to make room for others.
@@ -61,6 +82,8 @@ class ViewStats:
     new: int = 0
     nothing: int = 0
     ambiguous: int = 0
+    by_odometry: int = 0
+    revised: int = 0
     single: int = 0
     stored: int = 0
     dropped: int = 0

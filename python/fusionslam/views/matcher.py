@@ -22,8 +22,8 @@ from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import PathLike
 from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
-from fusionslam.views.match import NO_VIEW, Slot, ViewMatch, ViewStats
-from fusionslam.views.place_filter import PlaceFilter, PlaceFilterConfig
+from fusionslam.views.match import NO_VIEW, Revision, Slot, ViewMatch, ViewStats
+from fusionslam.views.place_filter import Belief, Location, PlaceFilter, PlaceFilterConfig
 from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
@@ -136,10 +136,13 @@ class ViewMatcher:
             places = self._filter
             if odometry is not None and places is None:
                 places = self._new_filter()
-            if places is not None:
-                places.move(odometry)
+            problem = "" if places is None else places.move(odometry)
             self._filter = places
             match = self._match(view)
+            if places is not None:
+                match = self._revise(match, places)
+            if problem:
+                match = replace(match, reason=f"{match.reason}; {problem}")
             self._stats.processed += 1
             self._stats.single += view.objects == 1
         return match
@@ -168,27 +171,84 @@ class ViewMatcher:
 
     def _match_place(self, view: View, places: PlaceFilter) -> ViewMatch:
         """Recognise the place by what the scan and odometry say together."""
-        most = self._places_config.candidates
-        belief = places.weigh(self.comparison.compare(view, most) if self._slots else [])
-        by_place: dict[int, float] = {}
-        for slot, share in belief.shares:
-            place = self._slots[slot].id
-            by_place[place] = by_place.get(place, 0.0) + share
-        shares = tuple(sorted(by_place.items(), key=lambda item: -item[1]))
+        candidates = self._find_candidates(view, places)
+        belief = places.weigh(candidates, self.threshold)
+        firsts = self._first_slots()
         if belief.best is not None and belief.known >= self.threshold:
-            places.arrive(belief.best)
-            match = self._match_view(view, replace(belief.best, similarity=belief.known))
+            places.arrive(belief.best, candidates)
+            best = replace(belief.best, similarity=belief.known)
+            older = places.locate(firsts, self._places_config.older)
+            if older is not None and self._slots[older.slot].id < self._slots[best.slot].id:
+                best = replace(best, slot=older.slot, relative_pose=older.pose)
+            match = self._match_view(view, best)
+        elif (here := places.locate(firsts, self.threshold)) is not None:
+            match = self._match_by_odometry(here)
         elif belief.new >= 0.5 or belief.best is None:
             match = self._start_place(view, None)
             reason = f"new view {match.id}: probability {belief.new:.4g}"
             match = replace(match, similarity=belief.new, reason=reason)
         else:
-            self._stats.ambiguous += 1
-            places.pass_by()
-            why = "the robot is lost" if places.is_lost else f"none has {self.threshold:.4g}"
-            reason = f"ambiguous: {counted(len(shares), 'place')} may be right, {why}"
-            match = ViewMatch(NO_VIEW, belief.known, False, reason, False, is_ambiguous=True)
-        return replace(match, candidates=shares)
+            match = self._hold_back(belief, places)
+        by_place: dict[int, float] = {}
+        for slot, share in belief.shares:
+            place = self._slots[slot].id
+            by_place[place] = by_place.get(place, 0.0) + share
+        shares = tuple(sorted(by_place.items(), key=lambda item: -item[1]))
+        return replace(match, candidates=shares, look_alikes=belief.look_alikes)
+
+    def _find_candidates(self, view: View, places: PlaceFilter) -> list[Candidate]:
+        if not self._slots:
+            return []
+        config = self._places_config
+        most = config.lost_candidates if places.is_lost else config.candidates
+        if isinstance(self.comparison, AlignmentComparison):
+            return self.comparison.compare_near(view, places.find_near(), most)
+        return self.comparison.compare(view, most)
+
+    def _first_slots(self) -> list[int]:
+        """The first stored view of each place, oldest first."""
+        firsts: dict[int, int] = {}
+        for number, slot in enumerate(self._slots):
+            firsts.setdefault(slot.id, number)
+        return [*firsts.values()]
+
+    def _match_by_odometry(self, here: Location) -> ViewMatch:
+        """The robot is at a place that the scan does not show, as if something stood before it."""
+        slot = self._slots[here.slot]
+        slot.use(self._stats.processed)
+        self._stats.matched += 1
+        self._stats.by_odometry += 1
+        return ViewMatch(
+            id=slot.id,
+            similarity=here.probability,
+            is_new=False,
+            reason=f"matched view {slot.id}: odometry has the robot there, not the scan",
+            stored=False,
+            matched=slot.number,
+            relative_pose=here.pose,
+            by_odometry=True,
+        )
+
+    def _hold_back(self, belief: Belief, places: PlaceFilter) -> ViewMatch:
+        self._stats.ambiguous += 1
+        places.pass_by()
+        why = "the robot is lost" if places.is_lost else f"none has {self.threshold:.4g}"
+        said = counted(len({self._slots[slot].id for slot, _ in belief.shares}), "place")
+        reason = f"ambiguous: {said} may be right, {why}"
+        return ViewMatch(NO_VIEW, belief.known, False, reason, False, is_ambiguous=True)
+
+    def _revise(self, match: ViewMatch, places: PlaceFilter) -> ViewMatch:
+        """Remember an answer, and revise those before it."""
+        firsts = self._first_slots()
+        revised: list[Revision] = []
+        if match.matched is not None and not match.by_odometry:
+            ids = [self._slots[slot].id for slot in firsts]
+            found = places.revise(firsts, ids, self.threshold)
+            revised = [Revision(scan, id) for scan, id in found]
+        if match.id != NO_VIEW or match.is_ambiguous:
+            places.note_answer(self._stats.processed, match.id)
+        self._stats.revised += len(revised)
+        return replace(match, revised=tuple(revised))
 
     def _skip(self, view: View) -> ViewMatch:
         self._stats.nothing += 1

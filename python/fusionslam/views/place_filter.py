@@ -9,7 +9,7 @@ how far odometry may be off since each of them. Only relative motion counts.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 from fusionslam._core import ActionKind, ExperienceMap, ExperienceMapConfig
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.geometry.odometry_calibration import OdometryCalibration
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se2 import compose, places_of, wrapped
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.comparison import Candidate
+from fusionslam.views.match import NO_VIEW
+from fusionslam.views.place_hypotheses import NO_NODE, Evidence, PlaceHypotheses
 
 Place = tuple[float, float, float]
 """x, y in metres and heading in radians."""
@@ -31,9 +34,18 @@ _CERTAIN = 0.02
 0.98 and more are wrong."""
 _SAME_M, _SAME_RAD = 0.5, 0.3
 """Candidates whose poses of the robot are this near each other say the same."""
+_ALIKE = 0.5
+"""Probability from which on a place counts as a look-alike."""
 _BESIDE_M = 5.0
 """Metres by which the area of the robot is longer and wider than that of the stored views."""
-
+_NEAR_M, _NEAR_RAD, _NEAR = 1.5, 1.0, 6
+"""So many views that are stored within this of the robot are compared with every scan."""
+_REVISED_M = 0.2
+"""A match that moves the robot by more than this may change earlier answers, too."""
+_NODE_M = 0.3
+"""Metres after which the way of a robot that matches nothing gets another node."""
+_ELSEWHERE, _ELSEWHERE_LOST = 1e-3, 0.02
+"""Odds that the robot is where a scan resembles a view, and not where the filter has it."""
 
 _OF_THE_MAP = ("drift_m", "drift_turn", "drift_heading", "place_m", "place_rad", "sigmas")
 """Options that the experience map has, too."""
@@ -42,7 +54,8 @@ _OF_THE_MAP = ("drift_m", "drift_turn", "drift_heading", "place_m", "place_rad",
 class PlaceFilterConfig(Section):
     """How candidates of a scan are weighed by odometry."""
 
-    candidates: int = option(20, "stored views that are weighed for a scan", ge=1, le=10_000)
+    candidates: int = option(12, "stored views that are weighed for a scan", ge=1, le=10_000)
+    lost_candidates: int = option(20, "the same while the robot may be anywhere", ge=1, le=10_000)
     least: float = option(
         0.05, "candidates that are less probable by their scans alone are left out", ge=0, le=1
     )
@@ -71,6 +84,12 @@ class PlaceFilterConfig(Section):
     )
     place_m: float = option(0.1, "standard deviation of an alignment's position", unit="m", gt=0)
     place_rad: float = option(0.05, "standard deviation of its heading", unit="rad", gt=0)
+    radius_m: float = option(0.8, "a place reaches so far around its first view", unit="m", gt=0)
+    radius_rad: float = option(0.4, "and so far to both sides of its heading", unit="rad", gt=0)
+    older: float = option(
+        0.6, "an older place is preferred if the robot is there with this probability", ge=0, le=1
+    )
+    window: int = option(20, "an answer can be revised until so many scans later", ge=0, le=10_000)
     max_step: float = option(
         5.0, "odometry that moves farther between two scans has jumped", unit="m", gt=0
     )
@@ -85,20 +104,48 @@ class Belief:
         known: probability that the place is that of ``best``.
         new: probability that no candidate is right.
         shares: slots of the candidates and the probability of each, most probable first.
+        look_alikes: number of other poses at which stored views look like the scan.
     """
 
     best: Candidate | None
     known: float
     new: float
     shares: tuple[tuple[int, float], ...] = ()
+    look_alikes: int = 0
 
 
-class _Weight(NamedTuple):
-    """A candidate, its odds against a new place, and whether odometry or other loops confirm it."""
+class Location(NamedTuple):
+    """A place that the robot is at, going by odometry since other matches.
 
-    candidate: Candidate
-    odds: float
-    is_confirmed: bool
+    Attributes:
+        slot: of the first view of the place.
+        probability: that the robot is there.
+        pose: of the robot in the frame of that view.
+    """
+
+    slot: int
+    probability: float
+    pose: Place
+
+
+class Answer(NamedTuple):
+    """An answer that may be revised: number of the scan, id, and where the robot was."""
+
+    scan: int
+    id: int
+    node: int
+    offset: Place
+
+
+class _Check(NamedTuple):
+    """How a candidate fits odometry: as ``LoopCheck`` of RatSLAM."""
+
+    accepted: bool
+    error_m: float
+    error_rad: float
+    allowed_m: float
+    allowed_rad: float
+    reason: str
 
 
 class PlaceFilter:
@@ -111,125 +158,258 @@ class PlaceFilter:
     def __init__(self, config: PlaceFilterConfig | None = None) -> None:
         self.config = config or PlaceFilterConfig()
         values = {name: getattr(self.config, name) for name in _OF_THE_MAP}
-        self._map = ExperienceMap(ExperienceMapConfig(**values))
+        # Loops that agree are no evidence where places look alike: hypotheses weigh them.
+        self._map = ExperienceMap(ExperienceMapConfig(**values, agreement_m=0.0))
+        self._calibration = OdometryCalibration(self.config.drift_turn, self.config.drift_heading)
+        self._map.set_odometry_deviations(*self._calibration.deviations)
+        self._hypotheses = PlaceHypotheses()
         self._nodes: list[int] = []
         self._last: Place | None = None
         self._lost_since: int | None = None
+        self._answers: list[Answer] = []
+        self._was_moved = False
 
     @property
     def is_lost(self) -> bool:
         """Whether odometry was interrupted, and no view from before was matched since."""
         return self._lost_since is not None
 
-    def move(self, odometry: Matrix | None) -> None:
+    @property
+    def factors(self) -> tuple[float, float]:
+        """What odometry's distances and turns are multiplied by, as learned so far."""
+        return self._calibration.factors
+
+    def move(self, odometry: Matrix | None) -> str:
         """Move the robot to where odometry has it now.
 
         Args:
             odometry: float64 (4, 4), odom_from_robot; None if it is unknown, so that the robot may
-                be anywhere.
+                be anywhere. What is no rigid motion counts as unknown.
+
+        Returns:
+            What is wrong with odometry, as a sentence; empty if nothing is.
 
         Raises:
-            ShapeError: it is not (4, 4). DataError: it is no rigid motion (code "not-a-rotation").
+            ShapeError: it is not (4, 4).
         """
-        here = None if odometry is None else _ground(odometry)
+        here, problem = (None, "no odometry") if odometry is None else _ground(odometry)
         before, self._last = self._last, here
-        if before is None or here is None:
-            self._interrupt()
-            return
+        if here is None:
+            return self._interrupt(problem)
+        if before is None:
+            return self._interrupt("odometry begins")
         x, y = here[0] - before[0], here[1] - before[1]
         way, turn = math.hypot(x, y), _wrap(here[2] - before[2])
         if way > self.config.max_step:
-            self._interrupt()
-            return
+            return self._interrupt(f"odometry jumped by {way:.4g} m")
         bearing = _wrap(math.atan2(y, x) - before[2]) if way else 0.0
+        factors = self._calibration.factors
+        ahead = factors.way * way
+        self._hypotheses.move(
+            (ahead * math.cos(bearing), ahead * math.sin(bearing), factors.turn * turn)
+        )
         if abs(bearing) > math.pi / 2:  # backwards
             way, bearing = -way, bearing - math.copysign(math.pi, bearing)
         for v, w in ((0.0, bearing), (way, 0.0), (0.0, turn - bearing)):
-            self._map.on_odometry(v, w, 1.0)
+            self._calibration.move(v, w)
+            self._map.on_odometry(v * factors.way, w * factors.turn, 1.0)
+        return ""
 
-    def _interrupt(self) -> None:
+    def _interrupt(self, problem: str) -> str:
         self._map.mark_interruption()
+        self._calibration.forget()
         # A second time it may still be where it was lost first.
         if self._lost_since is None and len(self._map):
             self._lost_since = len(self._map)
+            self._hypotheses.clear()
+        return f"{problem}: the robot may be anywhere" if self.is_lost else ""
 
-    def weigh(self, candidates: Sequence[Candidate]) -> Belief:
+    def find_near(self) -> list[int]:
+        """Slots of the views stored nearest to where the robot is; none if it is lost."""
+        if self.is_lost or not self._nodes:
+            return []
+        apart = self._map.nodes[self._nodes] - np.array(self._map.pose)
+        metres = np.hypot(apart[:, 0], apart[:, 1])
+        near = np.flatnonzero((metres < _NEAR_M) & (np.abs(wrapped(apart[:, 2])) < _NEAR_RAD))
+        return [int(slot) for slot in near[np.argsort(metres[near], kind="stable")[:_NEAR]]]
+
+    def weigh(self, candidates: Sequence[Candidate], least: float) -> Belief:
         """Weigh candidates by where odometry has the robot.
 
         Args:
             candidates: with ``relative_pose``, and the probability as ``similarity``.
+            least: the probability from which on a place is known.
         """
+        likely = [c for c in candidates if c.similarity >= self.config.least and c.relative_pose]
         nodes = self._map.nodes
-        weights, stored, seen = [], [], []
-        for one in candidates:
-            if one.similarity >= self.config.least and one.relative_pose is not None:
-                weights.append(self._weigh_one(one, one.relative_pose, nodes))
-                stored.append(nodes[self._nodes[one.slot]])
-                seen.append(one.relative_pose)
-        if not weights:
-            return Belief(None, 0.0, 1.0)
-        odds = np.array([each.odds for each in weights])
-        total, best = 1.0 + float(odds.sum()), int(odds.argmax())
-        poses = compose(np.array(stored), np.array(seen))
-        apart = poses - poses[best]
-        same = np.hypot(apart[:, 0], apart[:, 1]) < _SAME_M
-        same &= np.abs(wrapped(apart[:, 2])) < _SAME_RAD
-        known = float(odds[same].sum()) / total if weights[best].is_confirmed else 0.0
-        shares = [(each.candidate.slot, each.odds / total) for each in weights]
-        shares.sort(key=lambda share: (-share[1], share[0]))
-        return Belief(weights[best].candidate, known, 1.0 / total, tuple(shares))
+        views = nodes[self._nodes]
+        slots = [one.slot for one in likely]
+        poses = compose(
+            views[slots], np.array([one.relative_pose for one in likely]).reshape(-1, 3)
+        )
+        probabilities = np.array([one.similarity for one in likely])
+        alike, leaders = _count_look_alikes(poses, probabilities)
+        checks = [self._check(one.slot, one.relative_pose) for one in likely]
+        area = float((np.ptp(nodes[:, :2], axis=0) + _BESIDE_M).prod()) if len(nodes) else 1.0
+        odds = np.array(
+            [
+                self._weigh_one(one, check, float(other), area)
+                for one, check, other in zip(likely, checks, alike, strict=True)
+            ]
+        )
+        belief = Belief(None, 0.0, 1.0)
+        total = 1.0 + float(odds.sum())
+        if likely:
+            best = int(odds.argmax())
+            same = _say_the_same(poses, poses[best])
+            known = float(odds[same].sum()) / total if self._fits(checks[best]) else 0.0
+            shares = [(slot, float(share)) for slot, share in zip(slots, odds / total, strict=True)]
+            shares.sort(key=lambda share: (-share[1], share[0]))
+            others = np.count_nonzero(~_say_the_same(leaders, poses[best]))
+            belief = Belief(likely[best], known, 1.0 / total, tuple(shares), int(others))
+        found = self._weigh_hypotheses(poses, probabilities, slots, least)
+        if found is not None and belief.known < least:
+            which, share = found
+            belief = replace(belief, best=likely[which], known=share, new=1.0 - share)
+        return belief
 
-    def _weigh_one(self, candidate: Candidate, pose: Place, nodes: Floats) -> "_Weight":
+    def _weigh_hypotheses(
+        self, poses: Floats, probabilities: Floats, slots: list[int], least: float
+    ) -> tuple[int, float] | None:
+        """The candidate by which the robot is elsewhere, and its probability; None if it is not."""
+        nodes, here = self._map.nodes, np.array(self._map.pose)
+        before = np.array([self._is_before_loss(slot) for slot in slots], bool)
+        agrees = _say_the_same(poses, here)
+        elsewhere = before if self.is_lost else ~agrees
+        old = [n for s, n in enumerate(self._nodes) if self._is_before_loss(s) or not self.is_lost]
+        evidence = Evidence(NO_NODE, NO_NODE, self.is_lost)
+        if not self.is_lost:
+            there = np.array(self._nodes, np.int64)[_say_the_same(nodes[self._nodes], here)]
+            confirming = [self._nodes[s] for s, one in zip(slots, agrees, strict=True) if one]
+            evidence = Evidence(
+                min(confirming, default=NO_NODE), int(there.min(initial=NO_NODE)), False
+            )
+        prior = _ELSEWHERE_LOST if self.is_lost else _ELSEWHERE
+        self._hypotheses.weigh(
+            *(poses[elsewhere], probabilities[elsewhere], nodes[old]),
+            *(evidence, max(1, len(self._map)), prior),
+        )
+        number = self._hypotheses.find(least)
+        if number is None:
+            return None
+        agreeing = np.flatnonzero(elsewhere & _say_the_same(poses, self._hypotheses.pose(number)))
+        if not agreeing.size:
+            return None
+        share = float(self._hypotheses.shares[number])
+        if not self.is_lost:
+            self._map.mark_interruption_before(self._hypotheses.first_node(number))
+            self._calibration.forget()
+            self._lost_since = self._hypotheses.first_node(number)
+        self._hypotheses.clear()
+        return int(agreeing[probabilities[agreeing].argmax()]), max(share, least)
+
+    def _is_before_loss(self, slot: int) -> bool:
+        return self._lost_since is not None and self._nodes[slot] < self._lost_since
+
+    def _fits(self, check: _Check) -> bool:
+        return check.error_m <= check.allowed_m and check.error_rad <= check.allowed_rad
+
+    def _weigh_one(self, candidate: Candidate, check: _Check, alike: float, area: float) -> float:
         """The odds of a candidate against a new place.
 
         Bayes: those of the scans times the density of the pose if it is right, by that if it is
-        wrong. Wrong ones slide along the right one, or are anywhere on the map.
+        wrong. Wrong ones slide along the right one, or are anywhere on the map. If other places
+        look alike, the scans tell less.
         """
         config = self.config
-        check = self._check(candidate.slot, pose)
-        accepted, error_m, error_rad, allowed_m, allowed_rad, _ = check
         probability = min(candidate.similarity, 1 - _CERTAIN)
-        by_scans = probability / (1 - probability)
-        if self._lost_since is not None and self._nodes[candidate.slot] < self._lost_since:
-            return _Weight(candidate, by_scans, accepted)  # odometry says nothing of it
-        if error_m > allowed_m or error_rad > allowed_rad:
-            return _Weight(candidate, by_scans if accepted else 0.0, accepted)
-        sd_m, sd_rad = allowed_m / config.sigmas, allowed_rad / config.sigmas
-        right = _density(error_m, error_rad, sd_m, sd_rad)
+        by_scans = probability / (1 - probability + alike)
+        if self._is_before_loss(candidate.slot):
+            return by_scans  # odometry says nothing of it
+        if not self._fits(check):
+            return 0.0
+        sd_m, sd_rad = check.allowed_m / config.sigmas, check.allowed_rad / config.sigmas
+        right = _density(check.error_m, check.error_rad, sd_m, sd_rad)
         sliding = _density(
-            error_m,
-            error_rad,
+            check.error_m,
+            check.error_rad,
             math.hypot(sd_m, config.slide_m),
             math.hypot(sd_rad, config.slide_rad),
         )
-        sides = np.ptp(nodes[:, :2], axis=0) + _BESIDE_M
-        anywhere = 1 / (float(sides.prod()) * 2 * math.pi)
-        share = config.slide_share
-        odds = by_scans * right / (share * sliding + (1 - share) * anywhere)
-        return _Weight(candidate, float(odds), True)
+        share, anywhere = config.slide_share, 1 / (area * math.tau)
+        return by_scans * right / (share * sliding + (1 - share) * anywhere)
 
-    def _check(self, slot: int, pose: Place) -> tuple[bool, float, float, float, float, str]:
+    def _check(self, slot: int, pose: Place | None) -> _Check:
+        assert pose is not None
         action = (ActionKind.CREATE_EDGE, self._map.current, self._nodes[slot], pose[2], pose[:2])
-        found: tuple[bool, float, float, float, float, str] = self._map.check(*action)
-        return found
+        return _Check(*self._map.check(*action))
 
-    def arrive(self, candidate: Candidate) -> None:
-        """Put the robot where a match says, and let the map give way."""
+    def locate(self, slots: Sequence[int], least: float) -> Location | None:
+        """The oldest place that the robot is at, going by where odometry has it.
+
+        Args:
+            slots: the first view of each place, oldest first.
+            least: the probability that is needed.
+
+        Returns:
+            None if it is at none, or lost.
+        """
+        return self._locate(slots, least, np.array(self._map.pose))
+
+    def _locate(self, slots: Sequence[int], least: float, here: Floats) -> Location | None:
+        config = self.config
+        if not slots or self.is_lost:
+            return None
+        there = self._map.nodes[[self._nodes[slot] for slot in slots]]
+        robot = np.array(self._map.pose)
+        apart = np.hypot(*(here - there)[:, :2].T)
+        turns = np.abs(wrapped(here[2] - there[:, 2]))
+        inside = (apart < config.radius_m) & (turns < config.radius_rad)
+        for index in np.flatnonzero(inside).tolist():
+            check = self._check(slots[index], _relative(there[index], robot))
+            sd_m, sd_rad = check.allowed_m / config.sigmas, check.allowed_rad / config.sigmas
+            share = _normal((config.radius_m - float(apart[index])) / sd_m)
+            share *= _normal((config.radius_rad - float(turns[index])) / sd_rad)
+            if share >= least:
+                return Location(slots[index], share, _relative(there[index], here))
+        return None
+
+    def arrive(self, candidate: Candidate, candidates: Sequence[Candidate]) -> None:
+        """Put the robot where a match says, let the map give way, and learn from the match.
+
+        Args:
+            candidate: the match.
+            candidates: all views that resemble the scan, which tell how much odometry is off.
+        """
         pose = candidate.relative_pose
         assert pose is not None
-        target = self._nodes[candidate.slot]
+        target, before = self._nodes[candidate.slot], self._map.pose
         self._map.apply(ActionKind.CREATE_EDGE, self._map.current, target, pose[2], pose[:2])
         self._map.relax(False)
+        self._was_moved |= math.dist(before[:2], self._map.pose[:2]) > _REVISED_M
         if self._lost_since is not None and target < self._lost_since:
             self._lost_since = None
+            self._hypotheses.clear()
+        for one in candidates:
+            if one.relative_pose is not None:
+                changed = self._calibration.observe(one.slot, one.relative_pose)
+                if changed is not None:
+                    self._map.rescale_odometry(*changed)
+                    self._map.relax(True)
+        self._map.set_odometry_deviations(*self._calibration.deviations)
 
     def store(self) -> None:
         """Store where the robot is as the place of a new view."""
         self._nodes.append(len(self._map))
-        self.pass_by()
+        self._calibration.store()
+        self._create_node()
 
     def pass_by(self) -> None:
         """Note where the robot is, without a view."""
+        if math.hypot(*self._map.offset[:2]) > _NODE_M or self._lost_since == len(self._map):
+            self._create_node()
+
+    def _create_node(self) -> None:
         number = len(self._map)
         self._map.apply(ActionKind.CREATE_NODE, self._map.current, number, 0.0, (0.0, 0.0))
         self._map.relax(False)
@@ -237,6 +417,45 @@ class PlaceFilter:
     def remove(self, slot: int) -> None:
         """Forget which node a stored view has; the node stays."""
         del self._nodes[slot]
+        self._calibration.remove(slot)
+
+    def note_answer(self, scan: int, id: int) -> None:
+        """Remember an answer, which may be revised within ``window`` scans."""
+        self._answers.append(Answer(scan, id, self._map.current, self._map.offset))
+        del self._answers[: -self.config.window or None]
+
+    def revise(
+        self, slots: Sequence[int], ids: Sequence[int], least: float
+    ) -> list[tuple[int, int]]:
+        """Answers that turn out to be others, now that the robot is better known where it was.
+
+        Args:
+            slots, ids: the first view of each place, oldest first, and its id.
+            least: the probability that an answer needs.
+
+        Returns:
+            Scans and their ids, -1 for those that were matched wrongly and are at no known place.
+        """
+        held_back = any(answer.id == NO_VIEW for answer in self._answers)
+        if self.is_lost or not (held_back or self._was_moved):
+            return []
+        self._was_moved = False
+        firsts = dict(zip(ids, slots, strict=True))
+        nodes, found = self._map.nodes, []
+        for index, answer in enumerate(self._answers):
+            pose = compose(nodes[answer.node : answer.node + 1], np.array([answer.offset]))[0]
+            place = self._locate(slots, least, pose)
+            id = answer.id if place is None else ids[slots.index(place.slot)]
+            if place is None and answer.id in firsts:
+                first = nodes[self._nodes[firsts[answer.id]]]
+                if math.hypot(*(pose - first)[:2]) > 2 * self.config.radius_m:
+                    id = NO_VIEW
+            elif 0 <= answer.id < id:  # both are near enough
+                id = answer.id
+            if id != answer.id:
+                found.append((answer.scan, id))
+                self._answers[index] = answer._replace(id=id)
+        return found
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything but the configuration, as arrays for ``restore``."""
@@ -246,8 +465,24 @@ class PlaceFilter:
             "nodes_of_slots": np.array(self._nodes, np.int64),
             "last": np.array(last, float),
             "lost_since": np.array(lost, np.int64),
+            "was_moved": np.array(self._was_moved),
         }
-        return own | {f"map.{name}": values for name, values in self._map.state().items()}
+        for part, state in self._parts().items():
+            own |= {f"{part}.{name}": values for name, values in state.items()}
+        return own
+
+    def _parts(self) -> dict[str, dict[str, NDArray[Any]]]:
+        answers = [(scan, id, node) for scan, id, node, _ in self._answers]
+        offsets = [offset for *_, offset in self._answers]
+        return {
+            "map": self._map.state(),
+            "calibration": self._calibration.state(),
+            "hypotheses": self._hypotheses.state(),
+            "answers": {
+                "numbers": np.array(answers, np.int64).reshape(-1, 3),
+                "offsets": np.array(offsets, float).reshape(-1, 3),
+            },
+        }
 
     def restore(self, state: Mapping[str, NDArray[Any]], slots: int) -> None:
         """Go on from a state.
@@ -259,8 +494,14 @@ class PlaceFilter:
         Raises:
             DataError: the arrays are invalid.
         """
-        start = "map."
-        self._map.restore({k.removeprefix(start): v for k, v in state.items() if k[:4] == start})
+        parts: dict[str, dict[str, NDArray[Any]]] = {}
+        for name, values in state.items():
+            part, _, rest = name.partition(".")
+            parts.setdefault(part, {})[rest] = values
+        self._map.restore(parts["map"])
+        self._calibration.restore(parts["calibration"], slots)
+        self._hypotheses.restore(parts["hypotheses"])
+        self._restore_answers(parts["answers"])
         nodes, last, lost = (state[name] for name in ("nodes_of_slots", "last", "lost_since"))
         valid = nodes.dtype == np.int64 and nodes.shape == (slots,)
         if not valid or not ((nodes >= 0) & (nodes < len(self._map))).all():
@@ -269,28 +510,78 @@ class PlaceFilter:
             raise DataError(f"lost_since {lost.dtype} {lost.shape} of a filter: expected a node")
         if last.shape not in ((0,), (3,)) or not np.isfinite(last).all():
             raise DataError(f"last pose {last.tolist()} of a filter: expected x, y and heading")
-        self._nodes = nodes.tolist()
+        self._nodes, self._was_moved = nodes.tolist(), bool(state["was_moved"])
         self._lost_since = int(lost[0]) if lost.size else None
         x, y, heading = last.tolist() or (0.0, 0.0, 0.0)
         self._last = (x, y, heading) if last.size else None
 
+    def _restore_answers(self, state: Mapping[str, NDArray[Any]]) -> None:
+        numbers, offsets = state["numbers"], state["offsets"]
+        count = len(numbers)
+        if numbers.dtype != np.int64 or (numbers.shape, offsets.shape) != ((count, 3),) * 2:
+            raise DataError(
+                f"answers of a filter: {numbers.dtype} {numbers.shape}, {offsets.shape}"
+            )
+        if (numbers[:, 2] >= len(self._map)).any() or (numbers[:, 2] < 0).any():
+            raise DataError("answers of a filter name nodes that are not there")
+        rows = zip(numbers.tolist(), offsets.tolist(), strict=True)
+        self._answers = [Answer(scan, id, node, (x, y, t)) for (scan, id, node), (x, y, t) in rows]
 
-def _ground(pose: Matrix) -> Place:
-    """x, y and heading of odom_from_robot."""
+
+def _ground(pose: Matrix) -> tuple[Place | None, str]:
+    """x, y and heading of odom_from_robot; None and the reason if it is no rigid motion."""
     matrix = np.asarray(pose)
     if matrix.shape != (4, 4) or matrix.dtype.kind not in "fiu":
         raise ShapeError(
             f"odometry: {matrix.dtype} {matrix.shape}, expected numbers (4, 4)",
             fields=("odometry",),
         )
-    if not np.isfinite(matrix).all() or not is_rigid(matrix):
-        raise DataError(
-            f"odometry is no rotation and translation: {matrix.tolist()}",
-            code="not-a-rotation",
-            fields=("odometry",),
-        )
+    if not np.isfinite(matrix).all():
+        return None, "odometry is not finite"
+    if not is_rigid(matrix):
+        return None, "odometry is no rotation and translation"
     x, y, heading = places_of(matrix[None].astype(np.float64))[0].tolist()
-    return x, y, heading
+    return (x, y, heading), ""
+
+
+def _say_the_same(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
+    """Which poses of the robot are one of them, for all that alignments can tell."""
+    apart = poses - pose
+    same = np.hypot(apart[:, 0], apart[:, 1]) < _SAME_M
+    return np.asarray(same & (np.abs(wrapped(apart[:, 2])) < _SAME_RAD))
+
+
+def _count_look_alikes(poses: Floats, probabilities: Floats) -> tuple[Floats, Floats]:
+    """How much elsewhere looks like the scan.
+
+    Views of one place, which put the robot at the same pose, count once.
+
+    Returns:
+        For each candidate, float64 (n,), the sum of the probabilities of others; and the poses of
+        those that are likely, float64 (k, 3).
+    """
+    left, leaders = np.ones(len(poses), bool), []
+    for index in np.argsort(-probabilities, kind="stable"):
+        if left[index]:
+            leaders.append(index)
+            left &= ~_say_the_same(poses, poses[index])
+    alike = np.full(len(poses), probabilities[leaders].sum())
+    for leader in leaders:
+        alike[_say_the_same(poses, poses[leader])] -= probabilities[leader]
+    likely = [leader for leader in leaders if probabilities[leader] >= _ALIKE]
+    return alike.clip(0), poses[likely]
+
+
+def _relative(frame: Floats, pose: Floats) -> Place:
+    """A pose in the frame of another one."""
+    c, s = math.cos(frame[2]), math.sin(frame[2])
+    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
+    return c * dx + s * dy, c * dy - s * dx, _wrap(pose[2] - frame[2])
+
+
+def _normal(deviations: float) -> float:
+    """Share of a normal distribution below so many standard deviations."""
+    return 0.5 * math.erfc(-deviations / math.sqrt(2))
 
 
 def _wrap(angle: float) -> float:

@@ -166,7 +166,7 @@ struct MapState {
   std::vector<double> pending;              ///< p x 12
   std::vector<std::int64_t> interruptions;  ///< first nodes after unresolved ones, ascending
 
-  static constexpr std::size_t link_values = 6, robot_values = 11, robot_counts = 2,
+  static constexpr std::size_t link_values = 6, robot_values = 14, robot_counts = 2,
                                pending_values = 12;
 };
 
@@ -188,6 +188,19 @@ class ExperienceMap {
   /// `rejoin` loops that contradict it but agree with each other move all nodes since then (see
   /// apply).
   void mark_interruption();
+
+  /// As above, but it was before a node was made. Interruptions since then are forgotten. Throws
+  /// DataError if there is no such node, or it is the first one.
+  void mark_interruption_before(std::int64_t node);
+
+  /// Corrects what odometry has measured so far: its distances by the factor `way`, its turns by
+  /// `turn`. Call relax afterwards. Throws DataError for factors that are not above 0 and finite.
+  void rescale_odometry(double way, double turn);
+
+  /// Says how far the factors that odometry's distances and turns are off by may still be from 1,
+  /// as standard deviations; 0 by default. Throws DataError for values that are negative or not
+  /// finite.
+  void set_odometry_deviations(double way, double turn);
 
   /// Checks whether a loop fits the map and its drift. A loop that does not is remembered, for
   /// later ones to agree with; checking twice changes nothing. Throws DataError for an unknown

@@ -113,6 +113,11 @@ class AlignmentIndex {
   /// not depend on the threads (0: one a core).
   std::vector<AlignedScene> query(const Scene& current, int threads = 1) const;
 
+  /// As above, with at most `most` candidates: the scenes `near`, whatever their thumbnails, and
+  /// those with the most similar thumbnails. Throws ConfigError for a number that is not stored.
+  std::vector<AlignedScene> query_near(const Scene& current, const std::vector<std::size_t>& near,
+                                       std::size_t most, int threads = 1) const;
+
  private:
   struct Storage;
   std::unique_ptr<Storage> scenes_;
