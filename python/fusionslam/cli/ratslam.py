@@ -114,7 +114,12 @@ def ratslam(
     changes += [f"odometry.seed={seed}"] if seed is not None else []
     if views is not None:
         find_recogniser(views, "--views")
-    first = {"recording": {"shapes": "collision"}, "ratslam": {"map": expected_drift(odometry)}}
+    drift = expected_drift(odometry)
+    first = {
+        "recording": {"shapes": "collision"},
+        "ratslam": {"map": drift},
+        "views": {"places": drift},
+    }
     whole = opt.views_config(source, None, changes, config, **first)
     slam, earlier = None, None
     if resume is not None:

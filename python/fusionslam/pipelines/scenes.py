@@ -24,6 +24,7 @@ from fusionslam.geometry.se2 import places_of
 from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import SceneRecording, name_frame, warn_of_odometry
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
@@ -130,20 +131,25 @@ def _of_dataset(
     data: "Dataset", config: FusionConfig, jobs: int, progress: Progress | None
 ) -> dict[str, Any]:
     clouds: list[Cloud] = []
+    odometry = np.full((len(data), 3), np.nan)
 
-    def fuse_frame(index: int) -> Cloud:
+    def fuse_frame(index: int) -> tuple[Cloud, Matrix | None]:
         with name_frame(data, index, can_skip=True):
-            return fuse(data[index], config)
+            frame = data[index]
+            return fuse(frame, config), frame.odometry
 
     with ordered_results(fuse_frame, range(len(data)), jobs) as fused:
-        for cloud in fused:
+        for cloud, measured in fused:
+            if measured is not None:
+                odometry[len(clouds)] = places_of(measured[None])[0]
             clouds.append(cloud)
             if progress is not None:
                 progress(len(clouds), len(data))
     warn_of_odometry(data)
     true = data.true_poses
     poses = None if true is None else places_of(true @ data.body_from_robot)
-    return _fields(data, clouds, config.frame, poses)
+    fields = _fields(data, clouds, config.frame, poses)
+    return fields if np.isnan(odometry).all() else {**fields, "odometry": odometry}
 
 
 def _fields(

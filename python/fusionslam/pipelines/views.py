@@ -7,15 +7,17 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, needs_up
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation import ViewJudge, ViewRun
 from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
+from fusionslam.geometry.odometry_noise import DRIFT, add_odometry_errors
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
@@ -29,6 +31,8 @@ from fusionslam.views.two_stage_comparison import TWO_STAGES
 
 # Thresholds for alignments, which take too long for a hundred runs.
 _PROBABILITIES = (0.0, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 0.99, 1.0)
+OdometryKind = Literal["recorded", "drift", "none"]
+"""Odometry by which views of a scene set can be weighed."""
 COLUMNS = ("scan", "stamp_ns", "id", "similarity", "is_new", "matched", "x", "y", "yaw", "reason")
 
 
@@ -43,6 +47,7 @@ class MatchRun:
         threshold: similarity from which scans match.
         build_seconds, match_seconds: float64 (n,), time to build the view of a scan and to match
             it.
+        follows_odometry: whether stored views were weighed by odometry.
     """
 
     scenes: SceneSet
@@ -51,6 +56,7 @@ class MatchRun:
     threshold: float
     build_seconds: NDArray[np.float64]
     match_seconds: NDArray[np.float64]
+    follows_odometry: bool = False
 
     @property
     def ids(self) -> NDArray[np.int64]:
@@ -83,9 +89,24 @@ class MatchRun:
             build_seconds=self.build_seconds,
             match_seconds=self.match_seconds,
             bytes_per_view=self.stats.bytes_per_view,
+            **self._belief(),
             config=dict(config or {}),
             clouds=None if clouds is None else lambda number: clouds[rows[number]],
         )
+
+    def _belief(self) -> dict[str, Any]:
+        """What scans and odometry said together, if there was odometry."""
+        if not self.follows_odometry:
+            return {}
+        shares = [[share for _, share in match.candidates] for match in self.matches]
+        known = np.array([max(each, default=0.0) for each in shares])
+        return {
+            "known": known,
+            "others": np.array([sum(each) for each in shares]) - known,
+            "held_back": [
+                [row, match.reason] for row, match in enumerate(self.matches) if match.is_ambiguous
+            ],
+        }
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV with one line per scan and the numbers of the scans. Raises DataError."""
@@ -144,7 +165,51 @@ def run_views(
         seconds[1, index] = time.perf_counter() - start
         if progress is not None:
             progress(index + 1, len(scenes))
-    return MatchRun(scenes, matches, matcher.stats, matcher.threshold, seconds[0], seconds[1])
+    follows = odometry is not None
+    return MatchRun(scenes, matches, matcher.stats, matcher.threshold, *seconds, follows)
+
+
+def odometry_of(
+    scenes: SceneSet, matcher: ViewMatcher, kind: OdometryKind | None = None
+) -> Floats | None:
+    """Odometry of a set for ``run_views``.
+
+    Args:
+        scenes: the set.
+        matcher: what will match it.
+        kind: "none", "recorded", or "drift", which is simulated from the true poses: 2 % too long,
+            turns 1 % too wide; None: recorded odometry, where it is there and the matcher can use
+            it.
+
+    Returns:
+        float64 (n, 4, 4), NaN where it is unknown; None for none.
+
+    Raises:
+        DataError: the set has no odometry (code "no-odometry"), or no true poses.
+        ConfigError: the matcher cannot use it (code "no-filter").
+    """
+    usable = matcher.config.odometry and matcher.can_follow_odometry
+    if kind is None:
+        kind = "recorded" if usable and scenes.odometry is not None else "none"
+    if kind == "none":
+        return None
+    if not usable:
+        raise ConfigError(
+            f"odometry {kind}, but views are compared by {matcher.comparison.kind}: expected "
+            "alignment, and views.odometry=true",
+            code="no-filter",
+            fields=("odometry",),
+        )
+    if kind == "drift":
+        places = add_odometry_errors(scenes.true_poses(), scenes.seconds, DRIFT)
+    elif scenes.odometry is None:
+        raise DataError(
+            f"{scenes.name} has no odometry: --odometry drift simulates it from true poses",
+            code="no-odometry",
+        )
+    else:
+        places = scenes.odometry
+    return ground_poses(*places.T)
 
 
 def views_of(

@@ -14,6 +14,7 @@ from fusionslam.geometry.se2 import wrapped
 from fusionslam.ratslam.events import Event, Motion
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
+from fusionslam.storage.archive import check_types
 
 Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""
@@ -75,6 +76,16 @@ class Odometry2D(NamedTuple):
     pose: Ground | None
     speed: tuple[float, float] | None
     sideways: float = 0.0
+
+
+def odometry_from(values: Any) -> Odometry2D | None:
+    """Rebuild odometry from JSON. Raises TypeError or ValueError for other values."""
+    if values is None:
+        return None
+    stamp_ns, pose, speed, *sideways = values  # files before 0.2.0 end with the speed
+    return check_types(
+        Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), *sideways)
+    )
 
 
 def odometry_of(event: Event) -> Odometry2D | None:

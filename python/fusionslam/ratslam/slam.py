@@ -47,11 +47,12 @@ from fusionslam.ratslam.odometry import (
     Limits,
     MotionStep,
     Odometry2D,
+    odometry_from,
     odometry_of,
     step_between,
 )
 from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
-from fusionslam.ratslam.view_sources import KINDS, ViewSource
+from fusionslam.ratslam.view_sources import KINDS, MatcherSource, ViewSource
 from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.files import PathLike
 from fusionslam.storage.timer import Stopwatch
@@ -355,6 +356,9 @@ class RatSlam:
                     self.map.on_odometry(v, w, dt)
             self.memory.moved = True
         if odometry is not None:
+            # The original compares single scans.
+            if isinstance(self.views, MatcherSource) and self.preset == "robust":
+                self.views.follow(odometry)
             self.memory.odometry, self.memory.newest_ns = odometry, odometry.stamp_ns
 
     def _look(self, event: Event, watch: Stopwatch) -> Sighting | None:
@@ -552,10 +556,5 @@ class Memory:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> "Memory":
         """Rebuild from ``asdict`` values read from JSON."""
-        odometry = values["odometry"]
-        if odometry is not None:
-            stamp_ns, pose, speed, *sideways = odometry  # files before 0.2.0 end with the speed
-            odometry = check_types(
-                Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), *sideways)
-            )
+        odometry = odometry_from(values["odometry"])
         return check_types(cls(**{**values, "odometry": odometry}))

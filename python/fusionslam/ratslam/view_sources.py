@@ -10,6 +10,7 @@
 
 import io
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -22,12 +23,15 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig
 from fusionslam.geometry.se2 import compose
+from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.ratslam.events import Sighting
 from fusionslam.ratslam.external_views import GivenViews
+from fusionslam.ratslam.odometry import Limits, Odometry2D, odometry_from, step_between
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.files import PathLike
+from fusionslam.views.match import NO_VIEW
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, describe_method, find_recogniser
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
@@ -37,6 +41,9 @@ FORMAT = "fusionslam.view_source.1"
 Pose = tuple[float, float, float]
 
 _IDENTITY = (0.0, 0.0, 0.0)
+
+_LIMITS = Limits(gap=0.5, max_speed=50.0, max_silence=10.0)
+"""The defaults of RatSLAM."""
 
 
 class ViewSource(Protocol):
@@ -127,6 +134,8 @@ class MatcherSource:
         # For each scan stored as a further view of a place, by scan number: its pose in the frame
         # of the place's first view, which is where RatSLAM puts the place.
         self._places: dict[int, Pose] = {}
+        self._odometry: Odometry2D | None = None
+        self._pose, self._interrupted = _IDENTITY, False
 
     @property
     def title(self) -> str:
@@ -136,11 +145,35 @@ class MatcherSource:
     def known(self) -> int:
         return self.matcher.stats.new
 
+    def follow(self, odometry: Odometry2D) -> None:
+        """Follow the robot's motion, by which the next views are weighed (``views.odometry``).
+
+        A stamp that is not later than the last one means that the clock went back: the robot may be
+        anywhere then, as after a jump or a long silence.
+        """
+        before, self._odometry = self._odometry, odometry
+        if before is None:
+            return
+        if odometry.stamp_ns <= before.stamp_ns:
+            self._interrupted = True
+            return
+        motion = step_between(before, odometry, _LIMITS)
+        if motion is None:
+            return
+        self._interrupted |= motion.interrupted
+        for v, w, dt in motion.legs:
+            x, y, heading = self._pose
+            heading += w * dt
+            x, y = x + v * dt * math.cos(heading), y + v * dt * math.sin(heading)
+            self._pose = x, y, heading
+
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         if isinstance(item, Picture):
             raise DataError(f"image at {stamp_ns} ns: {self.title} needs clouds or frames")
         number = self.matcher.stats.processed
-        match = self.matcher.process(item)
+        match = self.matcher.process(item, odometry=self._take_odometry())
+        if match.by_odometry:  # which RatSLAM knows itself
+            return Sighting(stamp_ns, NO_VIEW, reason=match.reason)
         # The robot's pose in the frame of the first view of its place.
         x, y, turn = _IDENTITY
         if match.relative_pose is not None and match.matched is not None:
@@ -150,15 +183,38 @@ class MatcherSource:
             self._places[number] = x, y, turn
         return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
 
+    def _take_odometry(self) -> NDArray[np.float64] | None:
+        """odom_from_robot for the matcher; None if it has none, or the robot may be anywhere."""
+        matcher = self.matcher
+        if not matcher.config.odometry or not matcher.can_follow_odometry:
+            return None
+        interrupted, self._interrupted = self._interrupted, False
+        if self._odometry is None or interrupted:
+            return None
+        x, y, heading = self._pose
+        return np.asarray(ground_poses(*np.array([[x], [y], [heading]]))[0])
+
     def to_bytes(self) -> bytes:
-        places = json.dumps([[number, *pose] for number, pose in self._places.items()]).encode()
+        places = json.dumps(
+            {
+                "places": [[number, *pose] for number, pose in self._places.items()],
+                "odometry": self._odometry,
+                "pose": self._pose,
+                "interrupted": self._interrupted,
+            }
+        ).encode()
         return len(places).to_bytes(8, "little") + places + _bytes_of(self.matcher)
 
     def restore(self, content: bytes) -> None:
         start = 8 + int.from_bytes(content[:8], "little")
         matcher = ViewMatcher.load(io.BytesIO(content[start:]))
-        rows = json.loads(content[8:start])
-        self.matcher, self._places = matcher, {row[0]: tuple(row[1:]) for row in rows}
+        stored = json.loads(content[8:start])
+        if isinstance(stored, list):  # of version 0.2.0
+            stored = {"places": stored, "odometry": None, "pose": _IDENTITY, "interrupted": False}
+        self.matcher = matcher
+        self._places = {row[0]: tuple(row[1:]) for row in stored["places"]}
+        self._odometry = odometry_from(stored["odometry"])
+        self._pose, self._interrupted = tuple(stored["pose"]), bool(stored["interrupted"])
 
 
 KINDS: Mapping[str, type[TemplateSource] | type[MatcherSource] | type[GivenViews]] = {

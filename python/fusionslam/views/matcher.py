@@ -23,7 +23,7 @@ from fusionslam.storage.files import PathLike
 from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.match import NO_VIEW, Revision, Slot, ViewMatch, ViewStats
-from fusionslam.views.place_filter import Belief, Location, PlaceFilter, PlaceFilterConfig
+from fusionslam.views.place_filter import Belief, Location, PlaceFilter
 from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
@@ -51,7 +51,6 @@ class ViewMatcher:
         fusion: how frames are fused into clouds; by default in the robot's frame, without ground.
         descriptors: how clouds are described, if the method is a descriptor.
         comparison: replaces the configured method, for example by one with a second stage.
-        places: how odometry counts, where ``process`` gets it.
 
     Attributes:
         config: names the method and the second stage that it uses, even if the preset decided.
@@ -67,7 +66,6 @@ class ViewMatcher:
         fusion: FusionConfig | None = None,
         descriptors: DescriptorConfig | None = None,
         comparison: Comparison | None = None,
-        places: PlaceFilterConfig | None = None,
     ) -> None:
         self.config = config or ViewMatcherConfig()
         self.fusion_config = fusion or ROBOT_FUSION
@@ -82,7 +80,6 @@ class ViewMatcher:
         self._slots: list[Slot] = []
         self._stats = ViewStats()
         self._lock = threading.RLock()
-        self._places_config = places or PlaceFilterConfig()
         self._filter: PlaceFilter | None = None
 
     def __reduce__(self) -> Any:
@@ -103,6 +100,18 @@ class ViewMatcher:
     def __len__(self) -> int:
         """Number of views stored now."""
         return len(self._slots)
+
+    @property
+    def can_follow_odometry(self) -> bool:
+        """Whether ``process`` takes odometry: by alignment, from the first stored view on."""
+        has_begun = self._filter is not None or not self._slots
+        return self.comparison.kind == AlignmentComparison.kind and has_begun
+
+    @property
+    def odometry_factors(self) -> tuple[float, float]:
+        """What odometry's distances and turns are multiplied by, as matches have shown so far."""
+        with self._lock:
+            return (1.0, 1.0) if self._filter is None else self._filter.factors
 
     def view(self, item: Frame | Item | View) -> View:
         """The view of a frame, a cloud, or data computed from one.
@@ -148,7 +157,7 @@ class ViewMatcher:
         return match
 
     def _new_filter(self) -> PlaceFilter:
-        if self.comparison.kind != AlignmentComparison.kind or self._slots:
+        if not self.can_follow_odometry:
             found = f"views by {self.comparison.kind}"
             if self._slots:
                 found = f"{counted(len(self), 'stored view')} without odometry"
@@ -157,7 +166,7 @@ class ViewMatcher:
                 code="no-filter",
                 fields=("odometry",),
             )
-        return PlaceFilter(self._places_config)
+        return PlaceFilter(self.config.places)
 
     def _match(self, view: View) -> ViewMatch:
         if view.objects < self.config.min_objects:
@@ -177,7 +186,7 @@ class ViewMatcher:
         if belief.best is not None and belief.known >= self.threshold:
             places.arrive(belief.best, candidates)
             best = replace(belief.best, similarity=belief.known)
-            older = places.locate(firsts, self._places_config.older)
+            older = places.locate(firsts, self.config.places.older)
             if older is not None and self._slots[older.slot].id < self._slots[best.slot].id:
                 best = replace(best, slot=older.slot, relative_pose=older.pose)
             match = self._match_view(view, best)
@@ -199,7 +208,7 @@ class ViewMatcher:
     def _find_candidates(self, view: View, places: PlaceFilter) -> list[Candidate]:
         if not self._slots:
             return []
-        config = self._places_config
+        config = self.config.places
         most = config.lost_candidates if places.is_lost else config.candidates
         if isinstance(self.comparison, AlignmentComparison):
             return self.comparison.compare_near(view, places.find_near(), most)
@@ -342,7 +351,6 @@ class ViewMatcher:
                 "fusion": self.fusion_config.model_dump(mode="json"),
                 "descriptors": self.descriptor_config.model_dump(mode="json"),
                 "stats": asdict(self.stats),
-                "places": self._places_config.model_dump(mode="json"),
             }
             slots = np.array([astuple(slot) for slot in self._slots], np.int64).reshape(-1, 4)
             state = {_STATE + name: array for name, array in self.comparison.state().items()}
@@ -370,8 +378,6 @@ class ViewMatcher:
                 fusion=merged(FusionConfig(), about["fusion"]),
                 descriptors=merged(DescriptorConfig(), about["descriptors"]),
                 comparison=comparison,
-                # Files of version 0.2.0 have none.
-                places=merged(PlaceFilterConfig(), about.get("places", {})),
             )
             matcher._restore(about, arrays)
         return matcher
@@ -395,7 +401,7 @@ class ViewMatcher:
         self.threshold = float(about["threshold"])
         self._slots = [Slot(*row) for row in slots.tolist()]
         if filtered:
-            self._filter = PlaceFilter(self._places_config)
+            self._filter = PlaceFilter(self.config.places)
             self._filter.restore(filtered, len(self._slots))
         self._stats = check_types(ViewStats(**about["stats"]))
 

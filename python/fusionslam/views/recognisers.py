@@ -20,6 +20,7 @@ from fusionslam.views.alignment_comparison import AlignmentComparison, Alignment
 from fusionslam.views.comparison import Comparison
 from fusionslam.views.descriptor_comparison import DescriptorComparison
 from fusionslam.views.object_comparison import ObjectComparison
+from fusionslam.views.place_filter import PlaceFilterConfig
 from fusionslam.views.scenes import SceneConfig, SimilarityConfig
 from fusionslam.views.two_stage_comparison import TWO_STAGES, TwoStageComparison
 
@@ -110,6 +111,8 @@ class ViewMatcherConfig(Section):
     threads: int = option(
         1, "threads that compare scenes; 0 is one per core; ids stay the same", ge=0, le=1024
     )
+    odometry: bool = option(True, "alignment: weigh stored views by odometry, where there is any")
+    places: PlaceFilterConfig = option(PlaceFilterConfig(), "odometry: how it counts")
     max_views: int = option(
         0, "most stored views; the one least likely to be needed is dropped; 0 is no limit", ge=0
     )

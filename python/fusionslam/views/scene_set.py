@@ -77,6 +77,8 @@ class SceneSet:
         empty: bool (n), scans without points left (only floor, for example).
         frame: "robot", "odometry", ...: the frame of the clouds.
         poses: float64 (n, 3), true x, y in metres and yaw in radians; None if unknown.
+        odometry: float64 (n, 3), the same as odometry measured it, in a frame of its own; NaN rows
+            where it is unknown; None without odometry.
         clouds: without ground, coloured if the data have colours; None if only scenes or features
             were kept.
         scenes: the scenes of ``scene_config``; None if they have to be built from the clouds.
@@ -95,6 +97,7 @@ class SceneSet:
     empty: NDArray[np.bool_]
     frame: str = "robot"
     poses: NDArray[np.float64] | None = None
+    odometry: NDArray[np.float64] | None = None
     clouds: CloudArray | None = None
     scenes: Sequence[Scene] | None = None
     scene_config: Mapping[str, Any] | None = None
@@ -180,6 +183,7 @@ class SceneSet:
             numbers=self.numbers[indices],
             empty=self.empty[indices],
             poses=None if self.poses is None else self.poses[indices],
+            odometry=None if self.odometry is None else self.odometry[indices],
             clouds=None if self.clouds is None else self.clouds.subset(indices),
             scenes=scenes,
             features={name: rows[indices] for name, rows in self.features.items()},
@@ -211,6 +215,7 @@ class SceneSet:
             "numbers": self.numbers,
             "empty": self.empty,
             "poses": self.poses,
+            "odometry": self.odometry,
         }
         if self.clouds is not None:
             arrays |= vars(self.clouds)
@@ -292,8 +297,9 @@ def _check_lengths(scenes: SceneSet) -> None:
         held = getattr(scenes, name)
         if held is not None and len(held) != count:
             raise ShapeError(f"{scenes.name}: {len(held)} {name} for {count} stamps")
-    if scenes.poses is not None and scenes.poses.shape != (count, 3):
-        raise ShapeError(f"{scenes.name}: poses {scenes.poses.shape}, expected {(count, 3)}")
+    for name, places in (("poses", scenes.poses), ("odometry", scenes.odometry)):
+        if places is not None and places.shape != (count, 3):
+            raise ShapeError(f"{scenes.name}: {name} {places.shape}, expected {(count, 3)}")
     for name, rows in scenes.features.items():
         if rows.ndim != 2 or len(rows) != count:
             raise ShapeError(f"{scenes.name}: feature {name} {rows.shape}, expected ({count}, D)")

@@ -39,6 +39,8 @@ class Desk:
     def __init__(self, name: str, **parameters: Any) -> None:
         assert has_ros()
         self.outlet, self.now_ns, self.gone = Kept(), 0, set[str]()
+        if name == "lv_matching":  # else views wait for odometry
+            parameters.setdefault("odometry", False)
         kind = node_class(name)
         self.node = kind(from_parameters(kind.defaults, parameters), self.outlet)
         self.worker = Worker(

@@ -44,7 +44,7 @@ def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
     print(
         f"{counted(stats.processed, 'scan')}: {stats.matched} matched, "
         f"{counted(stats.new, 'place')}, {stats.nothing} with nothing to recognise, "
-        f"{stats.single} with a single object\n"
+        f"{stats.single} with a single object{_describe_belief(run)}\n"
         f"{counted(stats.stored, 'view')} stored, {stats.bytes_per_view:.0f} bytes each, "
         f"{stats.dropped} dropped; building {times[0]:.3f} ms, matching {times[1]:.3f} ms (medians)"
     )
@@ -54,6 +54,16 @@ def print_run(run: "MatchRun", report: "ViewReport | None") -> None:
     rows = [["these matches", *figures(report)], *without_sensor(run.scenes, report.rule_name)]
     print_table(["method", *HEADS], rows)
     print_limits(run.scenes, report.rule_name)
+
+
+def _describe_belief(run: "MatchRun") -> str:
+    if not run.follows_odometry:
+        return ""
+    stats = run.stats
+    return (
+        f"\nweighed by odometry: {stats.ambiguous} ambiguous, {stats.by_odometry} at a place that "
+        f"the scan did not show, {counted(stats.revised, 'answer')} revised later"
+    )
 
 
 def print_limits(scenes: "SceneSet", rule_name: str) -> None:

@@ -25,9 +25,9 @@ from fusionslam.storage.archive import check_types, load_archive, save_archive
 from fusionslam.storage.arrays import Floats, read_numbers
 
 FORMAT = "fusionslam.view_run.1"
-_PER_SCAN = ("similarities", "build_seconds", "match_seconds")
+_PER_SCAN = ("similarities", "build_seconds", "match_seconds", "known", "others")
 _ARRAYS = ("ids", "poses", "stamps", "numbers", *_PER_SCAN)
-_TEXTS = ("world", "method", "threshold", "bytes_per_view", "config")
+_TEXTS = ("world", "method", "threshold", "bytes_per_view", "config", "held_back")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +43,9 @@ class ViewRun:
         threshold: the smallest similarity that matches; None if there is no such number.
         build_seconds: float64 (n,), wall time to make a view of each scan.
         match_seconds: float64 (n,), wall time to compare each scan with all stored views.
+        known: float64 (n,), where odometry was used: probability of the most probable place.
+        others: float64 (n,), likewise, of all other places; what is left is that of a new one.
+        held_back: [row, reason] of each ambiguous scan.
         bytes_per_view: mean size of a stored view.
         curve: the same method at other thresholds.
         config: the configuration, in types that JSON can hold.
@@ -65,6 +68,9 @@ class ViewRun:
     threshold: float | None = None
     build_seconds: Floats | None = None
     match_seconds: Floats | None = None
+    known: Floats | None = None
+    others: Floats | None = None
+    held_back: list[Any] = field(default_factory=list)
     bytes_per_view: float | None = None
     curve: ViewCurve | None = None
     config: dict[str, Any] = field(default_factory=dict)

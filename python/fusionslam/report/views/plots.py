@@ -117,6 +117,28 @@ def draw_times(runs: Judged) -> "Figure | None":
     return figure
 
 
+def draw_belief(run: ViewRun) -> "Figure | None":
+    """Draw how probable the best place, others and a new one were; None without odometry."""
+    if run.known is None or run.others is None:
+        return None
+    seconds = run.stamps - run.stamps[:1]
+    figure = new_figure(9.2, 2.8)
+    axis = figure.add_subplot()
+    shares = (run.known, run.others, (1 - run.known - run.others).clip(0))
+    names = ("the most probable place", "other places", "a new place")
+    axis.stackplot(
+        seconds, *shares, labels=names, colors=("#3b7dd8", "#e8a33d", "#d9dde3"), step="post"
+    )
+    held = [row for row, _ in run.held_back]
+    axis.plot(
+        seconds[held], np.full(len(held), 1.03), "v", ms=5, color="#b3261e", label="held back"
+    )
+    axis.set(xlabel="time (s)", ylabel="probability", ylim=(0, 1.08))
+    axis.margins(x=0)
+    figure.legend(loc="outside lower center", ncols=4)
+    return figure
+
+
 def draw_path(run: ViewRun, report: ViewReport) -> "Figure":
     """Draw the path from above with the loops that were closed, and those that were missed."""
     places = run.poses[:, :2]

@@ -17,6 +17,7 @@ from fusionslam.report.page.images import Picture, keep, keep_photo
 from fusionslam.report.views.exports import scrub_data
 from fusionslam.report.views.plots import (
     Judged,
+    draw_belief,
     draw_errors,
     draw_path,
     draw_times,
@@ -26,7 +27,7 @@ from fusionslam.report.views.previews import MOST, list_needed_rows, previews_of
 from fusionslam.report.views.tables import accuracy_table, cost_table, rerun_table, sweep_table
 from fusionslam.report.views.thumbnails import side_by_side
 
-_PAIRS = 8
+_PAIRS, _HELD_BACK = 8, 50
 _TIMES = "Wall time of every scan, to make its view and to compare it with all stored ones."
 
 
@@ -73,6 +74,8 @@ def world_part(
                 "loops": _describe_loops(report),
                 "wrong": report.false_positives,
                 "path": _draw_path(folder, run, report),
+                "belief": _draw_belief(folder, run),
+                "held_back": _list_held_back(run),
                 "pairs": _draw_pairs(folder, run, report, previews),
             }
             for run, report in judged
@@ -127,6 +130,24 @@ def _describe_loops(report: ViewReport) -> str:
     if not report.loops:
         right = "no scan was matched with an old view, so loop precision does not exist"
     return f"{found}; {right}."
+
+
+def _draw_belief(folder: Path, run: ViewRun) -> Picture | None:
+    caption = (
+        "Belief over time: what the scan and odometry say together of where the robot is. An "
+        "answer is held back while neither a place nor a new one is probable enough."
+    )
+    name = picture_name(f"{run.world}_{run.method}")
+    return keep(folder, f"views_belief_{name}", draw_belief(run), caption)
+
+
+def _list_held_back(run: ViewRun) -> list[dict[str, str]]:
+    """Scans whose answers were held back: number, seconds and reason; the first ones of many."""
+    seconds = run.stamps - run.stamps[:1]
+    return [
+        {"scan": f"{run.numbers[row]}", "seconds": f"{seconds[row]:.1f}", "why": reason}
+        for row, reason in run.held_back[:_HELD_BACK]
+    ]
 
 
 def _draw_path(folder: Path, run: ViewRun, report: ViewReport) -> Picture | None:

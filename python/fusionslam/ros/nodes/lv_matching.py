@@ -7,27 +7,57 @@ It can also match images, as in the original RatSLAM.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from fusionslam.config import option
 from fusionslam.datasets.bags.messages import stamp_of
-from fusionslam.ratslam.events import Sighting
-from fusionslam.ratslam.view_sources import TemplateSource, ViewSource, restore_source, save_source
-from fusionslam.ros.messages.types import IMAGES, VIEW_DESCRIPTION, VIEW_TEMPLATE, header, make
-from fusionslam.ros.nodes.frame_node import LEFT
+from fusionslam.ratslam.event_order import OrderConfig, StampOrder
+from fusionslam.ratslam.events import Event, Look, Sighting
+from fusionslam.ratslam.odometry import odometry_of
+from fusionslam.ratslam.view_sources import (
+    MatcherSource,
+    TemplateSource,
+    ViewSource,
+    restore_source,
+    save_source,
+)
+from fusionslam.ros.messages.types import (
+    IMAGES,
+    ODOMETRY,
+    VIEW_DESCRIPTION,
+    VIEW_TEMPLATE,
+    header,
+    make,
+)
+from fusionslam.ros.nodes.frame_node import LEFT, ODOM
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS
 from fusionslam.ros.nodes.view_config import ViewsConfig, matcher_of, source_of
 from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
 from fusionslam.ros.runtime.node import Input, Node, Outlet
-from fusionslam.sensors.messages import Picture
+from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture
+from fusionslam.views.comparison import View
 from fusionslam.views.serialization import view_from_bytes
 
 TEMPLATES = "LocalView/Template"
 
 
+class _Waiting(NamedTuple):
+    """A view that waits for odometry."""
+
+    view: View
+    frame_id: str
+
+
 class ViewMatchingConfig(ViewsConfig):
     """Configuration of the node lv_matching."""
 
+    odometry: bool = option(
+        True, "source alignment: wait for odometry, and weigh stored views by it"
+    )
+    order: OrderConfig = option(
+        OrderConfig(wait=2.0, in_order=True, jump=1.0),
+        "order of odometry and views; without odometry for this long, views are compared alone",
+    )
     memory: SavingConfig = option(SavingConfig(), "file of the views")
 
 
@@ -41,6 +71,8 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._source = source_of(config)
+        self._order: StampOrder | None = StampOrder(config.order) if self._waits else None
+        self._first_ns: int | None = None
         self._saver = self.make_saver(config.memory, lambda path: save_source(self._source, path))
         self._saver.resume(self._load, _settings(self._source))
 
@@ -49,17 +81,74 @@ class ViewMatching(Node[ViewMatchingConfig]):
         return _settings(self._source)
 
     @property
+    def _waits(self) -> bool:
+        """Whether views wait for odometry."""
+        matcher = matcher_of(self._source)
+        return self.config.odometry and matcher is not None and matcher.can_follow_odometry
+
+    @property
     def inputs(self) -> Sequence[Input]:
-        """Inputs: views of lv_builder, or images."""
+        """Inputs: views of lv_builder, and odometry; or images."""
         if matcher_of(self._source) is None:
             return [Input(LEFT[0], IMAGES, self._take_image)]
-        return [Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_view)]
+        views = Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_view)
+        if self._order is None:
+            return [views]
+        return [Input(ODOM, [ODOMETRY], self._take_odometry, small=True, optional=True), views]
+
+    def idle(self) -> None:
+        """Recognise the views that wait for odometry, and write the state."""
+        if self._order is not None:
+            self._process(self._order.flush())
+        super().idle()
+
+    def close(self) -> None:
+        """As idle."""
+        if self._order is not None:
+            self._process(self._order.flush())
+        super().close()
+
+    def _take_odometry(self, odometry: Odometry) -> None:
+        if self._order is not None:
+            self._process(self._order.add(odometry))
+
+    def _process(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if isinstance(event, Odometry):
+                self._follow(event)
+            elif isinstance(event, Look):
+                self._look(event.item.view, event.stamp_ns, event.item.frame_id)
+
+    def _follow(self, odometry: Odometry) -> None:
+        source, found = self._source, odometry_of(odometry)
+        if isinstance(source, MatcherSource) and found is not None:
+            source.follow(found)
 
     def _take_view(self, message: Any) -> None:
         matcher = matcher_of(self._source)
         assert matcher is not None  # else it listens to images
         view = view_from_bytes(matcher.comparison, message.data)
-        self._look(view, stamp_of(message.header.stamp), message.header.frame_id)
+        stamp_ns, frame_id = stamp_of(message.header.stamp), message.header.frame_id
+        if self._order is None:
+            self._look(view, stamp_ns, frame_id)
+            return
+        self._process(self._order.add(Look(stamp_ns, _Waiting(view, frame_id))))
+        self._stop_waiting(stamp_ns)
+
+    def _stop_waiting(self, stamp_ns: int) -> None:
+        """Compare views alone if there is no odometry."""
+        if self._first_ns is None or stamp_ns < self._first_ns:
+            self._first_ns = stamp_ns
+        waited = (stamp_ns - self._first_ns) / NANOSECONDS
+        if self._order is None or self._source.known or waited <= self.config.order.wait:
+            return
+        self.problems.add(
+            ODOM,
+            f"no odometry for {waited:.1f} s: views are compared alone, which cannot tell apart "
+            "places that look alike; remap the topic, or set ~odometry to false",
+            "no-odometry",
+        )
+        self._process(self._order.flush())
 
     def _take_image(self, picture: Picture) -> None:
         self._look(picture, picture.stamp_ns, picture.frame_id)
