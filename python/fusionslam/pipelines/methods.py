@@ -20,7 +20,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
 from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
 from fusionslam.pipelines.template_views import TemplateViews, template_views
-from fusionslam.pipelines.views import run_views
+from fusionslam.pipelines.views import OdometryKind, odometry_of, run_views
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.progress import Progress, Step, label_progress
@@ -82,7 +82,11 @@ class Method:
 
 
 def run_matcher(
-    build: Callable[[], ViewMatcher], *, with_ground: bool = False, frame: FrameName | None = None
+    build: Callable[[], ViewMatcher],
+    *,
+    with_ground: bool = False,
+    frame: FrameName | None = None,
+    odometry: bool = False,
 ) -> Callable[[Task], ViewRun]:
     """Return a function that runs a ``ViewMatcher`` on a task.
 
@@ -90,13 +94,19 @@ def run_matcher(
         build: builds an empty matcher.
         with_ground: whether clouds keep the ground, if the drive still has it.
         frame: the frame of the clouds, overriding the task's; None for that of the task.
+        odometry: whether stored views are weighed by odometry: that of the recording, else one that
+            drifts from the true poses.
     """
 
     def run_task(task: Task) -> ViewRun:
         matcher, drive = build(), task.drive
         scenes = (drive.with_ground if with_ground else None) or drive.scenes
         scenes = move_clouds(scenes, frame or task.frame)
-        matches = run_views(scenes, matcher, task.progress("matching"))
+        kind: OdometryKind = "none"
+        if odometry:
+            kind = "drift" if scenes.odometry is None else "recorded"
+        poses = odometry_of(scenes, matcher, kind)
+        matches = run_views(scenes, matcher, task.progress("matching"), odometry=poses)
         run = matches.with_truth(task.title, matcher.config.model_dump(mode="json"))
         return replace(run, world=drive.name, images=drive.picture, clouds=drive.cloud)
 
@@ -216,7 +226,12 @@ def _by_recogniser(name: str, preset: str, title: str, **known: Any) -> Method:
     return Method(
         title,
         known.pop("help", recogniser.help),
-        run_matcher(build, with_ground=recogniser.keeps_ground, frame=known.pop("frame", None)),
+        run_matcher(
+            build,
+            with_ground=recogniser.keeps_ground,
+            frame=known.pop("frame", None),
+            odometry=known.pop("odometry", False),
+        ),
         matcher=build,
         **known,
     )
@@ -227,6 +242,15 @@ _ALL_FRAMES: tuple[FrameName, ...] = ("robot", "odometry", "drift")
 METHODS: dict[str, Method] = {
     "alignment": _by_recogniser(
         "alignment", "robust", "alignment (ours)", frame="robot", any_frame=True
+    ),
+    "alignment:odometry": _by_recogniser(
+        "alignment",
+        "robust",
+        "alignment and odometry (ours)",
+        help="alignment, weighed by the recording's odometry, else by one that drifts",
+        frame="robot",
+        odometry=True,
+        any_frame=True,
     ),
     "objects:author": _by_recogniser(
         "objects",

@@ -23,7 +23,7 @@ from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.progress import Progress
 from fusionslam.views.comparison import Comparison, View
-from fusionslam.views.match import ViewMatch, ViewStats
+from fusionslam.views.match import NO_VIEW, ViewMatch, ViewStats
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, scene_config
 from fusionslam.views.scene_set import SceneSet
@@ -98,15 +98,11 @@ class MatchRun:
         """What scans and odometry said together, if there was odometry."""
         if not self.follows_odometry:
             return {}
-        shares = [[share for _, share in match.candidates] for match in self.matches]
-        known = np.array([max(each, default=0.0) for each in shares])
-        return {
-            "known": known,
-            "others": np.array([sum(each) for each in shares]) - known,
-            "held_back": [
-                [row, match.reason] for row, match in enumerate(self.matches) if match.is_ambiguous
-            ],
-        }
+        known, others = np.array([_split_belief(match) for match in self.matches]).reshape(-1, 2).T
+        held_back = [
+            [row, match.reason] for row, match in enumerate(self.matches) if match.is_ambiguous
+        ]
+        return {"known": known, "others": others, "held_back": held_back}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV with one line per scan and the numbers of the scans. Raises DataError."""
@@ -131,6 +127,16 @@ class MatchRun:
             *pose,
             match.reason,
         ]
+
+
+def _split_belief(match: ViewMatch) -> tuple[float, float]:
+    """Probabilities of the most probable place, together with views beside it, and of others."""
+    shares = [share for _, share in match.candidates]
+    if match.is_new or match.is_ambiguous or match.id == NO_VIEW:
+        known = max([match.similarity * match.is_ambiguous, *shares], default=0.0)
+    else:
+        known = match.similarity
+    return known, 0.0 if match.by_odometry else min(max(sum(shares) - known, 0.0), 1 - known)
 
 
 def run_views(
@@ -166,7 +172,9 @@ def run_views(
         if progress is not None:
             progress(index + 1, len(scenes))
     follows = odometry is not None
-    return MatchRun(scenes, matches, matcher.stats, matcher.threshold, *seconds, follows)
+    return MatchRun(
+        scenes, matches, matcher.stats, matcher.threshold, seconds[0], seconds[1], follows
+    )
 
 
 def odometry_of(

@@ -17,11 +17,13 @@ from fusionslam.views import (
     AlignmentConfig,
     AlignmentIndex,
     Scene,
+    SceneConfig,
     ViewMatcher,
     ViewMatcherConfig,
     align_scenes,
     build_scene,
 )
+from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.match import NO_VIEW
 from fusionslam.views.recognisers import ALIGNMENT_THRESHOLD
 from refusals import refuses
@@ -151,6 +153,96 @@ def test_removed_scenes_are_not_found_and_later_ones_move_up() -> None:
     assert index.query(scenes[2])[0][0] == 2
     with pytest.raises(ConfigError, match="11"):
         index.remove(11)
+
+
+def index_of(scenes: list[Scene], **config: Any) -> AlignmentIndex:
+    index = AlignmentIndex(AlignmentConfig(**config))
+    for scene in scenes:
+        index.add(scene)
+    return index
+
+
+def results(found: list[tuple[int, Alignment]]) -> list[tuple[int, tuple[float, ...]]]:
+    return [(number, values_of(alignment)) for number, alignment in found]
+
+
+def by_likeness(current: Scene, scenes: list[Scene]) -> list[int]:
+    """Numbers of the scenes, those first whose thumbnails are most similar."""
+    far = [align_scenes(current, scene).evidence["thumbnail"] for scene in scenes]
+    return np.argsort(far, kind="stable").tolist()
+
+
+@pytest.mark.parametrize("most", [2, 3, 7, 12, 100])
+def test_views_that_are_near_are_aligned_however_they_look(most: int) -> None:
+    scenes = many_scenes()
+    current = scene_of(scan(room(2), (0.1, 0.2, 0.3), seed=77))
+    ranked = by_likeness(current, scenes)
+    near = [ranked[-1], ranked[-4]]
+    others = [number for number in ranked if number not in near]
+    found = index_of(scenes, candidates=3).query_near(current, near, most)
+    # The rest are the most similar others.
+    assert {number for number, _ in found} == {*near, *others[: most - 2]}
+    for number, alignment in found:
+        assert values_of(alignment) == values_of(align_scenes(current, scenes[number]))
+    order = [(-alignment.probability, number) for number, alignment in found]
+    assert order == sorted(order)
+
+
+@pytest.mark.parametrize("candidates", [1, 4, 12, 50])
+def test_without_views_that_are_near_the_most_similar_ones_are_aligned(candidates: int) -> None:
+    scenes = many_scenes()
+    index = index_of(scenes, candidates=candidates)
+    for current in scenes[:3]:
+        assert results(index.query_near(current, [], candidates)) == results(index.query(current))
+
+
+def test_no_more_than_so_many_are_aligned_even_if_more_are_near() -> None:
+    index, current = index_of(many_scenes()), many_scenes(7)[6]
+    near = [1, 9, 4, 11, 6]
+    for most in range(6):
+        found = [number for number, _ in index.query_near(current, near, most)]
+        assert len(found) == len(set(found)) == most and set(found) <= set(near)
+    # The order does not count, nor does a number that is given twice.
+    for same in (near[::-1], near * 2):
+        for most in (5, 8):
+            again = index.query_near(current, same, most)
+            assert results(again) == results(index.query_near(current, near, most))
+
+
+def test_threads_do_not_change_what_is_found_near() -> None:
+    index, current = index_of(many_scenes()), many_scenes(5)[4]
+    one, four, all_cores = (
+        results(index.query_near(current, [10, 7, 0], 6, threads=threads)) for threads in (1, 4, 0)
+    )
+    assert one == four == all_cores and {10, 7, 0, 4} <= {number for number, _ in one}
+
+
+@pytest.mark.parametrize("near", [[12], [0, 1, 99], [2**40]])
+def test_near_views_that_are_not_stored_are_refused(near: list[int]) -> None:
+    scenes = many_scenes()
+    index = index_of(scenes)
+    before = results(index.query(scenes[0]))
+    with pytest.raises(ConfigError, match=f"no scene {near[-1]} among 12"):
+        index.query_near(scenes[0], near, 5)
+    assert results(index.query(scenes[0])) == before
+    with pytest.raises(ConfigError):
+        AlignmentIndex().query_near(scenes[0], [0], 5)
+    assert AlignmentIndex().query_near(scenes[0], [], 5) == []
+
+
+def test_a_comparison_says_where_the_robot_is_beside_near_views() -> None:
+    scenes = many_scenes()
+    comparison = AlignmentComparison(SceneConfig(), AlignmentConfig(candidates=2), 0.5)
+    for scene in scenes:
+        comparison.add(comparison.view(scene))
+    view = comparison.view(many_scenes(7)[6])
+    found = comparison.compare_near(view, [3, 9], 4)
+    assert len(found) == 4 and {3, 9, 6} <= {one.slot for one in found}
+    for one in found:
+        alignment = align_scenes(view.content, scenes[one.slot])
+        assert one.relative_pose == (alignment.x, alignment.y, alignment.yaw)
+        assert one.similarity == alignment.probability
+    assert comparison.compare_near(view, [], 2) == comparison.compare(view, 2)
 
 
 def points_of(count: int) -> Cloud:
