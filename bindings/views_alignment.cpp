@@ -179,7 +179,7 @@ Returns:
           R"(As query, with at most so many scenes: those near, and the most similar others.
 
 Args:
-    near: numbers of scenes that are aligned however similar they are.
+    near: numbers of scenes that are aligned however much they differ in their thumbnails.
     most: of all scenes that are aligned.
 
 Raises:

@@ -51,9 +51,12 @@ Drift DriftSearch::drift(std::int64_t node, const Pose2& pose) const {
     const std::int64_t before = link.source == node ? link.target : link.source;
     if (!link.loop) {
       const Pose2& start = map_.nodes[before];
-      const double turn = link.source == node ? -link.measure.facing : link.measure.facing;
-      by_way += Drift::Place(end.x - start.x, end.y - start.y);
-      by_turn += turn * Drift::Place(-away[1], away[0]);
+      const Drift::Place way(end.x - start.x, end.y - start.y);
+      const double facing = link.measure.facing, first = turn_before_way(link.measure);
+      const bool reversed = link.source == node;
+      const double turn = reversed ? -facing : facing, early = reversed ? first - facing : first;
+      by_way += way;
+      by_turn += turn * Drift::Place(-away[1], away[0]) + early * Drift::Place(-way[1], way[0]);
       turns += turn;
     }
     node = before;

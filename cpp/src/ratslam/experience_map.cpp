@@ -144,22 +144,29 @@ void loosen(Link& link) {
   link.measure.variance_rad = anywhere_rad * anywhere_rad;
 }
 
-/// Moves the nodes since an interruption, which only odometry joins with those before, so that the
-/// robot is where the loop says. What odometry said of the way between no longer counts.
+/// Moves the nodes since an interruption so that the robot is where the loop says. What odometry
+/// and earlier loops said of the way between them and older nodes no longer counts.
 void rejoin(MapArrays& map, std::int64_t first, const Pending& loop) {
   const Pose2 claimed = compose(map.nodes[loop.target], loop.place);
   const Pose2 robot = map.pose();
   const Pose2 motion = compose(claimed, relative_pose(robot, {}));
-  Link& between = map.links[map.in.first[first]];
-  add_squares(map, between, -1);
+  std::vector<std::int64_t> across;
+  for (std::int64_t node = first; node < map.size(); ++node)
+    map.around(node, [&](std::int64_t link, std::int64_t other) {
+      if (other < first) across.push_back(link);
+    });
+  for (const std::int64_t link : across) add_squares(map, map.links[link], -1);
   for (std::int64_t node = first; node < map.size(); ++node)
     map.nodes[node] = compose(motion, map.nodes[node]);
-  const Pose2 way = relative_pose(map.nodes[between.source], map.nodes[first]);
-  between.measure.distance = std::hypot(way.x, way.y);
-  between.measure.heading = between.measure.distance > 0 ? std::atan2(way.y, way.x) : 0;
-  between.measure.facing = way.heading;
-  loosen(between);
-  add_squares(map, between, 1);
+  for (const std::int64_t link : across) {
+    Link& between = map.links[link];
+    const Pose2 way = relative_pose(map.nodes[between.source], map.nodes[between.target]);
+    between.measure.distance = std::hypot(way.x, way.y);
+    between.measure.heading = between.measure.distance > 0 ? std::atan2(way.y, way.x) : 0;
+    between.measure.facing = way.heading;
+    loosen(between);
+    add_squares(map, between, 1);
+  }
   const Pose2& node = map.nodes[map.current];
   map.dx = claimed.x - node.x, map.dy = claimed.y - node.y, map.facing = claimed.heading;
 }
@@ -274,8 +281,8 @@ void ExperienceMap::mark_interruption() {
 void ExperienceMap::mark_interruption_before(std::int64_t node) {
   MapArrays& map = *map_;
   if (node < 1 || node > map.size())
-    throw DataError("interruption before node " + std::to_string(node) + ": expected one from 1 to " +
-                    std::to_string(map.size()));
+    throw DataError("interruption before node " + std::to_string(node) +
+                    ": expected one from 1 to " + std::to_string(map.size()));
   if (!map.robust()) return;
   std::erase_if(map.interruptions, [&](std::int64_t other) { return other >= node; });
   map.interruptions.push_back(node);
@@ -311,6 +318,8 @@ void ExperienceMap::rescale_odometry(double way, double turn) {
     if (link.loop) continue;
     add_squares(map, link, -1);
     link.measure.distance = std::min(way * link.measure.distance, largest_value);
+    link.measure.heading =
+        wrap_angle(link.measure.heading + (turn - 1) * turn_before_way(link.measure));
     link.measure.facing = wrap_angle(turn * link.measure.facing);
     add_squares(map, link, 1);
   }

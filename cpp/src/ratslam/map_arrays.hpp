@@ -55,6 +55,12 @@ struct Measure {
   }
 };
 
+/// The part of a measure's turn before its way: half of it along an arc.
+inline double turn_before_way(const Measure& measure) {
+  const double heading = measure.heading, facing = measure.facing;
+  return heading * facing > 0 && std::abs(heading) <= std::abs(facing) ? heading : 0;
+}
+
 struct Link {
   std::int64_t source = 0, target = 0;
   Measure measure;

@@ -132,10 +132,10 @@ MapState ExperienceMap::state() const {
     put(state.links, link.measure);
     state.loops.push_back(link.loop);
   }
-  state.robot = {map.dx,          map.dy,           map.facing,     map.seconds,
-                 map.variance_m,  map.variance_rad, map.credit,     map.squares_m,
-                 map.squares_rad, map.arrived_m,    map.arrived_rad, map.since_loop,
-                 map.way_deviation, map.turn_deviation};
+  state.robot = {
+      map.dx,           map.dy,         map.facing,        map.seconds,       map.variance_m,
+      map.variance_rad, map.credit,     map.squares_m,     map.squares_rad,   map.arrived_m,
+      map.arrived_rad,  map.since_loop, map.way_deviation, map.turn_deviation};
   state.counts = {map.current, map.local_only};
   state.due = map.due;
   for (const Pending& loop : map.pending) {

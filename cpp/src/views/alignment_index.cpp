@@ -49,8 +49,7 @@ std::vector<AlignedScene> align_all(const AlignedScenes& scenes, const Scene& cu
   std::vector<AlignedScene> found(candidates.size());
   parallel_for(found.size(), threads, [&](std::size_t i) {
     const auto [distance, number] = candidates[i];
-    found[i] = {number,
-                align_views(view, prepare(scenes.images[number]), distance, scenes.config)};
+    found[i] = {number, align_views(view, prepare(scenes.images[number]), distance, scenes.config)};
   });
   std::sort(found.begin(), found.end(), [](const AlignedScene& a, const AlignedScene& b) {
     if (a.alignment.probability != b.alignment.probability)

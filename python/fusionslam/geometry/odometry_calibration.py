@@ -122,10 +122,16 @@ class OdometryCalibration:
         news = min(1.0, (now.way - self._seen_way) / max(since, _ALIKE_M))
         self._seen_way = now.way
         turn = now.heading - then.heading
-        error = float(wrapped(np.asarray(pose[2] - turn)))
-        if abs(error) > 3 * math.sqrt(variance + (_PRIOR * turn) ** 2):
+        information, product = self._sums[1] + [_PRIOR**-2, 0.0]
+        learned = product / information
+        # Many turns in one direction add up to more than half a turn: only the rest is compared.
+        rest = float(wrapped(np.asarray(pose[2] - (1 + learned) * turn)))
+        allowed = 3 * math.sqrt(variance + turn * turn / information)
+        if abs(rest) > allowed:
             return None
-        self._sums[1] += news / variance * np.array([turn * turn, turn * error])
+        if allowed < math.pi / 2:  # else it may be another rest
+            error = learned * turn + rest
+            self._sums[1] += news / variance * np.array([turn * turn, turn * error])
         if since <= _NEAR_M:
             self._observe_way(news, then, pose)
         return self._update()
@@ -173,8 +179,15 @@ class OdometryCalibration:
         shapes = {"tracks": (stored + 1, 5), "factors": (2,), "seen_way": (), "sums": (2, 2)}
         for name, shape in shapes.items():
             rows = state[name]
-            if rows.dtype != np.float64 or rows.shape != shape or np.isnan(rows).any():
+            if rows.dtype != np.float64 or rows.shape != shape:
                 raise DataError(f"{name} of a calibration: {rows.dtype} {rows.shape}, not {shape}")
+            known = rows[:, :4] if name == "tracks" else rows  # variances may be forgotten
+            if not np.isfinite(known).all() or np.isnan(rows).any():
+                raise DataError(f"{name} of a calibration: expected finite values")
+        if (state["factors"] <= 0).any() or (state["sums"][:, 0] < 0).any():
+            raise DataError("a calibration has a factor or information of 0 or less")
+        if (state["tracks"][:, 4] == np.inf).any() or not np.isfinite(state["tracks"][0, 4]):
+            raise DataError("a calibration has an infinite variance")
         track, *rows = state["tracks"].tolist()
         self._track, self._stored = _Track(*track), [_Track(*row) for row in rows]
         self.factors = Factors(*state["factors"].tolist())

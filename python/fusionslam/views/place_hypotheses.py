@@ -171,9 +171,9 @@ class PlaceHypotheses:
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything as arrays for ``restore``."""
         return {
-            "poses": self._poses,
-            "logs": self._logs,
-            "counts": self._counts,
+            "poses": self._poses.copy(),
+            "logs": self._logs.copy(),
+            "counts": self._counts.copy(),
             "wrong": self._wrong.copy(),
             "since": np.array(self._since),
         }

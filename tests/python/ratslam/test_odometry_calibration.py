@@ -155,6 +155,16 @@ def test_a_few_grossly_wrong_poses_change_little() -> None:
     assert factors.turn == pytest.approx(1 / scales[1], abs=turn)
 
 
+def test_places_beside_a_wrong_view_change_nothing_though_headings_fit() -> None:
+    calibration = OdometryCalibration(**DRIFT)
+    for step in range(200):
+        calibration.store()
+        calibration.move(1.0, 0.0)
+        # Corridors look the same a little farther on: always ahead, never behind.
+        calibration.observe(step, (1.4 if step % 10 == 9 else 1.0, 0.0, 0.0))
+    assert calibration.factors == Factors(1.0, 1.0)
+
+
 def test_after_an_interruption_earlier_views_tell_nothing() -> None:
     robot = Robot(1.0, 1.0, noise=0.0)
     calibration = robot.drive(course(100))
@@ -282,3 +292,31 @@ def test_an_invalid_state_is_refused_and_changes_nothing(name: str, value: Any) 
         calibration.restore(before | {name: value}, 3)
     after = calibration.state()
     assert all(after[key].tobytes() == before[key].tobytes() for key in before)
+
+
+@pytest.mark.parametrize("scale", [1.03, 1.05])  # test_odometry_calibration.py
+def test_turns_over_many_laps_keep_the_factor(scale: float) -> None:
+    calibration = OdometryCalibration(0.01, 0.005)
+    for lap in range(30):
+        for number in range(32):
+            calibration.move(1.0, scale * math.tau / 32)
+            if lap == 0:
+                calibration.store()
+            else:
+                calibration.observe(number, (0.0, 0.0, 0.0))
+    assert calibration.factors.turn == pytest.approx(1 / scale, abs=0.004)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("factors", np.array([0.0, -1.0])),
+        ("factors", np.array([np.inf, 1.0])),
+        ("sums", np.full((2, 2), -2000.0)),
+        ("seen_way", np.array(np.inf)),
+    ],
+)
+def test_states_that_no_calibration_has_are_refused(name: str, value: object) -> None:
+    calibration = OdometryCalibration(0.01, 0.005)
+    with pytest.raises(DataError):
+        calibration.restore(calibration.state() | {name: value}, 0)

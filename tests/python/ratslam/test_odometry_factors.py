@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The experience map, told how much odometry is off as a whole, and of views that follow closely."""
+"""The map is told how much odometry is off as a whole; views that follow closely count less."""
 
 import math
 from collections.abc import Callable
@@ -11,6 +11,7 @@ import pytest
 
 from fusionslam import DataError
 from fusionslam._core import ExperienceMap as CoreMap
+from fusionslam._core import ExperienceMapConfig
 from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
 from fusionslam.storage.arrays import Floats
@@ -397,3 +398,41 @@ def test_the_original_preset_knows_no_interruptions_before_nodes_either() -> Non
     go(graph, *[(1.0, 0.0)] * 3)
     graph.mark_interruption_before(2)
     assert not graph.state()["interruptions"].size
+
+
+def arc(turn: float) -> ExperienceMap:  # test_odometry_factors.py
+    graph = ExperienceMap(tolerance=1e-9)
+    graph.apply(Action(NODE))
+    for number in range(16):
+        for _ in range(40):
+            graph.on_odometry(0.05, turn * math.tau / 16 / 40, 1.0)
+        graph.apply(Action(NODE, number, number + 1))
+    return graph
+
+
+def test_rescaled_turns_bend_the_links_too() -> None:
+    graph, true = arc(1.03), arc(1.0)
+    graph.rescale_odometry(1.0, 1 / 1.03)
+    graph.relax(whole=True)
+    assert np.abs(graph.nodes - true.nodes)[:, :2].max() < 0.005
+
+
+def test_links_of_wrong_loops_since_an_interruption_before_a_node_do_not_hold_it_back() -> None:
+    graph = CoreMap(ExperienceMapConfig(tolerance=1e-9))
+    graph.apply(NODE, 0, 0, 0.0, (0.0, 0.0))
+    for number in range(1, 10):
+        graph.on_odometry(1.0, 0.0, 1.0)
+        graph.apply(NODE, graph.current, number, 0.0, (0.0, 0.0))
+        if number == 7:
+            graph.apply(EDGE, 7, 3, 0.0, (4.0, 0.0))  # wrong: it was carried before node 5
+    graph.mark_interruption_before(5)
+    graph.apply(EDGE, 9, 1, math.pi / 2, (0.0, 0.5))
+    moved = graph.nodes
+    relaxed = graph.relax(True)
+    from drives import weighted_errors
+
+    links = graph.links
+    errors = weighted_errors(graph.nodes, links)[:, :2] * links["sd_m"][:, None]
+    residual = math.sqrt((errors**2).sum(axis=1).mean())
+    assert relaxed[0] == pytest.approx(residual, rel=0.01, abs=1e-6)
+    assert np.abs(graph.nodes - moved)[:, :2].max() < 0.5

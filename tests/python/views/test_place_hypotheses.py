@@ -120,6 +120,14 @@ def test_two_hypotheses_that_are_confirmed_equally_never_win() -> None:
     assert drive.hypotheses.pose(found[-1])[1] == WRONG[1]
 
 
+def test_hypotheses_that_became_one_place_are_probable_together() -> None:
+    behind, ahead, between = (-0.4, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.0)
+    drive = Drive().start(behind, ahead)
+    found = [drive.scan(between) for _ in range(8)]
+    assert drive.hypotheses.shares == pytest.approx(0.5, abs=0.01)
+    assert found[-1] is not None
+
+
 def test_a_hypothesis_must_be_confirmed_three_times_however_probable_it_is() -> None:
     hypotheses = PlaceHypotheses()
     claim, views = np.array([RIGHT]), np.array([RIGHT])
@@ -128,8 +136,8 @@ def test_a_hypothesis_must_be_confirmed_three_times_however_probable_it_is() -> 
         hypotheses.weigh(claim, np.array([0.9]), views, LOST, NODE, 1e4)
         found.append(hypotheses.find(LEAST))
         hypotheses.move((0.0, 0.0, 0.6))
-        claim = claim + (0.0, 0.0, 0.6)
-        views = claim
+        claim += (0.0, 0.0, 0.6)
+        views = claim.copy()
     assert found == [None, None, 0, 0]
 
 
@@ -331,3 +339,14 @@ def test_an_invalid_state_is_refused_and_changes_nothing(name: str, value: Any) 
     with pytest.raises(DataError):
         drive.hypotheses.restore(drive.hypotheses.state() | {name: value})
     assert arrays_of(drive.hypotheses) == before
+
+
+def test_a_state_of_hypotheses_does_not_change_as_they_go_on() -> None:  # test_place_hypotheses.py
+    h, lost = PlaceHypotheses(), Evidence(NO_NODE, NO_NODE, True)
+    h.weigh(np.zeros((1, 3)), np.array([0.9]), np.zeros((1, 3)), lost, 5, 0.1)
+    state = h.state()
+    before = {name: rows.copy() for name, rows in state.items()}
+    h.move((1.0, 0.0, 0.0))
+    h.weigh(np.array([[1.0, 0, 0]]), np.array([0.9]), np.zeros((1, 3)), lost, 5, 0.1)
+    for name in state:
+        np.testing.assert_array_equal(state[name], before[name], name)
