@@ -976,7 +976,7 @@ class AlignmentIndex:
         As query, with at most so many scenes: those near, and the most similar others.
         
         Args:
-            near: numbers of scenes that are aligned however similar they are.
+            near: numbers of scenes that are aligned however much they differ in their thumbnails.
             most: of all scenes that are aligned.
         
         Raises:
