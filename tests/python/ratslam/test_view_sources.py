@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sources of views: templates, matchers, and ids that another process gives."""
 
+import json
 import logging
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from drives import circle_events, on_map, replace_sightings, same, take
 from fusionslam.errors import DataError
-from fusionslam.ratslam import GivenView, GivenViews, RatSlam
+from fusionslam.ratslam import GivenView, GivenViews, Look, Motion, RatSlam
+from fusionslam.ratslam.odometry import Odometry2D
 from fusionslam.ratslam.view_sources import (
     KINDS,
     MatcherSource,
@@ -209,3 +211,64 @@ def test_invalid_stored_ids_are_refused_and_change_nothing(content: bytes) -> No
     with pytest.raises(DataError):
         views.restore(content)
     assert views.to_bytes() == before
+
+
+def moved(k: int, x: float) -> Odometry2D:
+    return Odometry2D(k * 1_000_000_000, (x, 3.0, 0.0), None)
+
+
+LOOKS = (0, 1, 2, 3, 1, 2, 4, 2, 1, 3, 2, 1, 0)
+WHERE = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
+"""A corridor of places 4 m apart, two of which look like two others."""
+
+
+def test_a_matcher_that_follows_odometry_tells_look_alike_places_apart() -> None:
+    source, found = MatcherSource(), []
+    for k, (look, x) in enumerate(zip(LOOKS, WHERE, strict=True)):
+        source.follow(moved(k, 4.0 * x))
+        found.append(source.look(place(look), k).view_id)
+        # A restart between any two scans changes nothing.
+        resumed = MatcherSource()
+        resumed.restore(source.to_bytes())
+        source = resumed
+    assert found == list(WHERE)
+    alone = MatcherSource(ViewMatcher(ViewMatcherConfig(odometry=False)))
+    alone.follow(moved(0, 0.0))
+    assert [alone.look(place(look), k).view_id for k, look in enumerate(LOOKS)] != list(WHERE)
+
+
+@pytest.mark.parametrize("after", [moved(7, 500.0), moved(2, 5.0), moved(60, 5.0)])
+def test_odometry_that_jumps_goes_back_or_was_silent_leaves_a_robot_in_doubt(
+    after: Odometry2D,
+) -> None:
+    source = MatcherSource()
+    for k in range(6):
+        source.follow(moved(k, float(k)))
+        assert source.look(place(k), k).view_id == k
+    source.follow(after)
+    seen = source.look(place(2), 6)
+    assert seen.view_id == -1 and "may be anywhere" in seen.reason
+
+
+def test_views_that_a_former_version_kept_are_read() -> None:
+    source = MatcherSource(ViewMatcher(ViewMatcherConfig(policy="several", store_below=1.0)))
+    for visit in range(3):
+        source.look(place(0, visit), visit)
+    content = source.to_bytes()
+    start = 8 + int.from_bytes(content[:8], "little")
+    places = json.dumps(json.loads(content[8:start])["places"]).encode()
+    former = MatcherSource()
+    former.restore(len(places).to_bytes(8, "little") + places + content[start:])
+    expected = source.look(place(0, 7), 7)
+    assert former.look(place(0, 7), 7) == expected and expected.view_id == 0
+
+
+def test_the_original_preset_compares_single_scans() -> None:
+    for preset, follows in (("robust", True), ("openratslam", False)):
+        source = MatcherSource()
+        slam = RatSlam(preset=preset, views=source)
+        for k in range(3):
+            slam.step(Motion(k * 100_000_000, 1.0, 0.0))
+            slam.step(Look(k * 100_000_000, place(k)))
+        # A matcher that has begun without odometry cannot follow it later.
+        assert source.matcher.can_follow_odometry == follows

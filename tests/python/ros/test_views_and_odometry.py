@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""lv_matching weighs views by odometry: they wait for it, but not for ever."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.sensors.messages import Odometry, Scan
+from ros_master import needs_ros
+from ros_node import Desk, causes
+from scenes import place
+
+pytestmark = needs_ros
+
+CLOUDS, VIEWS, IDS, ODOM = (
+    "rgb_cloud",
+    "current_scene_description",
+    "LocalView/Template",
+    "odom",
+)
+S = 1_000_000_000
+LOOKS = (0, 1, 2, 3, 1, 2, 4, 2, 1, 3, 2, 1, 0)
+WHERE = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
+"""A corridor of places 4 m apart, two of which look like two others."""
+
+
+def views() -> list[Any]:
+    builder = Desk("lv_builder")
+    for k, look in enumerate(LOOKS):
+        cloud = place(look)
+        scan = Scan(stamp_ns=S * (k + 1), frame_id="base", points=cloud.points, colors=cloud.colors)
+        builder.give(CLOUDS, scan)
+    return builder.outlet.of(VIEWS)
+
+
+def odometry(k: int) -> Odometry:
+    pose = ground_poses(np.array([50 + 4.0 * WHERE[k]]), np.zeros(1), np.zeros(1))[0]
+    still = np.zeros(3)
+    return Odometry(
+        stamp_ns=S * (k + 1),
+        frame_id="odom",
+        child_frame_id="base",
+        pose=pose,
+        linear=still,
+        angular=still,
+    )
+
+
+def ids(matcher: Desk) -> list[int]:
+    return [message.current_id for message in matcher.outlet.of(IDS)]
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_look_alike_places_are_told_apart_however_late_odometry_is(late: int) -> None:
+    matcher = Desk("lv_matching", odometry=True)
+    for k, view in enumerate(views()):
+        matcher.give(VIEWS, view)
+        if k >= late:
+            matcher.give(ODOM, odometry(k - late))
+        assert len(ids(matcher)) == k + 1 - late
+    matcher.node.idle()  # what it does after a second of silence
+    assert ids(matcher)[: len(WHERE) - late] == list(WHERE)[: len(WHERE) - late]
+    assert len(ids(matcher)) == len(WHERE)
+
+
+def test_without_odometry_views_are_compared_alone_after_a_while(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    matcher, alone = Desk("lv_matching", odometry=True), Desk("lv_matching")
+    given = views()
+    matcher.give(VIEWS, *given[:3])
+    assert not ids(matcher)
+    matcher.give(VIEWS, *given[3:])
+    matcher.node.idle()
+    alone.give(VIEWS, *given)
+    assert ids(matcher) == ids(alone) and len(ids(alone)) == len(WHERE)
+    assert causes(caplog) == ["no-odometry"]
+
+
+def test_a_node_that_restarts_goes_on(tmp_path: Path) -> None:
+    memory, given, found = {"file": str(tmp_path / "views.npz"), "every": 1e-9}, views(), []
+    for k, view in enumerate(given):
+        matcher = Desk("lv_matching", odometry=True, memory=memory)
+        matcher.give(ODOM, odometry(k))
+        matcher.give(VIEWS, view)
+        matcher.node.close()
+        found += ids(matcher)
+    assert found == list(WHERE)
