@@ -3,7 +3,7 @@
 """``OdometryCalibration``: learns how much too long odometry's distances and turns are."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,24 +103,30 @@ class OdometryCalibration:
         """
         self._stored = [track._replace(variance=-math.inf) for track in self._stored]
 
-    def observe(self, number: int, pose: Place) -> Factors | None:
-        """Learn from a view that was recognised.
+    def observe(self, views: Sequence[tuple[int, Place]]) -> Factors | None:
+        """Learn from views that were recognised in one scan.
 
         Args:
-            number: of the view.
-            pose: the robot in the frame of the view, as measured.
+            views: number of each, and the robot in its frame, as measured.
 
         Returns:
             By how much ``factors`` changed, if they did; None otherwise.
         """
+        used = sum([self._observe_one(number, pose, len(views)) for number, pose in views])
+        if not used:
+            return None
+        self._seen_way = self._track.way
+        return self._update()
+
+    def _observe_one(self, number: int, pose: Place, count: int) -> bool:
+        """Learn from one of some views; False if its pose cannot be right."""
         now, then = self._track, self._stored[number]
         since = now.way - then.way
         variance = _PLACE_RAD**2 + now.variance - then.variance
         if not math.isfinite(variance):
-            return None
-        # Views along one way share its errors.
-        news = min(1.0, (now.way - self._seen_way) / max(since, _ALIKE_M))
-        self._seen_way = now.way
+            return False
+        # Views along one way share its errors, and so do those of one scan.
+        news = min(1.0, (now.way - self._seen_way) / max(since, _ALIKE_M)) / count
         turn = now.heading - then.heading
         information, product = self._sums[1] + [_PRIOR**-2, 0.0]
         learned = product / information
@@ -128,13 +134,13 @@ class OdometryCalibration:
         rest = float(wrapped(np.asarray(pose[2] - (1 + learned) * turn)))
         allowed = 3 * math.sqrt(variance + turn * turn / information)
         if abs(rest) > allowed:
-            return None
+            return False
         if allowed < math.pi / 2:  # else it may be another rest
             error = learned * turn + rest
             self._sums[1] += news / variance * np.array([turn * turn, turn * error])
         if since <= _NEAR_M:
             self._observe_way(news, then, pose)
-        return self._update()
+        return True
 
     def _observe_way(self, news: float, then: _Track, pose: Place) -> None:
         now, c, s = self._track, math.cos(then.heading), math.sin(then.heading)

@@ -158,6 +158,11 @@ class PoseCells:
         """The decoded pose in cells."""
         return self._network.best
 
+    @property
+    def known_views(self) -> int:
+        """Number of views that have been seen."""
+        return len(self._places)
+
     def on_view(
         self,
         view_id: SupportsIndex,

@@ -316,8 +316,13 @@ class RatSlam:
                 slam.views.restore(arrays[_VIEWS].tobytes())
             memory = slam.memory = Memory.of(about["memory"])
             learned = _state_of(_CALIBRATION, arrays)
-            if learned:  # files of version 0.2.0 have none
-                slam.calibration.restore(learned, len(learned["tracks"]) - 1)
+            known = slam.cells.known_views
+            if learned:
+                slam.calibration.restore(learned, known)
+            else:  # a file of version 0.2.0
+                for _ in range(known):
+                    slam.calibration.store()
+                slam.calibration.forget()
             counts = len(slam.map), len(memory.node_stamps_ns), len(memory.node_views)
             if len(set(counts)) > 1:
                 raise DataError("{} nodes, {} stamps and {} views of nodes".format(*counts))
@@ -384,13 +389,13 @@ class RatSlam:
         self.memory.looked_ns = self.memory.newest_ns = int(event.stamp_ns)
 
     def _calibrate(self, sighting: Sighting) -> None:
-        """Learn from a view of which odometry's errors were part of the map so far."""
+        """Learn from a view how much too long odometry is, and correct the map so far."""
         view_id = int(sighting.view_id)
         if view_id == len(self.calibration):
             self.calibration.store()
         elif self.config.calibrate and self.preset == "robust" and sighting.measures_place:
             pose = (*sighting.relative_place, sighting.relative_rotation)
-            changed = self.calibration.observe(view_id, pose)
+            changed = self.calibration.observe([(view_id, pose)])
             if changed is not None:
                 self.map.rescale_odometry(*changed)
                 self.map.relax(whole=True)

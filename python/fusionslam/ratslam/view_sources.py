@@ -10,6 +10,7 @@
 
 import io
 import json
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,6 +37,8 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, describe_method, find_recogniser
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
+logger = logging.getLogger(__name__)
+
 FORMAT = "fusionslam.view_source.1"
 
 Pose = tuple[float, float, float]
@@ -44,6 +47,8 @@ _IDENTITY = (0.0, 0.0, 0.0)
 
 _LIMITS = Limits(gap=0.5, max_speed=50.0, max_silence=10.0)
 """The defaults of RatSLAM."""
+_SILENT_NS = 2_000_000_000
+"""A robot whose last odometry is older than this may be anywhere."""
 
 
 class ViewSource(Protocol):
@@ -148,13 +153,15 @@ class MatcherSource:
     def follow(self, odometry: Odometry2D) -> None:
         """Follow the robot's motion, by which the next views are weighed (``views.odometry``).
 
-        A stamp that is not later than the last one means that the clock went back: the robot may be
-        anywhere then, as after a jump or a long silence.
+        A stamp earlier than the last one means that the clock went back: the robot may be anywhere
+        then, as after a jump or a long silence.
         """
         before, self._odometry = self._odometry, odometry
         if before is None:
             return
-        if odometry.stamp_ns <= before.stamp_ns:
+        if odometry.stamp_ns == before.stamp_ns:
+            return
+        if odometry.stamp_ns < before.stamp_ns:
             self._interrupted = True
             return
         motion = step_between(before, odometry, _LIMITS)
@@ -171,7 +178,8 @@ class MatcherSource:
         if isinstance(item, Picture):
             raise DataError(f"image at {stamp_ns} ns: {self.title} needs clouds or frames")
         number = self.matcher.stats.processed
-        match = self.matcher.process(item, odometry=self._take_odometry())
+        match = self.matcher.process(item, odometry=self._odometry_at(stamp_ns))
+        self._interrupted = False
         if match.by_odometry:  # which RatSLAM knows itself
             return Sighting(stamp_ns, NO_VIEW, reason=match.reason)
         # The robot's pose in the frame of the first view of its place.
@@ -183,13 +191,16 @@ class MatcherSource:
             self._places[number] = x, y, turn
         return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
 
-    def _take_odometry(self) -> NDArray[np.float64] | None:
+    def _odometry_at(self, stamp_ns: int) -> NDArray[np.float64] | None:
         """odom_from_robot for the matcher; None if it has none, or the robot may be anywhere."""
-        matcher = self.matcher
+        matcher, odometry = self.matcher, self._odometry
         if not matcher.config.odometry or not matcher.can_follow_odometry:
             return None
-        interrupted, self._interrupted = self._interrupted, False
-        if self._odometry is None or interrupted:
+        if odometry is None:
+            logger.info("no odometry before the first view: views are compared alone")
+            return None
+        is_silent = stamp_ns - odometry.stamp_ns > _SILENT_NS
+        if is_silent or (self._interrupted and len(matcher)):
             return None
         x, y, heading = self._pose
         return np.asarray(ground_poses(*np.array([[x], [y], [heading]]))[0])

@@ -182,6 +182,11 @@ class ViewMatcher:
         """Recognise the place by what the scan and odometry say together."""
         candidates = self._find_candidates(view, places)
         belief = places.weigh(candidates, self.threshold)
+        # Before a view is dropped to make room, after which slots are others.
+        by_place: dict[int, float] = {}
+        for slot, share in belief.shares:
+            place = self._slots[slot].id
+            by_place[place] = by_place.get(place, 0.0) + share
         firsts = self._first_slots()
         if belief.best is not None and belief.known >= self.threshold:
             places.arrive(belief.best, candidates)
@@ -198,10 +203,6 @@ class ViewMatcher:
             match = replace(match, similarity=belief.new, reason=reason)
         else:
             match = self._hold_back(belief, places)
-        by_place: dict[int, float] = {}
-        for slot, share in belief.shares:
-            place = self._slots[slot].id
-            by_place[place] = by_place.get(place, 0.0) + share
         shares = tuple(sorted(by_place.items(), key=lambda item: -item[1]))
         return replace(match, candidates=shares, look_alikes=belief.look_alikes)
 

@@ -36,8 +36,8 @@ _SAME_M, _SAME_RAD = 0.5, 0.3
 """Candidates whose poses of the robot are this near each other say the same."""
 _ALIKE = 0.5
 """Probability from which on a place counts as a look-alike."""
-_BESIDE_M = 5.0
-"""Metres by which the area of the robot is longer and wider than that of the stored views."""
+_MARGIN_M = 5.0
+"""Metres by which the area where a robot may be is longer and wider than that of the views."""
 _NEAR_M, _NEAR_RAD, _NEAR = 1.5, 1.0, 6
 """So many views that are stored within this of the robot are compared with every scan."""
 _REVISED_M = 0.2
@@ -46,6 +46,8 @@ _NODE_M = 0.3
 """Metres after which the way of a robot that matches nothing gets another node."""
 _ELSEWHERE, _ELSEWHERE_LOST = 1e-3, 0.02
 """Odds that the robot is where a scan resembles a view, and not where the filter has it."""
+_MOST_TELLING = 20.0
+"""Most by which a scan that nothing else looks like raises these odds for a lost robot."""
 
 _OF_THE_MAP = ("drift_m", "drift_turn", "drift_heading", "place_m", "place_rad", "sigmas")
 """Options that the experience map has, too."""
@@ -165,14 +167,16 @@ class PlaceFilter:
         self._hypotheses = PlaceHypotheses()
         self._nodes: list[int] = []
         self._last: Place | None = None
-        self._lost_since: int | None = None
+        # Nodes that were made next when odometry was interrupted, of parts of the map that no match
+        # has joined since; ascending.
+        self._losses: list[int] = []
         self._answers: list[Answer] = []
         self._was_moved = False
 
     @property
     def is_lost(self) -> bool:
         """Whether odometry was interrupted, and no view from before was matched since."""
-        return self._lost_since is not None
+        return bool(self._losses)
 
     @property
     def factors(self) -> tuple[float, float]:
@@ -218,9 +222,8 @@ class PlaceFilter:
     def _interrupt(self, problem: str) -> str:
         self._map.mark_interruption()
         self._calibration.forget()
-        # A second time it may still be where it was lost first.
-        if self._lost_since is None and len(self._map):
-            self._lost_since = len(self._map)
+        if len(self._map) and self._losses[-1:] != [len(self._map)]:
+            self._losses.append(len(self._map))
             self._hypotheses.clear()
         return f"{problem}: the robot may be anywhere" if self.is_lost else ""
 
@@ -250,7 +253,7 @@ class PlaceFilter:
         probabilities = np.array([one.similarity for one in likely])
         alike, leaders = _count_look_alikes(poses, probabilities)
         checks = [self._check(one.slot, one.relative_pose) for one in likely]
-        area = float((np.ptp(nodes[:, :2], axis=0) + _BESIDE_M).prod()) if len(nodes) else 1.0
+        area = float((np.ptp(nodes[:, :2], axis=0) + _MARGIN_M).prod()) if len(nodes) else 1.0
         odds = np.array(
             [
                 self._weigh_one(one, check, float(other), area)
@@ -261,55 +264,68 @@ class PlaceFilter:
         total = 1.0 + float(odds.sum())
         if likely:
             best = int(odds.argmax())
-            same = _say_the_same(poses, poses[best])
+            same = _agree(poses, poses[best])
             known = float(odds[same].sum()) / total if self._fits(checks[best]) else 0.0
             shares = [(slot, float(share)) for slot, share in zip(slots, odds / total, strict=True)]
             shares.sort(key=lambda share: (-share[1], share[0]))
-            others = np.count_nonzero(~_say_the_same(leaders, poses[best]))
+            others = np.count_nonzero(~_agree(leaders, poses[best]))
             belief = Belief(likely[best], known, 1.0 / total, tuple(shares), int(others))
-        found = self._weigh_hypotheses(poses, probabilities, slots, least)
-        if found is not None and belief.known < least:
-            which, share = found
-            belief = replace(belief, best=likely[which], known=share, new=1.0 - share)
+        self._weigh_hypotheses(poses, probabilities, alike, slots)
+        which = self._find_elsewhere(poses, probabilities, slots, least)
+        if which is not None and belief.known < least:
+            belief = replace(belief, best=likely[which], known=least, new=1.0 - least)
+            self._go_elsewhere(least)
         return belief
 
     def _weigh_hypotheses(
-        self, poses: Floats, probabilities: Floats, slots: list[int], least: float
-    ) -> tuple[int, float] | None:
-        """The candidate by which the robot is elsewhere, and its probability; None if it is not."""
+        self, poses: Floats, probabilities: Floats, alike: Floats, slots: list[int]
+    ) -> None:
         nodes, here = self._map.nodes, np.array(self._map.pose)
         before = np.array([self._is_before_loss(slot) for slot in slots], bool)
-        agrees = _say_the_same(poses, here)
+        agrees = _agree(poses, here)
         elsewhere = before if self.is_lost else ~agrees
         old = [n for s, n in enumerate(self._nodes) if self._is_before_loss(s) or not self.is_lost]
         evidence = Evidence(NO_NODE, NO_NODE, self.is_lost)
-        if not self.is_lost:
-            there = np.array(self._nodes, np.int64)[_say_the_same(nodes[self._nodes], here)]
+        odds = np.full(len(slots), _ELSEWHERE)
+        if self.is_lost:
+            # What nothing else looks like tells most.
+            alone = probabilities / (1 - probabilities.clip(max=1 - _CERTAIN) + alike)
+            odds = _ELSEWHERE_LOST * alone.clip(1, _MOST_TELLING)
+        else:
+            there = np.array(self._nodes, np.int64)[_agree(nodes[self._nodes], here)]
             confirming = [self._nodes[s] for s, one in zip(slots, agrees, strict=True) if one]
             evidence = Evidence(
                 min(confirming, default=NO_NODE), int(there.min(initial=NO_NODE)), False
             )
-        prior = _ELSEWHERE_LOST if self.is_lost else _ELSEWHERE
         self._hypotheses.weigh(
             *(poses[elsewhere], probabilities[elsewhere], nodes[old]),
-            *(evidence, max(1, len(self._map)), prior),
+            *(evidence, max(1, len(self._map)), odds[elsewhere]),
         )
+
+    def _find_elsewhere(
+        self, poses: Floats, probabilities: Floats, slots: list[int], least: float
+    ) -> int | None:
+        """The candidate by which the robot is where the best hypothesis has it; None for none."""
         number = self._hypotheses.find(least)
         if number is None:
             return None
-        agreeing = np.flatnonzero(elsewhere & _say_the_same(poses, self._hypotheses.pose(number)))
-        if not agreeing.size:
-            return None
-        share = float(self._hypotheses.shares[number])
-        if not self.is_lost:
-            self._map.mark_interruption_before(self._hypotheses.first_node(number))
+        first = self._losses[-1] if self.is_lost else self._hypotheses.first_node(number)
+        older = np.array([self._nodes[slot] < first for slot in slots], bool)
+        agreeing = np.flatnonzero(older & _agree(poses, self._hypotheses.pose(number)))
+        return int(agreeing[probabilities[agreeing].argmax()]) if agreeing.size else None
+
+    def _go_elsewhere(self, least: float) -> None:
+        """Believe the best hypothesis, so that the next match moves what was mapped since then."""
+        number = self._hypotheses.find(least)
+        if number is not None and not self.is_lost:
+            first = self._hypotheses.first_node(number)
+            self._map.mark_interruption_before(first)
             self._calibration.forget()
-            self._lost_since = self._hypotheses.first_node(number)
+            self._losses = [first]
         self._hypotheses.clear()
-        return int(agreeing[probabilities[agreeing].argmax()]), max(share, least)
 
     def _is_before_loss(self, slot: int) -> bool:
-        return self._lost_since is not None and self._nodes[slot] < self._lost_since
+        return bool(self._losses) and self._nodes[slot] < self._losses[-1]
 
     def _fits(self, check: _Check) -> bool:
         return check.error_m <= check.allowed_m and check.error_rad <= check.allowed_rad
@@ -387,15 +403,17 @@ class PlaceFilter:
         self._map.apply(ActionKind.CREATE_EDGE, self._map.current, target, pose[2], pose[:2])
         self._map.relax(False)
         self._was_moved |= math.dist(before[:2], self._map.pose[:2]) > _REVISED_M
-        if self._lost_since is not None and target < self._lost_since:
-            self._lost_since = None
+        if self._losses and target < self._losses[-1]:
+            self._losses = [node for node in self._losses if node <= target]
             self._hypotheses.clear()
-        for one in candidates:
-            if one.relative_pose is not None:
-                changed = self._calibration.observe(one.slot, one.relative_pose)
-                if changed is not None:
-                    self._map.rescale_odometry(*changed)
-                    self._map.relax(True)
+        views = [(one.slot, one.relative_pose) for one in candidates if one.relative_pose]
+        stored = self._map.nodes[[self._nodes[slot] for slot, _ in views]]
+        poses = compose(stored, np.array([seen for _, seen in views]).reshape(-1, 3))
+        right = _agree(poses, np.array(self._map.pose))
+        changed = self._calibration.observe([views[row] for row in np.flatnonzero(right)])
+        if changed is not None:
+            self._map.rescale_odometry(*changed)
+            self._map.relax(True)
         self._map.set_odometry_deviations(*self._calibration.deviations)
 
     def store(self) -> None:
@@ -406,7 +424,7 @@ class PlaceFilter:
 
     def pass_by(self) -> None:
         """Note where the robot is, without a view."""
-        if math.hypot(*self._map.offset[:2]) > _NODE_M or self._lost_since == len(self._map):
+        if math.hypot(*self._map.offset[:2]) > _NODE_M or self._losses[-1:] == [len(self._map)]:
             self._create_node()
 
     def _create_node(self) -> None:
@@ -460,11 +478,10 @@ class PlaceFilter:
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything but the configuration, as arrays for ``restore``."""
         last = () if self._last is None else self._last
-        lost = [] if self._lost_since is None else [self._lost_since]
         own = {
             "nodes_of_slots": np.array(self._nodes, np.int64),
             "last": np.array(last, float),
-            "lost_since": np.array(lost, np.int64),
+            "losses": np.array(self._losses, np.int64),
             "was_moved": np.array(self._was_moved),
         }
         for part, state in self._parts().items():
@@ -502,16 +519,17 @@ class PlaceFilter:
         self._calibration.restore(parts["calibration"], slots)
         self._hypotheses.restore(parts["hypotheses"])
         self._restore_answers(parts["answers"])
-        nodes, last, lost = (state[name] for name in ("nodes_of_slots", "last", "lost_since"))
+        nodes, last, losses = (state[name] for name in ("nodes_of_slots", "last", "losses"))
         valid = nodes.dtype == np.int64 and nodes.shape == (slots,)
         if not valid or not ((nodes >= 0) & (nodes < len(self._map))).all():
             raise DataError(f"{slots} views, but nodes {nodes.dtype} {nodes.shape} of a filter")
-        if lost.dtype != np.int64 or lost.shape not in ((0,), (1,)) or (lost < 1).any():
-            raise DataError(f"lost_since {lost.dtype} {lost.shape} of a filter: expected a node")
+        rising = losses.ndim == 1 and (np.diff(losses, prepend=0) > 0).all()
+        if losses.dtype != np.int64 or not rising or (losses > len(self._map)).any():
+            raise DataError(f"losses of a filter: {losses.tolist()}, expected ascending nodes")
         if last.shape not in ((0,), (3,)) or not np.isfinite(last).all():
             raise DataError(f"last pose {last.tolist()} of a filter: expected x, y and heading")
         self._nodes, self._was_moved = nodes.tolist(), bool(state["was_moved"])
-        self._lost_since = int(lost[0]) if lost.size else None
+        self._losses = losses.tolist()
         x, y, heading = last.tolist() or (0.0, 0.0, 0.0)
         self._last = (x, y, heading) if last.size else None
 
@@ -544,7 +562,7 @@ def _ground(pose: Matrix) -> tuple[Place | None, str]:
     return (x, y, heading), ""
 
 
-def _say_the_same(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
+def _agree(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
     """Which poses of the robot are one of them, for all that alignments can tell."""
     apart = poses - pose
     same = np.hypot(apart[:, 0], apart[:, 1]) < _SAME_M
@@ -564,10 +582,10 @@ def _count_look_alikes(poses: Floats, probabilities: Floats) -> tuple[Floats, Fl
     for index in np.argsort(-probabilities, kind="stable"):
         if left[index]:
             leaders.append(index)
-            left &= ~_say_the_same(poses, poses[index])
+            left &= ~_agree(poses, poses[index])
     alike = np.full(len(poses), probabilities[leaders].sum())
     for leader in leaders:
-        alike[_say_the_same(poses, poses[leader])] -= probabilities[leader]
+        alike[_agree(poses, poses[leader])] -= probabilities[leader]
     likely = [leader for leader in leaders if probabilities[leader] >= _ALIKE]
     return alike.clip(0), poses[likely]
 

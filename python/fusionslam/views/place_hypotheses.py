@@ -29,8 +29,12 @@ _LIKELY = 0.5
 """Probability of an alignment from which on it begins or confirms a hypothesis."""
 _SAME_M, _SAME_RAD = 0.6, 0.3
 """A scan confirms a hypothesis that is this near."""
-_BESIDE_M = 0.5
+_THERE = 0.5
 """Where a view is stored within so many metres and radians, one expects to be confirmed."""
+_LEAST_LOG = math.log(1e-4)
+"""A hypothesis with smaller odds is given up."""
+_MET = 0.1
+"""Hypotheses that are so near to each other, metres and radians, are one."""
 _FEWEST = 3
 """Confirmations that a hypothesis needs."""
 _MOST = 100
@@ -90,7 +94,7 @@ class PlaceHypotheses:
         views: Floats,
         evidence: Evidence,
         node: int,
-        prior: float,
+        odds: Floats | float,
     ) -> None:
         """Weigh the hypotheses by a scan, if the robot has moved since the last one.
 
@@ -101,15 +105,23 @@ class PlaceHypotheses:
             views: float64 (k, 3), poses of the stored views.
             evidence: what the scan says of where the filter has the robot.
             node: the node that is made next.
-            prior: odds of a new hypothesis.
+            odds: of a new hypothesis, of all or float64 (n,) of each claim.
         """
-        likely = claims[probabilities >= _LIKELY]
+        likely = probabilities >= _LIKELY
         if self._since >= NEWS_M:
             self._since = 0.0
-            self._weigh_all(likely, views, evidence)
-        self._begin(likely, node, prior)
+            self._weigh_all(claims[likely], views, evidence)
+        self._begin(claims[likely], node, np.log(np.broadcast_to(odds, likely.shape)[likely]))
         kept = np.argsort(-self._logs, kind="stable")[:_MOST]
-        kept = kept[self._logs[kept] > math.log(prior) - 2]
+        kept = kept[self._logs[kept] > _LEAST_LOG]
+        self._keep([n for k, n in enumerate(kept.tolist()) if not self._is_met(n, kept[:k])])
+
+    def _is_met(self, number: int, others: NDArray[np.int64]) -> bool:
+        """Whether a hypothesis is where one of others is: they were confirmed by one view."""
+        found = _near(self._poses[others], self._poses[number], _MET, _MET)
+        return bool(found.any())
+
+    def _keep(self, kept: list[int]) -> None:
         self._poses, self._logs = self._poses[kept], self._logs[kept]
         self._counts = self._counts[kept]
 
@@ -140,9 +152,7 @@ class PlaceHypotheses:
             if len(found):
                 hit[number] = True
                 self._poses[number] = found[np.hypot(*(found - pose)[:, :2].T).argmin()]
-        expected = np.array(
-            [_near(views, pose, _BESIDE_M, _BESIDE_M).any() for pose in self._poses]
-        )
+        expected = np.array([_near(views, pose, _THERE, _THERE).any() for pose in self._poses])
         # Views that were stored since a hypothesis began are where the filter had the robot.
         first = self._counts[:, 0]
         confirmed = evidence.confirmed_by < first
@@ -161,11 +171,11 @@ class PlaceHypotheses:
         self._logs += np.where(confirmed, -up, np.where(missed, -down, 0.0))
         self._counts[:, 1] += hit
 
-    def _begin(self, claims: Floats, node: int, prior: float) -> None:
-        for pose in claims:
+    def _begin(self, claims: Floats, node: int, logs: Floats) -> None:
+        for pose, log in zip(claims, logs, strict=True):
             if not _near(self._poses, pose, _SAME_M, _SAME_RAD).any():
                 self._poses = np.vstack([self._poses, pose])
-                self._logs = np.append(self._logs, math.log(prior))
+                self._logs = np.append(self._logs, log)
                 self._counts = np.vstack([self._counts, [node, 1]])
 
     def state(self) -> dict[str, NDArray[Any]]:

@@ -79,7 +79,7 @@ class Robot:
         measured += self.noise * self.random.normal(0, (SD_M, SD_M, SD_RAD))
         if self.random.random() < wrong:
             measured += self.random.choice([-1, 1], 3) * (2.0, 2.0, 2.0)
-        changed = self.calibration.observe(number, tuple(measured.tolist()))
+        changed = self.calibration.observe([(number, tuple(measured.tolist()))])
         if changed is not None:
             self.changes.append(changed)
 
@@ -142,7 +142,7 @@ def test_driving_backwards_tells_as_much_as_driving_ahead() -> None:
     for step in range(100):
         calibration.store()
         calibration.move(-1.03, 0.0)
-        calibration.observe(step, (-1.0, 0.0, 0.0))
+        calibration.observe([(step, (-1.0, 0.0, 0.0))])
     assert calibration.factors.way == pytest.approx(1 / 1.03, abs=STEP)
     assert calibration.factors.turn == 1.0
 
@@ -161,7 +161,7 @@ def test_places_beside_a_wrong_view_change_nothing_though_headings_fit() -> None
         calibration.store()
         calibration.move(1.0, 0.0)
         # Corridors look the same a little farther on: always ahead, never behind.
-        calibration.observe(step, (1.4 if step % 10 == 9 else 1.0, 0.0, 0.0))
+        calibration.observe([(step, (1.4 if step % 10 == 9 else 1.0, 0.0, 0.0))])
     assert calibration.factors == Factors(1.0, 1.0)
 
 
@@ -174,14 +174,14 @@ def test_after_an_interruption_earlier_views_tell_nothing() -> None:
     for leg in course(50, seed=1):
         calibration.move(leg.way * 1.05, leg.turn * 1.05)
         for number in range(60, 100):
-            assert calibration.observe(number, (1.0, 0.0, 0.1)) is None
+            assert calibration.observe([(number, (1.0, 0.0, 0.1))]) is None
     assert calibration.factors == Factors(1.0, 1.0)
     assert calibration.state()["sums"].tobytes() == before["sums"].tobytes()
     # Views that are stored now do, and what was learned before still counts.
     for step in range(30):
         calibration.store()
         calibration.move(1.05, 0.0)
-        calibration.observe(100 + step, (1.0, 0.0, 0.0))
+        calibration.observe([(100 + step, (1.0, 0.0, 0.0))])
     assert 1 / 1.05 - STEP < calibration.factors.way < 0.99
 
 
@@ -205,7 +205,7 @@ def test_views_that_are_removed_move_later_ones_down() -> None:
     for _ in range(5):
         for calibration, number in ((whole, 2), (fewer, 1)):
             calibration.move(0.5, 0.0)
-            calibration.observe(number, (0.9, 0.02, 0.1))
+            calibration.observe([(number, (0.9, 0.02, 0.1))])
     assert whole.factors == fewer.factors and whole.deviations == fewer.deviations
 
 
@@ -224,10 +224,10 @@ def test_standing_still_tells_nothing_new() -> None:
     calibration = OdometryCalibration(**DRIFT)
     calibration.store()
     calibration.move(2.0, 0.3)
-    calibration.observe(0, (1.9, 0.6, 0.3))
+    calibration.observe([(0, (1.9, 0.6, 0.3))])
     once = calibration.deviations, calibration.factors
     for _ in range(50):
-        assert calibration.observe(0, (1.9, 0.6, 0.3)) is None
+        assert calibration.observe([(0, (1.9, 0.6, 0.3))]) is None
     assert (calibration.deviations, calibration.factors) == once
 
 
@@ -261,7 +261,7 @@ def test_a_state_does_not_change_as_the_calibration_goes_on() -> None:
     restored.restore(state, 100)
     robot.drive(iter(legs[100:]))
     restored.move(1.0, 0.1)
-    restored.observe(98, (1.4, 0.0, 0.2))
+    restored.observe([(98, (1.4, 0.0, 0.2))])
     assert all(state[name].tobytes() == before[name].tobytes() for name in state)
 
 
@@ -303,7 +303,7 @@ def test_turns_over_many_laps_keep_the_factor(scale: float) -> None:
             if lap == 0:
                 calibration.store()
             else:
-                calibration.observe(number, (0.0, 0.0, 0.0))
+                calibration.observe([(number, (0.0, 0.0, 0.0))])
     assert calibration.factors.turn == pytest.approx(1 / scale, abs=0.004)
 
 

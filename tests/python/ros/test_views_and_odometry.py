@@ -75,10 +75,25 @@ def test_without_odometry_views_are_compared_alone_after_a_while(
     matcher.give(VIEWS, *given[:3])
     assert not ids(matcher)
     matcher.give(VIEWS, *given[3:])
-    matcher.node.idle()
     alone.give(VIEWS, *given)
     assert ids(matcher) == ids(alone) and len(ids(alone)) == len(WHERE)
     assert causes(caplog) == ["no-odometry"]
+
+
+def test_odometry_that_ends_leaves_the_robot_in_doubt_and_not_standing_still(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    matcher, given = Desk("lv_matching", odometry=True), views()
+    for k in range(4):
+        matcher.give(ODOM, odometry(k))
+    matcher.give(VIEWS, *given)
+    matcher.node.idle()
+    assert ids(matcher)[:4] == list(WHERE)[:4] and len(ids(matcher)) == len(WHERE)
+    reasons = [message.reason for message in matcher.outlet.of(IDS)]
+    assert all("may be anywhere" in reason for reason in reasons[6:])
+    # The seventh place looks like no other, so it is new.
+    assert ids(matcher)[6] >= 4
+    assert not causes(caplog)
 
 
 def test_a_node_that_restarts_goes_on(tmp_path: Path) -> None:

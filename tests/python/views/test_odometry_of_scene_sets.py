@@ -36,7 +36,7 @@ def corridor(odometry: bool = True) -> SceneSet:
 @pytest.mark.parametrize("kind", [None, "recorded", "drift"])
 def test_a_corridor_of_look_alike_places_is_matched_by_odometry(kind: str | None) -> None:
     scenes, matcher = corridor(), ViewMatcher()
-    run = run_views(scenes, matcher, odometry=odometry_of(scenes, matcher, kind))  # type: ignore[arg-type]
+    run = run_views(scenes, matcher, odometry=odometry_of(scenes, matcher, kind))
     assert run.ids.tolist() == list(THERE_AND_BACK) and run.follows_odometry
     alone = run_views(scenes, ViewMatcher(), odometry=odometry_of(scenes, matcher, "none"))
     assert alone.ids.tolist() != list(THERE_AND_BACK) and not alone.follows_odometry

@@ -71,10 +71,12 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def __init__(self, config: ViewMatchingConfig, outlet: Outlet) -> None:
         super().__init__(config, outlet)
         self._source = source_of(config)
-        self._order: StampOrder | None = StampOrder(config.order) if self._waits else None
-        self._first_ns: int | None = None
         self._saver = self.make_saver(config.memory, lambda path: save_source(self._source, path))
         self._saver.resume(self._load, _settings(self._source))
+        # Views wait here for odometry; None if they do not.
+        self._order: StampOrder | None = StampOrder(config.order) if self._waits else None
+        self._first_ns: int | None = None
+        self._has_odometry = False
 
     def _load(self, path: Path) -> Settings:
         restore_source(self._source, path)
@@ -109,6 +111,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
         super().close()
 
     def _take_odometry(self, odometry: Odometry) -> None:
+        self._has_odometry = True
         if self._order is not None:
             self._process(self._order.add(odometry))
 
@@ -137,10 +140,12 @@ class ViewMatching(Node[ViewMatchingConfig]):
 
     def _stop_waiting(self, stamp_ns: int) -> None:
         """Compare views alone if there is no odometry."""
+        if self._order is None or self._has_odometry:
+            return
         if self._first_ns is None or stamp_ns < self._first_ns:
             self._first_ns = stamp_ns
         waited = (stamp_ns - self._first_ns) / NANOSECONDS
-        if self._order is None or self._source.known or waited <= self.config.order.wait:
+        if waited <= self.config.order.wait:
             return
         self.problems.add(
             ODOM,
@@ -149,6 +154,8 @@ class ViewMatching(Node[ViewMatchingConfig]):
             "no-odometry",
         )
         self._process(self._order.flush())
+        if not self._waits:
+            self._order = None
 
     def _take_image(self, picture: Picture) -> None:
         self._look(picture, picture.stamp_ns, picture.frame_id)
@@ -158,7 +165,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
         sighting = self._source.look(item, stamp_ns)
         is_new = sighting.view_id >= known
         self.counts["new places"] += is_new
-        self.counts["nothing recognised"] += sighting.view_id < 0
+        self.counts["nothing recognised, or held back"] += sighting.view_id < 0
         self.outlet.publish(TEMPLATES, template_message(sighting, frame_id, is_new))
         self._saver.note_change()
 
