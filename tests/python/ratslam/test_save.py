@@ -21,7 +21,8 @@ from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.ratslam import Look, MatcherSource, RatSlam, Sighting, StampOrder, TemplateSource
 from fusionslam.ratslam.events import Event
-from fusionslam.ratslam.slam import Memory
+from fusionslam.ratslam.slam import FORMAT, Memory
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from scenes import LAPS, place
@@ -103,6 +104,22 @@ def test_a_file_written_before_odometry_could_be_sideways_is_read(tmp_path: Path
     assert Memory.of(json.loads(json.dumps(values))) == slam.memory
     values["odometry"] = values["odometry"][:3]
     assert Memory.of(json.loads(json.dumps(values))) == slam.memory
+
+
+def test_a_file_written_before_odometry_was_calibrated_goes_on(tmp_path: Path) -> None:
+    slam = RatSlam()
+    take(slam, circle_events(0.3))
+    slam.save(tmp_path / "new.npz")
+    with load_archive(tmp_path / "new.npz", FORMAT, "a map") as (about, arrays):
+        kept = {name: rows for name, rows in arrays.items() if not name.startswith("calibration.")}
+        for name in ("map.robot", "alone.robot"):
+            kept[name] = kept[name][:11]
+        del about["config"]["calibrate"]
+        save_archive(tmp_path / "old.npz", FORMAT, about, kept)
+    old, stamp_ns = RatSlam.load(tmp_path / "old.npz"), slam.memory.newest_ns
+    assert stamp_ns is not None and len(old.calibration) == old.cells.known_views > 3
+    seen = old.step(Sighting(stamp_ns + 1, 2, 0.1, (0.3, 0.0)))
+    assert seen.view_id == 2 and old.calibration.factors == (1, 1)
 
 
 def test_cutting_a_file_anywhere_is_one_error_that_names_it(saved: Path) -> None:

@@ -195,3 +195,20 @@ def test_odometry_needs_alignment_from_the_first_scan_on() -> None:
         with pytest.raises(ConfigError) as caught:
             matcher.process(place(1), odometry=np.eye(4))
         assert caught.value.code == "no-filter"
+
+
+def test_a_robot_that_is_lost_twice_finds_the_part_in_between() -> None:
+    matcher = ViewMatcher()
+    corridor(matcher, 4)
+    elsewhere = [matcher.process(place(k), odometry=at(1000.0 + k)).id for k in range(10, 14)]
+    assert elsewhere == [4, 5, 6, 7]
+    there_and_back = [*range(10, 14), *range(12, 9, -1), *range(11, 14)]
+    found = [matcher.process(place(k), odometry=at(2000.0 + k)).id for k in there_and_back]
+    assert found[-3:] == [5, 6, 7] and len(matcher) == 8
+
+
+def test_candidates_are_named_by_their_place_though_a_view_is_dropped() -> None:
+    matcher = ViewMatcher(ViewMatcherConfig(max_views=2))
+    for k in range(5):
+        match = matcher.process(place(k), odometry=at(float(k)))
+        assert all(id < match.id for id, _ in match.candidates)
