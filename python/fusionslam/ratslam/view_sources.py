@@ -182,6 +182,8 @@ class MatcherSource:
         self._interrupted = False
         if match.by_odometry:  # which RatSLAM knows itself
             return Sighting(stamp_ns, NO_VIEW, reason=match.reason)
+        # Of a lost robot RatSLAM decides by itself: it waits for loops that agree.
+        view_id = match.id if match.guess is None else match.guess
         # The robot's pose in the frame of the first view of its place.
         x, y, turn = _IDENTITY
         if match.relative_pose is not None and match.matched is not None:
@@ -189,7 +191,7 @@ class MatcherSource:
             x, y, turn = compose(stored, np.array([match.relative_pose]))[0].tolist()
         if match.stored and not match.is_new:
             self._places[number] = x, y, turn
-        return Sighting(stamp_ns, match.id, turn, (x, y), match.reason)
+        return Sighting(stamp_ns, view_id, turn, (x, y), match.reason)
 
     def _odometry_at(self, stamp_ns: int) -> NDArray[np.float64] | None:
         """odom_from_robot for the matcher; None if it has none, or the robot may be anywhere."""

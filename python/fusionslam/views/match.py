@@ -42,6 +42,8 @@ class ViewMatch:
             probability of each.
         look_alikes: with odometry: number of other places that look like the scan.
         by_odometry: whether odometry alone has the robot at the place: the scan did not show it.
+        guess: of an ambiguous scan of a lost robot: the place that the scan alone shows, if any;
+            ``matched`` and ``relative_pose`` are of it.
         revised: earlier scans whose answers turned out to be others.
     """
 
@@ -56,6 +58,7 @@ class ViewMatch:
     candidates: tuple[tuple[int, float], ...] = ()
     look_alikes: int = 0
     by_odometry: bool = False
+    guess: int | None = None
     revised: tuple[Revision, ...] = ()
 
 

@@ -193,7 +193,10 @@ class ViewMatcher:
             best = replace(belief.best, similarity=belief.known)
             older = places.locate(firsts, self.config.places.older)
             if older is not None and self._slots[older.slot].id < self._slots[best.slot].id:
-                best = replace(best, slot=older.slot, relative_pose=older.pose)
+                # Only as an alignment measured it: the filter's own map may still be bent.
+                seen = next((one for one in candidates if one.slot == older.slot), None)
+                if seen is not None and places.agree(seen.relative_pose, older.pose):
+                    best = replace(best, slot=older.slot, relative_pose=seen.relative_pose)
             match = self._match_view(view, best)
         elif (here := places.locate(firsts, self.threshold)) is not None:
             match = self._match_by_odometry(here)
@@ -245,7 +248,12 @@ class ViewMatcher:
         why = "the robot is lost" if places.is_lost else f"none has {self.threshold:.4g}"
         said = counted(len({self._slots[slot].id for slot, _ in belief.shares}), "place")
         reason = f"ambiguous: {said} may be right, {why}"
-        return ViewMatch(NO_VIEW, belief.known, False, reason, False, is_ambiguous=True)
+        match = ViewMatch(NO_VIEW, belief.known, False, reason, False, is_ambiguous=True)
+        best = belief.best
+        if best is None or not places.is_lost or best.similarity < self.threshold:
+            return match
+        slot = self._slots[best.slot]
+        return replace(match, guess=slot.id, matched=slot.number, relative_pose=best.relative_pose)
 
     def _revise(self, match: ViewMatch, places: PlaceFilter) -> ViewMatch:
         """Remember an answer, and revise those before it."""

@@ -360,6 +360,10 @@ class PlaceFilter:
         action = (ActionKind.CREATE_EDGE, self._map.current, self._nodes[slot], pose[2], pose[:2])
         return _Check(*self._map.check(*action))
 
+    def agree(self, one: Place | None, other: Place) -> bool:
+        """Whether two poses of the robot in the frame of a view say the same."""
+        return one is not None and bool(_agree(np.array([one]), np.array(other))[0])
+
     def locate(self, slots: Sequence[int], least: float) -> Location | None:
         """The oldest place that the robot is at, going by where odometry has it.
 
