@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.geometry.se2 import wrapped
+from fusionslam.geometry.se2 import relative_to, wrap
 
 Place = tuple[float, float, float]
 """x, y in metres and heading in radians."""
@@ -131,7 +131,7 @@ class OdometryCalibration:
         information, product = self._sums[1] + [_PRIOR**-2, 0.0]
         learned = product / information
         # Many turns in one direction add up to more than half a turn: only the rest is compared.
-        rest = float(wrapped(np.asarray(pose[2] - (1 + learned) * turn)))
+        rest = wrap(pose[2] - (1 + learned) * turn)
         allowed = 3 * math.sqrt(variance + turn * turn / information)
         if abs(rest) > allowed:
             return False
@@ -143,11 +143,9 @@ class OdometryCalibration:
         return True
 
     def _observe_way(self, news: float, then: _Track, pose: Place) -> None:
-        now, c, s = self._track, math.cos(then.heading), math.sin(then.heading)
-        dx, dy = now.x - then.x, now.y - then.y
-        ahead, aside = c * dx + s * dy, c * dy - s * dx
+        ahead, aside, _ = relative_to(then, self._track)
         off = pose[0] - ahead, pose[1] - aside
-        if math.hypot(*off) > _OFF_M + _OFF_SHARE * math.hypot(dx, dy):
+        if math.hypot(*off) > _OFF_M + _OFF_SHARE * math.hypot(ahead, aside):
             return
         values = [ahead * ahead + aside * aside, ahead * off[0] + aside * off[1]]
         self._sums[0] += news / _PLACE_M**2 * np.array(values)

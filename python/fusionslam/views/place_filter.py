@@ -10,6 +10,7 @@ how far odometry may be off since each of them. Only relative motion counts.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.odometry_calibration import OdometryCalibration
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.geometry.se2 import compose, places_of, wrapped
+from fusionslam.geometry.se2 import compose, find_near, places_of, relative_to, wrap, wrapped
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.comparison import Candidate
 from fusionslam.views.match import NO_VIEW
@@ -42,6 +43,7 @@ _NEAR_M, _NEAR_RAD, _NEAR = 1.5, 1.0, 6
 """So many views that are stored within this of the robot are compared with every scan."""
 _REVISED_M = 0.2
 """A match that moves the robot by more than this may change earlier answers, too."""
+_NORMAL = NormalDist()
 _NODE_M = 0.3
 """Metres after which the way of a robot that matches nothing gets another node."""
 _ELSEWHERE, _ELSEWHERE_LOST = 1e-3, 0.02
@@ -203,10 +205,10 @@ class PlaceFilter:
         if before is None:
             return self._interrupt("odometry begins")
         x, y = here[0] - before[0], here[1] - before[1]
-        way, turn = math.hypot(x, y), _wrap(here[2] - before[2])
+        way, turn = math.hypot(x, y), wrap(here[2] - before[2])
         if way > self.config.max_step:
             return self._interrupt(f"odometry jumped by {way:.4g} m")
-        bearing = _wrap(math.atan2(y, x) - before[2]) if way else 0.0
+        bearing = wrap(math.atan2(y, x) - before[2]) if way else 0.0
         factors = self._calibration.factors
         ahead = factors.way * way
         self._hypotheses.move(
@@ -386,12 +388,12 @@ class PlaceFilter:
         turns = np.abs(wrapped(here[2] - there[:, 2]))
         inside = (apart < config.radius_m) & (turns < config.radius_rad)
         for index in np.flatnonzero(inside).tolist():
-            check = self._check(slots[index], _relative(there[index], robot))
+            check = self._check(slots[index], relative_to(there[index], robot))
             sd_m, sd_rad = check.allowed_m / config.sigmas, check.allowed_rad / config.sigmas
-            share = _normal((config.radius_m - float(apart[index])) / sd_m)
-            share *= _normal((config.radius_rad - float(turns[index])) / sd_rad)
+            share = _NORMAL.cdf((config.radius_m - float(apart[index])) / sd_m)
+            share *= _NORMAL.cdf((config.radius_rad - float(turns[index])) / sd_rad)
             if share >= least:
-                return Location(slots[index], share, _relative(there[index], here))
+                return Location(slots[index], share, relative_to(there[index], here))
         return None
 
     def arrive(self, candidate: Candidate, candidates: Sequence[Candidate]) -> None:
@@ -568,9 +570,7 @@ def _ground(pose: Matrix) -> tuple[Place | None, str]:
 
 def _agree(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
     """Which poses of the robot are one of them, for all that alignments can tell."""
-    apart = poses - pose
-    same = np.hypot(apart[:, 0], apart[:, 1]) < _SAME_M
-    return np.asarray(same & (np.abs(wrapped(apart[:, 2])) < _SAME_RAD))
+    return find_near(poses, pose, _SAME_M, _SAME_RAD)
 
 
 def _count_look_alikes(poses: Floats, probabilities: Floats) -> tuple[Floats, Floats]:
@@ -592,22 +592,6 @@ def _count_look_alikes(poses: Floats, probabilities: Floats) -> tuple[Floats, Fl
         alike[_agree(poses, poses[leader])] -= probabilities[leader]
     likely = [leader for leader in leaders if probabilities[leader] >= _ALIKE]
     return alike.clip(0), poses[likely]
-
-
-def _relative(frame: Floats, pose: Floats) -> Place:
-    """A pose in the frame of another one."""
-    c, s = math.cos(frame[2]), math.sin(frame[2])
-    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
-    return c * dx + s * dy, c * dy - s * dx, _wrap(pose[2] - frame[2])
-
-
-def _normal(deviations: float) -> float:
-    """Share of a normal distribution below so many standard deviations."""
-    return 0.5 * math.erfc(-deviations / math.sqrt(2))
-
-
-def _wrap(angle: float) -> float:
-    return float(wrapped(np.asarray(angle)))
 
 
 def _density(error_m: float, error_rad: float, sd_m: float, sd_rad: float) -> float:

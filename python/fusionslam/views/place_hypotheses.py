@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.geometry.se2 import compose, wrapped
+from fusionslam.geometry.se2 import compose, find_near
 from fusionslam.storage.arrays import Floats
 
 NEWS_M = 0.5
@@ -118,7 +118,7 @@ class PlaceHypotheses:
 
     def _is_met(self, number: int, others: NDArray[np.int64]) -> bool:
         """Whether a hypothesis is where one of others is: they were confirmed by one view."""
-        found = _near(self._poses[others], self._poses[number], _MET, _MET)
+        found = find_near(self._poses[others], self._poses[number], _MET, _MET)
         return bool(found.any())
 
     def _keep(self, kept: list[int]) -> None:
@@ -131,7 +131,7 @@ class PlaceHypotheses:
             return None
         shares = self.shares
         best = int(shares.argmax())
-        same = _near(self._poses, self._poses[best], _SAME_M, _SAME_RAD)
+        same = find_near(self._poses, self._poses[best], _SAME_M, _SAME_RAD)
         is_sure = float(shares[same].sum()) >= least and self._counts[best, 1] >= _FEWEST
         return best if is_sure else None
 
@@ -148,11 +148,11 @@ class PlaceHypotheses:
             return
         hit = np.zeros(len(self), bool)
         for number, pose in enumerate(self._poses):
-            found = claims[_near(claims, pose, _SAME_M, _SAME_RAD)]
+            found = claims[find_near(claims, pose, _SAME_M, _SAME_RAD)]
             if len(found):
                 hit[number] = True
                 self._poses[number] = found[np.hypot(*(found - pose)[:, :2].T).argmin()]
-        expected = np.array([_near(views, pose, _THERE, _THERE).any() for pose in self._poses])
+        expected = np.array([find_near(views, pose, _THERE, _THERE).any() for pose in self._poses])
         # Views that were stored since a hypothesis began are where the filter had the robot.
         first = self._counts[:, 0]
         confirmed = evidence.confirmed_by < first
@@ -173,7 +173,7 @@ class PlaceHypotheses:
 
     def _begin(self, claims: Floats, node: int, logs: Floats) -> None:
         for pose, log in zip(claims, logs, strict=True):
-            if not _near(self._poses, pose, _SAME_M, _SAME_RAD).any():
+            if not find_near(self._poses, pose, _SAME_M, _SAME_RAD).any():
                 self._poses = np.vstack([self._poses, pose])
                 self._logs = np.append(self._logs, log)
                 self._counts = np.vstack([self._counts, [node, 1]])
@@ -207,9 +207,3 @@ class PlaceHypotheses:
             raise DataError(f"hypotheses of a filter: {shapes}, expected rows of {count}")
         self._poses, self._logs, self._counts = poses.copy(), logs.copy(), counts.copy()
         self._wrong, self._since = wrong.copy(), float(since)
-
-
-def _near(poses: Floats, pose: Floats, metres: float, radians: float) -> NDArray[np.bool_]:
-    apart = poses - pose
-    near = np.hypot(apart[:, 0], apart[:, 1]) < metres
-    return np.asarray(near & (np.abs(wrapped(apart[:, 2])) < radians))
