@@ -157,9 +157,7 @@ class MatcherSource:
         then, as after a jump or a long silence.
         """
         before, self._odometry = self._odometry, odometry
-        if before is None:
-            return
-        if odometry.stamp_ns == before.stamp_ns:
+        if before is None or odometry.stamp_ns == before.stamp_ns:
             return
         if odometry.stamp_ns < before.stamp_ns:
             self._interrupted = True
