@@ -56,12 +56,19 @@ class SceneRecorder:
         self._last_ns: int | None = None
         self._kept: list[tuple[int, int, Cloud | Scene]] = []
         self._poses: list[NDArray[np.float64]] = []
+        self._odometry: list[NDArray[np.float64]] = []
 
     def __len__(self) -> int:
         """Number of scans kept."""
         return len(self._kept)
 
-    def add(self, stamp_ns: int, item: Cloud | Scene, pose: ArrayLike | None) -> None:
+    def add(
+        self,
+        stamp_ns: int,
+        item: Cloud | Scene,
+        pose: ArrayLike | None,
+        odometry: ArrayLike | None = None,
+    ) -> None:
         """Record the next scan.
 
         Args:
@@ -69,6 +76,7 @@ class SceneRecorder:
             item: its coloured cloud without ground, which is copied; or its scene, which is rounded
                 to the precision in which sets store scenes.
             pose: its true x, y in metres and yaw in radians; None if unknown.
+            odometry: the same as odometry measured it, in a frame of its own; None if unknown.
 
         Raises:
             ClockError: a stamp earlier than the previous scan's: a set holds one drive.
@@ -78,6 +86,7 @@ class SceneRecorder:
         stamp = next_stamp(stamp_ns, self._last_ns)
         held = _copy_cloud(item) if self._config is None else _round_scene(item)
         poses = None if pose is None else validate_poses([pose])
+        moved = np.full((1, 3), np.nan) if odometry is None else validate_poses([odometry])
         number = len(self._kept) + self.without_pose + self.dropped
         self._last_ns = stamp
         if poses is None:
@@ -87,12 +96,14 @@ class SceneRecorder:
         else:
             self._kept.append((stamp, number, held))
             self._poses.append(poses[0])
+            self._odometry.append(moved[0])
 
     def scene_set(self) -> SceneSet:
         """All scans kept so far."""
         clouds = [item for *_, item in self._kept if isinstance(item, Cloud)]
         scenes = [item for *_, item in self._kept if isinstance(item, Scene)]
         config = self._config
+        odometry = np.array(self._odometry).reshape(-1, 3)
         return SceneSet(
             name=self.name,
             stamps_ns=np.array([stamp for stamp, *_ in self._kept], np.int64),
@@ -100,6 +111,7 @@ class SceneRecorder:
             empty=np.array([_is_empty(item) for *_, item in self._kept], np.bool_),
             frame=self.frame,
             poses=np.array(self._poses).reshape(-1, 3),
+            odometry=None if np.isnan(odometry).all() else odometry,
             clouds=CloudArray.of(clouds) if config is None else None,
             scenes=None if config is None else scenes,
             scene_config=None if config is None else scene_values(config),

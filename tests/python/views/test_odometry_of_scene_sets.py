@@ -15,8 +15,9 @@ from fusionslam.pipelines.views import odometry_of, run_views
 from fusionslam.report import write_view_report
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
+from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
-from scenes import drive
+from scenes import drive, place
 
 THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
 LOOKS = (0, 1, 2, 3, 1, 2, 4)
@@ -54,6 +55,19 @@ def test_a_set_keeps_its_odometry(tmp_path: Path) -> None:
     assert SceneSet.load(tmp_path / "set.npz").odometry is None
     with pytest.raises(ShapeError, match="odometry"):
         replace(scenes, odometry=np.zeros((2, 3)))
+
+
+def test_a_recorder_takes_odometry_where_it_is_known() -> None:
+    recorder, bare = SceneRecorder("a drive"), SceneRecorder("another")
+    for k, odometry in enumerate([None, (1.0, 2.0, 0.1), None]):
+        recorder.add(k, place(k), (0.0, 0.0, 0.0), odometry)
+        bare.add(k, place(k), (0.0, 0.0, 0.0))
+    assert bare.scene_set().odometry is None
+    kept = recorder.scene_set().odometry
+    np.testing.assert_array_equal(kept, [[np.nan] * 3, [1, 2, 0.1], [np.nan] * 3])
+    with pytest.raises(DataError):
+        recorder.add(3, place(3), (0.0, 0.0, 0.0), (np.inf, 0.0, 0.0))
+    assert len(recorder) == 3
 
 
 def test_odometry_that_is_unknown_for_a_while_is_no_reason_to_stop() -> None:
