@@ -24,6 +24,7 @@ from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.match import NO_VIEW, Revision, Slot, ViewMatch, ViewStats
 from fusionslam.views.place_filter import Belief, Location, PlaceFilter
+from fusionslam.views.place_odds import agree
 from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
@@ -195,8 +196,9 @@ class ViewMatcher:
             if older is not None and self._slots[older.slot].id < self._slots[best.slot].id:
                 # Only as an alignment measured it: the filter's own map may still be bent.
                 seen = next((one for one in candidates if one.slot == older.slot), None)
-                if seen is not None and places.agree(seen.relative_pose, older.pose):
-                    best = replace(best, slot=older.slot, relative_pose=seen.relative_pose)
+                pose = None if seen is None else seen.relative_pose
+                if pose is not None and agree(np.array([pose]), older.pose)[0]:
+                    best = replace(best, slot=older.slot, relative_pose=pose)
             match = self._match_view(view, best)
         elif (here := places.locate(firsts, self.threshold)) is not None:
             match = self._match_by_odometry(here)
@@ -257,9 +259,9 @@ class ViewMatcher:
 
     def _revise(self, match: ViewMatch, places: PlaceFilter) -> ViewMatch:
         """Remember an answer, and revise those before it."""
-        firsts = self._first_slots()
         revised: list[Revision] = []
-        if match.matched is not None and not match.by_odometry:
+        if match.id != NO_VIEW and not (match.is_new or match.by_odometry) and places.may_revise:
+            firsts = self._first_slots()
             ids = [self._slots[slot].id for slot in firsts]
             found = places.revise(firsts, ids, self.threshold)
             revised = [Revision(scan, id) for scan, id in found]

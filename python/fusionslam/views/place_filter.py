@@ -21,11 +21,12 @@ from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.odometry_calibration import OdometryCalibration
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.geometry.se2 import compose, find_near, places_of, relative_to, wrap, wrapped
+from fusionslam.geometry.se2 import compose, places_of, relative_to, wrap, wrapped
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.comparison import Candidate
 from fusionslam.views.match import NO_VIEW
 from fusionslam.views.place_hypotheses import NO_NODE, Evidence, PlaceHypotheses
+from fusionslam.views.place_odds import agree, count_look_alikes, density
 
 Place = tuple[float, float, float]
 """x, y in metres and heading in radians."""
@@ -33,10 +34,6 @@ Place = tuple[float, float, float]
 _CERTAIN = 0.02
 """Scans alone are never more certain than this: where places look alike, half of those that claim
 0.98 and more are wrong."""
-_SAME_M, _SAME_RAD = 0.5, 0.3
-"""Candidates whose poses of the robot are this near each other say the same."""
-_ALIKE = 0.5
-"""Probability from which on a place counts as a look-alike."""
 _MARGIN_M = 5.0
 """Metres by which the area where a robot may be is longer and wider than that of the views."""
 _NEAR_M, _NEAR_RAD, _NEAR = 1.5, 1.0, 6
@@ -253,7 +250,7 @@ class PlaceFilter:
             views[slots], np.array([one.relative_pose for one in likely]).reshape(-1, 3)
         )
         probabilities = np.array([one.similarity for one in likely])
-        alike, leaders = _count_look_alikes(poses, probabilities)
+        alike, leaders = count_look_alikes(poses, probabilities)
         checks = [self._check(one.slot, one.relative_pose) for one in likely]
         area = float((np.ptp(nodes[:, :2], axis=0) + _MARGIN_M).prod()) if len(nodes) else 1.0
         odds = np.array(
@@ -266,11 +263,11 @@ class PlaceFilter:
         total = 1.0 + float(odds.sum())
         if likely:
             best = int(odds.argmax())
-            same = _agree(poses, poses[best])
+            same = agree(poses, poses[best])
             known = float(odds[same].sum()) / total if self._fits(checks[best]) else 0.0
             shares = [(slot, float(share)) for slot, share in zip(slots, odds / total, strict=True)]
             shares.sort(key=lambda share: (-share[1], share[0]))
-            others = np.count_nonzero(~_agree(leaders, poses[best]))
+            others = np.count_nonzero(~agree(leaders, poses[best]))
             belief = Belief(likely[best], known, 1.0 / total, tuple(shares), int(others))
         self._weigh_hypotheses(poses, probabilities, alike, slots)
         which = self._find_elsewhere(poses, probabilities, slots, least)
@@ -283,10 +280,10 @@ class PlaceFilter:
         self, poses: Floats, probabilities: Floats, alike: Floats, slots: list[int]
     ) -> None:
         nodes, here = self._map.nodes, np.array(self._map.pose)
-        before = np.array([self._is_before_loss(slot) for slot in slots], bool)
-        agrees = _agree(poses, here)
-        elsewhere = before if self.is_lost else ~agrees
-        old = [n for s, n in enumerate(self._nodes) if self._is_before_loss(s) or not self.is_lost]
+        stored, agrees = np.array(self._nodes, np.int64), agree(poses, here)
+        elsewhere, old = ~agrees, stored
+        if self.is_lost:
+            elsewhere, old = stored[slots] < self._losses[-1], stored[stored < self._losses[-1]]
         evidence = Evidence(NO_NODE, NO_NODE, self.is_lost)
         odds = np.full(len(slots), _ELSEWHERE)
         if self.is_lost:
@@ -294,10 +291,9 @@ class PlaceFilter:
             alone = probabilities / (1 - probabilities.clip(max=1 - _CERTAIN) + alike)
             odds = _ELSEWHERE_LOST * alone.clip(1, _MOST_TELLING)
         else:
-            there = np.array(self._nodes, np.int64)[_agree(nodes[self._nodes], here)]
-            confirming = [self._nodes[s] for s, one in zip(slots, agrees, strict=True) if one]
+            confirming, there = stored[slots][agrees], stored[agree(nodes[stored], here)]
             evidence = Evidence(
-                min(confirming, default=NO_NODE), int(there.min(initial=NO_NODE)), False
+                int(confirming.min(initial=NO_NODE)), int(there.min(initial=NO_NODE)), False
             )
         self._hypotheses.weigh(
             *(poses[elsewhere], probabilities[elsewhere], nodes[old]),
@@ -313,7 +309,7 @@ class PlaceFilter:
             return None
         first = self._losses[-1] if self.is_lost else self._hypotheses.first_node(number)
         older = np.array([self._nodes[slot] < first for slot in slots], bool)
-        agreeing = np.flatnonzero(older & _agree(poses, self._hypotheses.pose(number)))
+        agreeing = np.flatnonzero(older & agree(poses, self._hypotheses.pose(number)))
         return int(agreeing[probabilities[agreeing].argmax()]) if agreeing.size else None
 
     def _go_elsewhere(self, least: float) -> None:
@@ -347,8 +343,8 @@ class PlaceFilter:
         if not self._fits(check):
             return 0.0
         sd_m, sd_rad = check.allowed_m / config.sigmas, check.allowed_rad / config.sigmas
-        right = _density(check.error_m, check.error_rad, sd_m, sd_rad)
-        sliding = _density(
+        right = density(check.error_m, check.error_rad, sd_m, sd_rad)
+        sliding = density(
             check.error_m,
             check.error_rad,
             math.hypot(sd_m, config.slide_m),
@@ -361,10 +357,6 @@ class PlaceFilter:
         assert pose is not None
         action = (ActionKind.CREATE_EDGE, self._map.current, self._nodes[slot], pose[2], pose[:2])
         return _Check(*self._map.check(*action))
-
-    def agree(self, one: Place | None, other: Place) -> bool:
-        """Whether two poses of the robot in the frame of a view say the same."""
-        return one is not None and bool(_agree(np.array([one]), np.array(other))[0])
 
     def locate(self, slots: Sequence[int], least: float) -> Location | None:
         """The oldest place that the robot is at, going by where odometry has it.
@@ -415,7 +407,7 @@ class PlaceFilter:
         views = [(one.slot, one.relative_pose) for one in candidates if one.relative_pose]
         stored = self._map.nodes[[self._nodes[slot] for slot, _ in views]]
         poses = compose(stored, np.array([seen for _, seen in views]).reshape(-1, 3))
-        right = _agree(poses, np.array(self._map.pose))
+        right = agree(poses, np.array(self._map.pose))
         changed = self._calibration.observe([views[row] for row in np.flatnonzero(right)])
         if changed is not None:
             self._map.rescale_odometry(*changed)
@@ -448,6 +440,12 @@ class PlaceFilter:
         self._answers.append(Answer(scan, id, self._map.current, self._map.offset))
         del self._answers[: -self.config.window or None]
 
+    @property
+    def may_revise(self) -> bool:
+        """Whether ``revise`` may find any: answers were held back, or a match moved the robot."""
+        held_back = any(answer.id == NO_VIEW for answer in self._answers)
+        return not self.is_lost and (held_back or self._was_moved)
+
     def revise(
         self, slots: Sequence[int], ids: Sequence[int], least: float
     ) -> list[tuple[int, int]]:
@@ -460,9 +458,6 @@ class PlaceFilter:
         Returns:
             Scans and their ids, -1 for those that were matched wrongly and are at no known place.
         """
-        held_back = any(answer.id == NO_VIEW for answer in self._answers)
-        if self.is_lost or not (held_back or self._was_moved):
-            return []
         self._was_moved = False
         firsts = dict(zip(ids, slots, strict=True))
         nodes, found = self._map.nodes, []
@@ -566,35 +561,3 @@ def _ground(pose: Matrix) -> tuple[Place | None, str]:
         return None, "odometry is no rotation and translation"
     x, y, heading = places_of(matrix[None].astype(np.float64))[0].tolist()
     return (x, y, heading), ""
-
-
-def _agree(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
-    """Which poses of the robot are one of them, for all that alignments can tell."""
-    return find_near(poses, pose, _SAME_M, _SAME_RAD)
-
-
-def _count_look_alikes(poses: Floats, probabilities: Floats) -> tuple[Floats, Floats]:
-    """How much elsewhere looks like the scan.
-
-    Views of one place, which put the robot at the same pose, count once.
-
-    Returns:
-        For each candidate, float64 (n,), the sum of the probabilities of others; and the poses of
-        those that are likely, float64 (k, 3).
-    """
-    left, leaders = np.ones(len(poses), bool), []
-    for index in np.argsort(-probabilities, kind="stable"):
-        if left[index]:
-            leaders.append(index)
-            left &= ~_agree(poses, poses[index])
-    alike = np.full(len(poses), probabilities[leaders].sum())
-    for leader in leaders:
-        alike[_agree(poses, poses[leader])] -= probabilities[leader]
-    likely = [leader for leader in leaders if probabilities[leader] >= _ALIKE]
-    return alike.clip(0), poses[likely]
-
-
-def _density(error_m: float, error_rad: float, sd_m: float, sd_rad: float) -> float:
-    """Of a normal distribution over positions and headings, per square metre and radian."""
-    square = (error_m / sd_m) ** 2 + (error_rad / sd_rad) ** 2
-    return math.exp(-square / 2) / (math.tau * math.sqrt(math.tau) * sd_m**2 * sd_rad)
