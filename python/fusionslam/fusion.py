@@ -137,8 +137,9 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
     cloud = _transform(cloud, frame_from_points(frame, config.frame))
     if config.voxel == 0:
         return cloud
-    points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=config.voxel)
-    return Cloud(points, None if cloud.colors is None else colors)
+    points, colors, first = voxel_downsample(cloud.points, cloud.colors, size=config.voxel)
+    kept = subset(cloud, first)
+    return Cloud(points, None if cloud.colors is None else colors, kept.intensities)
 
 
 def color_cloud(frame: Frame, config: FusionConfig) -> Cloud:
@@ -247,15 +248,17 @@ def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
     """Select points of a cloud by their indices, int64 (M,)."""
     if len(indices) == len(cloud):
         return cloud
-    return Cloud(cloud.points[indices], None if cloud.colors is None else cloud.colors[indices])
+    colors = None if cloud.colors is None else cloud.colors[indices]
+    intensities = None if cloud.intensities is None else cloud.intensities[indices]
+    return Cloud(cloud.points[indices], colors, intensities)
 
 
 def _lidar_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     scan, image, camera = _scan(frame), _image(frame, "left"), _camera(frame, "left")
-    points, colors, _ = colorize(
+    points, colors, kept = colorize(
         scan.points, image, camera.projection_from_points, interpolation=config.interpolation
     )
-    return Cloud(points, colors)
+    return Cloud(points, colors, subset(scan, kept).intensities)
 
 
 def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
@@ -309,13 +312,19 @@ def _scan(frame: Frame) -> Cloud:
     if frame.points is None:
         message = f"frame {frame.number} has no scan{_suggest_source(frame)}"
         raise DataError(message, code="missing-sensor", fields=("points",))
-    scan = Cloud(frame.points, frame.colors)
+    scan = Cloud(frame.points, frame.colors, frame.intensities)
     valid = drop_invalid(scan.points)
     if scan.colors is not None and np.shape(scan.colors) != (len(scan), 3):
         raise ShapeError(
             f"frame {frame.number}: colors have shape {np.shape(scan.colors)}, expected "
             f"({len(scan)}, 3), one of each point",
             fields=("colors",),
+        )
+    if scan.intensities is not None and np.shape(scan.intensities) != (len(scan),):
+        raise ShapeError(
+            f"frame {frame.number}: intensities have shape {np.shape(scan.intensities)}, expected "
+            f"({len(scan)},), one of each point",
+            fields=("intensities",),
         )
     found = check_scan(scan.points)
     for count, where in (
@@ -418,7 +427,7 @@ def _transform(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
         return cloud
     # Not a matrix product: BLAS would start all its threads for three columns.
     turned = np.einsum("ij,kj->ik", cloud.points, a_from_b[:3, :3]) + a_from_b[:3, 3]
-    return Cloud(turned.astype(np.float32), cloud.colors)
+    return Cloud(turned.astype(np.float32), cloud.colors, cloud.intensities)
 
 
 ROBOT_FUSION = FusionConfig(frame="robot", ground="height")

@@ -74,7 +74,7 @@ def compare(
 def bench(
     ctx: typer.Context,
     output: opt.Folder = Path("out/bench"),
-    descriptors: opt.Names = "all",
+    descriptors: opt.Names = "usual",
     source: opt.Sources = None,
     *,
     build_recording: "Callable[[], Recording]",

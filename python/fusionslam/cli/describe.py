@@ -12,6 +12,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, left_out, progress
 from fusionslam.cli.failures import keep
 from fusionslam.cli.recordings import build_recording
+from fusionslam.descriptors import GROUPS
 from fusionslam.help_texts import counted
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def describe_frames(
 def describe(
     ctx: typer.Context,
     output: opt.Folder = Path("out/describe"),
-    descriptors: opt.Names = "all",
+    descriptors: opt.Names = "usual",
     source: opt.Source = None,
     *,
     build_recording: "Callable[[], Recording]",
@@ -87,7 +88,7 @@ def describe(
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
     keep(ctx, output)
     runs = describe_frames(
-        recording, output, names, chosen, inside=".", only_describable=descriptors == "all"
+        recording, output, names, chosen, inside=".", only_describable=descriptors in GROUPS
     )
     for name, run in runs.items():
         path = run_path(output, run.source, name)

@@ -14,6 +14,7 @@ from fusionslam.cli.console import OPENING, left_out, progress
 from fusionslam.cli.describe import describe_frames
 from fusionslam.cli.failures import keep, keep_finished
 from fusionslam.cli.recordings import build_recording
+from fusionslam.descriptors import GROUPS
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def loops(
         chosen = merged(chosen, {"loop_closure": {"threshold": distance}})
     recording = build_recording()
     chosen = for_source(chosen, opt.choose_source(source, chosen, recording))
-    every = descriptors == "all"
+    every = descriptors in GROUPS
     # Its enumeration is private to typer in some versions.
     given = ctx.get_parameter_source("descriptors")
     if former_descriptors is None and given is not None and given.name == "DEFAULT":

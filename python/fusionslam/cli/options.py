@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
 import typer
 
-from fusionslam import help_texts
+from fusionslam import descriptors, help_texts
 from fusionslam.storage.parallel import available_cores
 
 if TYPE_CHECKING:
@@ -83,7 +83,6 @@ def _report_frames(frames: dict[str, set[str]]) -> None:
         logging.getLogger(__name__).warning("%s%s: %s (--verbose lists them)", count, read, text)
 
 
-DESCRIPTORS = ("m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum")
 FORMATS = ("ply", "pcd", "bin")
 FRAMES = ("robot", "odometry", "drift")
 KINDS = (
@@ -95,7 +94,7 @@ POSE_FORMATS = ("tum", "kitti")
 PRESETS_OF_RATSLAM = ("robust", "openratslam")
 PROTOCOLS = ("revisit", "perdomo2019", "pose-1m-5deg", "pose-2m-5deg")
 RECOGNISERS = (
-    *("alignment", "objects", "two_stages", *DESCRIPTORS),
+    *("alignment", "objects", "two_stages", *descriptors.NAMES),
     "visual_templates",
 )
 RULES = ("paper", "author", "car")
@@ -187,9 +186,9 @@ Names = Annotated[
     some_of(
         "--descriptors",
         "-d",
-        names=(*DESCRIPTORS, "all"),
-        help="Names of descriptors, with commas, each with a preset if wanted (cm2dp:author); or "
-        "all.",
+        names=(*descriptors.NAMES, *descriptors.GROUPS),
+        help="Names of descriptors, with commas, each with a preset if wanted (cm2dp:author); "
+        f"usual: {', '.join(descriptors.USUAL)}; or all.",
     ),
 ]
 Settings = Annotated[
@@ -372,9 +371,9 @@ def parse_names(text: str, default_preset: str = "robust") -> list[str]:
     Raises:
         ConfigError: an unknown descriptor or preset.
     """
-    from fusionslam.descriptors import DESCRIPTORS, find_descriptor
+    from fusionslam.descriptors import find_descriptor
 
-    names = list(DESCRIPTORS) if text == "all" else [name.strip() for name in text.split(",")]
+    names = descriptors.GROUPS.get(text) or [name.strip() for name in text.split(",")]
     for name in names:
         find_descriptor(name)
     return list(dict.fromkeys(name.removesuffix(f":{default_preset}") for name in names))

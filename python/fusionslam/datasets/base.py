@@ -22,7 +22,7 @@ from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.arrays import Image, Matrix
+from fusionslam.storage.arrays import Floats32, Image, Matrix, Points
 
 CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
@@ -327,13 +327,14 @@ class FileDataset(Dataset):
     def _frame(self, index: int) -> Frame:
         number = int(self.numbers[index])
         cameras = self.frame_cameras(number) if self.frame_cameras else self.cameras
-        points, colors = self._scan(number)
+        points, colors, intensities = self._scan(number)
         return Frame(
             index=index,
             number=number,
             stamp_ns=int(self.stamps_ns[index]),
             points=points,
             colors=colors,
+            intensities=intensities,
             images=self._images(number, cameras),
             cameras=cameras,
             pose=None if self.poses is None else self.poses[index],
@@ -342,15 +343,17 @@ class FileDataset(Dataset):
 
     def _scan(
         self, number: int
-    ) -> tuple[Callable[[], NDArray[np.float32]] | None, Callable[[], Image] | None]:
-        """Loaders of the points and of their colours; both come from one file, read only once."""
+    ) -> tuple[
+        Callable[[], Points] | None, Callable[[], Image] | None, Callable[[], Floats32] | None
+    ]:
+        """Loaders of points, colours and intensities; all from one file, which is read once."""
         if not self.has_points:
-            return None, None
+            return None, None, None
         path = self.streams["points"].files[number]
         cloud = functools.cache(functools.partial(read_cloud, path))
         # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
         colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
-        return lambda: cloud().points, colors
+        return lambda: cloud().points, colors, lambda: cast(Floats32, cloud().intensities)
 
     def _images(self, number: int, cameras: Mapping[str, Camera]) -> dict[str, Callable[[], Image]]:
         return {

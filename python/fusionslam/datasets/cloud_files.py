@@ -36,7 +36,7 @@ BIN_RECORD = np.dtype(("<f4", 4))
 
 
 def read_cloud(path: PathLike) -> Cloud:
-    """Read the points of a .bin, .pcd or .ply file, with their colours if it has any.
+    """Read the points of a .bin, .pcd or .ply file, with colours and intensities if it has any.
 
     Raises:
         DataError: the suffix is another one, or the file is missing, truncated or malformed.
@@ -47,7 +47,7 @@ def read_cloud(path: PathLike) -> Cloud:
 
 
 def read_bin(path: PathLike) -> Cloud:
-    """Read a KITTI scan: float32 x, y, z, reflectance; the reflectance is dropped.
+    """Read a KITTI scan: float32 x, y, z, reflectance, which become the intensities.
 
     Raises:
         DataError: the file is missing, or its size is not a multiple of 16 bytes.
@@ -66,13 +66,14 @@ def read_bin(path: PathLike) -> Cloud:
     if (rows[:, 3] < 0).any():
         said = "reflectance below 0: expected float32 x y z reflectance, has it other columns?"
         logger.warning("%s: %s", path, said, extra={PER_FRAME: said})
-    return Cloud(_float32(rows[:, :3]))
+    return Cloud(_float32(rows[:, :3]), None, _float32(rows[:, 3]))
 
 
 def read_pcd(path: PathLike) -> Cloud:
     """Read a PCD file with fields x, y, z and, for colour, packed rgb or rgba.
 
-    Without these, colours are read from fields of uint8 that are named as those of a PLY file.
+    Without these, colours are read from fields of uint8 that are named as those of a PLY file;
+    intensities from a field called intensity.
     Points with a NaN coordinate, PCL's mark of a ray without return, are left out.
 
     Raises:
@@ -98,15 +99,21 @@ def read_pcd(path: PathLike) -> Cloud:
             colors = _separate_colors(rows, cloud.fields)
         else:
             colors = PointCloud.decode_rgb(np.ascontiguousarray(packed))
+        intensities = _intensities(rows, cloud.fields)
     _expect_points(path, len(points), cloud.points)
     valid = ~np.isnan(points).any(axis=1)
-    return Cloud(points[valid], None if colors is None else colors[valid])
+    return Cloud(
+        points[valid],
+        None if colors is None else colors[valid],
+        None if intensities is None else intensities[valid],
+    )
 
 
 def read_ply(path: PathLike) -> Cloud:
     """Read the vertices of a PLY file: x, y, z and, for colour, uchar red, green, blue.
 
-    Colours may also be named r, g, b, or diffuse_red, diffuse_green, diffuse_blue.
+    Colours may also be named r, g, b, or diffuse_red, diffuse_green, diffuse_blue; intensities are
+    a property called intensity.
 
     Raises:
         DataError: the file is missing, truncated or malformed, or its colours are not 8 bit.
@@ -123,10 +130,12 @@ def read_ply(path: PathLike) -> Cloud:
         colors = ply.get("vertex_colors")
         if colors is None and declared:
             colors = _separate_colors(vertex["data"], vertex["properties"])
+        intensities = _intensities(vertex["data"], vertex["properties"]) if declared else None
     _expect_points(path, len(points), declared)
     if colors is not None and colors.dtype != np.uint8:
         raise DataError(f"{path} has colours of type {colors.dtype}, expected uchar")
-    return Cloud(points, None if colors is None else np.ascontiguousarray(colors[:, :3]))
+    colors = None if colors is None else np.ascontiguousarray(colors[:, :3])
+    return Cloud(points, colors, intensities)
 
 
 def _check_header(path: Path, last: bytes, first: bytes) -> None:
@@ -187,8 +196,20 @@ def _separate_colors(
     return None
 
 
+def _intensities(
+    columns: Mapping[str, NDArray[Any]] | NDArray[Any], names: Iterable[str]
+) -> NDArray[np.float32] | None:
+    """Return the intensities (N,) of a field of numbers, one a point; None if there is none."""
+    if "intensity" not in names:
+        return None
+    values = np.asarray(columns["intensity"])
+    return _float32(values) if values.ndim == 1 and values.dtype.kind in "fiu" else None
+
+
 def write_cloud(path: PathLike, cloud: Cloud) -> None:
-    """Write a cloud as .ply (binary), .pcd (binary) or .bin (no colours, reflectance 0).
+    """Write a cloud as .ply (binary), .pcd (binary) or .bin (no colours).
+
+    Intensities are written to .bin files, whose reflectance is 0 without them.
 
     Raises:
         DataError: the suffix is another one, or the file cannot be written.
@@ -203,13 +224,18 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
         raise ShapeError(f"points have shape {points.shape}, expected (N, 3)")
     if cloud.colors is not None and cloud.colors.shape != points.shape:
         raise ShapeError(f"colors have shape {cloud.colors.shape}, expected {points.shape}")
-    data = encode(Cloud(points, cloud.colors))
+    if cloud.intensities is not None and cloud.intensities.shape != points.shape[:1]:
+        found = cloud.intensities.shape
+        raise ShapeError(f"intensities have shape {found}, expected {points.shape[:1]}")
+    data = encode(Cloud(points, cloud.colors, cloud.intensities))
     with atomic_path(path, durable=False) as temporary:
         temporary.write_bytes(data)
 
 
 def _encode_bin(cloud: Cloud) -> bytes:
-    return np.pad(cloud.points, ((0, 0), (0, 1))).astype("<f4").tobytes()
+    zeros = np.zeros(len(cloud), np.float32)
+    reflectances = zeros if cloud.intensities is None else cloud.intensities
+    return np.column_stack([cloud.points, reflectances]).astype("<f4").tobytes()
 
 
 def _encode_pcd(cloud: Cloud) -> bytes:

@@ -19,7 +19,6 @@ from fusionslam._core import DescriptorIndex
 from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
-    Metric,
     find_descriptor,
     for_preset,
     length_of,
@@ -70,8 +69,8 @@ class LoopDetector:
     Threads may share a detector: frames are described side by side and added one after the other.
 
     Args:
-        descriptor: "m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context" or
-            "bev_spectrum", or with a preset: "cm2dp:author".
+        descriptor: name of one (``fusionslam.descriptors.NAMES``), or with a preset:
+            "cm2dp:author".
         threshold, window, window_seconds, max_frames, verify, candidates: override the values of
             ``LoopConfig``.
         config: which frames are compared, and what makes a loop.
@@ -449,7 +448,7 @@ class LoopDetector:
             self._memory.configure(self.config)
 
     def _new_memory(self) -> FrameMemory:
-        metrics: dict[str, Metric] = {self.descriptor: find_descriptor(self.descriptor).metric}
+        metrics: dict[str, str] = {self.descriptor: find_descriptor(self.descriptor).metric}
         metrics |= {name_voter(name): find_descriptor(name).metric for name in self.voters}
         return FrameMemory(metrics, self.config, self.registration_config, self._kept)
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
-from fusionslam.descriptors import Metric
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.verification import StoredFrame
@@ -60,7 +59,7 @@ class FrameMemory:
 
     def __init__(
         self,
-        metrics: Mapping[str, Metric],
+        metrics: Mapping[str, str],
         config: LoopConfig,
         registration: RegistrationConfig,
         kept: MutableMapping[int, Kept] | None = None,
@@ -279,7 +278,7 @@ def _no_cloud() -> PreparedCloud:
     raise DataError("a frame without a cloud cannot be registered", code="no-cloud")
 
 
-def _array_of(name: str, metrics: Mapping[str, Metric]) -> str:
+def _array_of(name: str, metrics: Mapping[str, str]) -> str:
     """Name of the array of a descriptor's vectors; the detector's own has none of its own."""
     return "descriptors" if name == next(iter(metrics)) else f"descriptors.{name}"
 

@@ -123,7 +123,7 @@ class FrameObserver:
         kind = find_descriptor(self.name)
         config = for_clouds(self.describe, kind.name, self.fusion, frame)
         radius = None
-        if kind.needs_normals and is_first:
+        if kind.fixes_radius and is_first:
             config = for_sequence(config, cloud)
             radius = config.normal_radius
         vectors: dict[str, NDArray[np.float32]] = {kind.name: describe(cloud, self.name, config)}
@@ -159,7 +159,7 @@ class FrameObserver:
 
     def _can_vote(self, name: str) -> bool:
         kind = find_descriptor(name)
-        if kind.needs_normals or (kind.needs_colors and self._has_whole_scans):
+        if "normals" in kind.needs or (kind.needs_colors and self._has_whole_scans):
             raise ConfigError(
                 f"loop_closure.voters has {name!r}, which needs normals or colours",
                 code="choice",
@@ -167,7 +167,7 @@ class FrameObserver:
             )
         if name == find_descriptor(self.name).name and not self._has_whole_scans:
             return False
-        if kind.needs_up and not self.registration.gravity:
+        if "up" in kind.needs and not self.registration.gravity:
             return False
         try:
             for_clouds(self.describe, name, self.fusion)

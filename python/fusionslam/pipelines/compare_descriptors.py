@@ -18,7 +18,7 @@ import numpy as np
 
 from fusionslam.config import merged
 from fusionslam.datasets import match_poses
-from fusionslam.descriptors import DESCRIPTORS, PRESETS, find_descriptor
+from fusionslam.descriptors import PRESETS, USUAL, find_descriptor
 from fusionslam.errors import DataError
 from fusionslam.evaluation import (
     DescriptorRun,
@@ -52,8 +52,8 @@ DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 """Settings that the demo changes, by source: dense stereo clouds are thinned to save time."""
 
 DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
-    "lidar": tuple(DESCRIPTORS),
-    "stereo": tuple(DESCRIPTORS),
+    "lidar": USUAL,
+    "stereo": USUAL,
     "cloud": ("m2dp", "scan_context", "bev_spectrum"),
 }
 """The demo's sources and the descriptors computed from each."""
@@ -82,7 +82,7 @@ INDOOR: Mapping[str, Any] = {
     },
 }
 """Settings that the demo changes indoors: places are smaller; 40 scans are 20 s."""
-INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": tuple(DESCRIPTORS)}
+INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": USUAL}
 """The indoor demo's source: a robot's scan, coloured by its camera."""
 TARGET_PRECISION = 0.95
 """Share of the loops that are right at a threshold taken from a stored run."""
@@ -98,7 +98,7 @@ DEMO_NOTE = (
 def benchmark(
     recording: Recording,
     folder: str | os.PathLike[str],
-    names: Sequence[str] | Mapping[str, Sequence[str]] = tuple(DESCRIPTORS),
+    names: Sequence[str] | Mapping[str, Sequence[str]] = USUAL,
     *,
     configs: Mapping[str, PipelineConfig] | None = None,
     jobs: int = 1,
@@ -184,7 +184,7 @@ def benchmark(
 def _proposer(names: Sequence[str]) -> str:
     """Return the descriptor of the detector that proves loops: one with colours if there is one."""
     colorful = [name for name in names if find_descriptor(name).needs_colors]
-    fast = [name for name in [*colorful, *names] if not find_descriptor(name).needs_normals]
+    fast = [name for name in [*colorful, *names] if "normals" not in find_descriptor(name).needs]
     return (fast or list(names))[0]
 
 

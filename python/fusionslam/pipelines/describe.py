@@ -31,6 +31,7 @@ from fusionslam.descriptors import (
     needs_up,
     without_colors,
 )
+from fusionslam.descriptors.registry import POINT_DATA, Need
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse, require_up
@@ -137,34 +138,47 @@ def describable(
         names: descriptors.
         config: of all stages.
         bad_frames: as for ``describe_dataset``.
-        replace: take ``without_colors`` in place of those that need colours.
+        replace: take ``without_colors`` in place of those that need what the clouds lack.
 
     Raises:
         DataError: no descriptor is left.
     """
 
     names = _those_for_frame(dataset, names, config, bad_frames)
-
-    def has_colors(index: int) -> bool:
-        return fuse(dataset[index], config.fusion).colors is not None
-
-    colorful = [name for name in names if find_descriptor(name).needs_colors]
-    if not colorful or first_that_works(dataset, has_colors, bad_frames):
+    if not any(find_descriptor(name).point_data for name in names):
         return list(names)
-    if replace:
-        usable = list(dict.fromkeys(without_colors(name) for name in names))
-        instead = ", ".join(usable), ", ".join(colorful)
-        logger.warning("%s has no colours: %s instead of %s", dataset.name, *instead)
-        return usable
-    if len(colorful) == len(names):
-        plain = dict.fromkeys(without_colors(name) for name in names)
+
+    def find_missing(index: int) -> set[Need]:
+        cloud = fuse(dataset[index], config.fusion)
+        return {need for need in POINT_DATA if getattr(cloud, need) is None}
+
+    missing = first_that_works(dataset, find_missing, bad_frames)
+    for need, said in POINT_DATA.items():
+        if need in missing:
+            names = _those_without(dataset, names, need, said, replace)
+    return list(names)
+
+
+def _those_without(
+    dataset: "Dataset", names: Sequence[str], need: Need, said: str, replace: bool
+) -> list[str]:
+    """Leave out or replace the descriptors that need what the clouds lack; log or raise."""
+    hungry = [name for name in names if need in find_descriptor(name).needs]
+    if not hungry:
+        return list(names)
+    plain = list(dict.fromkeys(without_colors(name) for name in names))
+    if replace and not any(need in find_descriptor(name).needs for name in plain):
+        instead = ", ".join(plain), ", ".join(hungry)
+        logger.warning("%s has no %s: %s instead of %s", dataset.name, said, *instead)
+        return plain
+    if len(hungry) == len(names):
         raise DataError(
-            f"{dataset.name} has no colours, which {', '.join(names)} need",
-            code="no-colors",
+            f"{dataset.name} has no {said}, which {', '.join(names)} need",
+            code=f"no-{need}",
             fields=(",".join(names), ",".join(plain)),
         )
-    logger.warning("%s has no colours: left out %s", dataset.name, ", ".join(colorful))
-    return [name for name in names if name not in colorful]
+    logger.warning("%s has no %s: left out %s", dataset.name, said, ", ".join(hungry))
+    return [name for name in names if name not in hungry]
 
 
 def _those_for_frame(
@@ -190,7 +204,7 @@ def fix_radius(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
 ) -> PipelineConfig:
     """Return the configuration with the radius of normals, which depends on the first frame."""
-    if not any(find_descriptor(name).needs_normals for name in names):
+    if not any(find_descriptor(name).fixes_radius for name in names):
         return config
 
     def with_radius(index: int) -> DescriptorConfig:

@@ -170,7 +170,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[s
 
 def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the values of a configuration that affect a descriptor, by dotted key."""
-    options = DESCRIPTORS[name].options
+    options = DESCRIPTORS[name].keys
     described = {k: v for k, v in config.get("descriptors", {}).items() if k in options}
     return flatten({"fusion": config.get("fusion", {}), "descriptors": described})
 

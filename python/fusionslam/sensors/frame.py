@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
 from fusionslam.sensors.messages import as_stamp
-from fusionslam.storage.arrays import Floats, Points, read_numbers
+from fusionslam.storage.arrays import Floats, Floats32, Points, read_numbers
 
 Bytes = NDArray[np.uint8]
 
@@ -65,10 +65,17 @@ class Camera:
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points, float32 (N, 3) in metres, and their colours, uint8 (N, 3) RGB, if they have any."""
+    """Points and what is known of each.
+
+    Attributes:
+        points: float32 (N, 3), metres.
+        colors: uint8 (N, 3) RGB, or None.
+        intensities: float32 (N,), of the returns, in the scanner's own unit; or None.
+    """
 
     points: NDArray[np.float32]
     colors: NDArray[np.uint8] | None = None
+    intensities: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -95,6 +102,7 @@ class Frame:
         stamp_ns: time in nanoseconds.
         points: float32 (N, 3), metres, in the scan's frame; or a function that loads them.
         colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
+        intensities: float32 (N,), of the returns, in the scanner's own unit; or a loader.
         point_seconds: float64 (N,), when each point was measured, after the stamp; or a loader.
         images: by camera name ("left", "right"): uint8 (H, W, 3) RGB or (H, W); or loaders.
         cameras: calibration by camera name.
@@ -116,6 +124,7 @@ class Frame:
         stamp_ns: int = 0,
         points: Points | Callable[[], Points] | None = None,
         colors: Bytes | Callable[[], Bytes | None] | None = None,
+        intensities: Floats32 | Callable[[], Floats32 | None] | None = None,
         point_seconds: Floats | Callable[[], Floats | None] | None = None,
         images: Mapping[str, Bytes | Callable[[], Bytes]] | None = None,
         cameras: Mapping[str, Camera] | None = None,
@@ -136,6 +145,7 @@ class Frame:
         self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
         self._points = points
         self._colors = colors
+        self._intensities = intensities
         self._point_seconds = point_seconds
 
     def __getstate__(self) -> dict[str, object]:
@@ -143,6 +153,7 @@ class Frame:
         loaded = {
             "_points": self.points,
             "_colors": self.colors,
+            "_intensities": self.intensities,
             "_point_seconds": self.point_seconds,
             "images": dict(self.images),
         }
@@ -175,6 +186,13 @@ class Frame:
         if callable(self._colors):
             self._colors = self._colors()
         return self._colors
+
+    @property
+    def intensities(self) -> Floats32 | None:
+        """float32 (N,), intensities of the returns in the scanner's own unit; None if unknown."""
+        if callable(self._intensities):
+            self._intensities = self._intensities()
+        return self._intensities
 
     @property
     def point_seconds(self) -> Floats | None:

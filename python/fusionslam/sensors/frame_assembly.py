@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
-from fusionslam.sensors.frame import Camera, Frame
+from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
@@ -48,12 +47,13 @@ def frame_from_pair(
     for name, picture in pictures.items():
         check_size(picture, infos[name], name)
     lead = scan or pictures["left"]
-    points, colors = _select_returns(scan)
+    cloud = _select_returns(scan)
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,
-        points=points,
-        colors=colors,
+        points=None if cloud is None else cloud.points,
+        colors=None if cloud is None else cloud.colors,
+        intensities=None if cloud is None else cloud.intensities,
         pose=pose,
         images={name: partial(rectify, p, infos[name], name) for name, p in pictures.items()},
         cameras=_place_cameras(scan, pictures, infos, frames, still),
@@ -62,15 +62,17 @@ def frame_from_pair(
     )
 
 
-def _select_returns(
-    scan: Scan | None,
-) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None]:
-    """Points and colours of the rays that returned."""
+def _select_returns(scan: Scan | None) -> Cloud | None:
+    """Points, colours and intensities of the rays that returned."""
     if scan is None:
-        return None, None
+        return None
     valid = np.isfinite(scan.points).all(axis=1)
     points = scan.points if valid.all() else scan.points[valid]
-    return points, None if scan.colors is None else scan.colors[valid]
+    return Cloud(
+        points,
+        None if scan.colors is None else scan.colors[valid],
+        None if scan.intensities is None else scan.intensities[valid],
+    )
 
 
 def _robot_from_points(

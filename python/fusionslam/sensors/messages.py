@@ -68,6 +68,12 @@ class Scan:
     colors: NDArray[np.uint8] | None = None
     width: int = 0
 
+    @property
+    def intensities(self) -> NDArray[np.float32] | None:
+        """float32 (N,), of the field "intensity"; None without one."""
+        values = self.fields.get("intensity")
+        return None if values is None else np.asarray(values, np.float32)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:

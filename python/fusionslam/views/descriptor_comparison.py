@@ -16,8 +16,9 @@ from fusionslam.descriptors import (
     find_descriptor,
     for_clouds,
     length_of,
-    no_colors,
+    missing_data,
 )
+from fusionslam.descriptors.registry import SECTIONS
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.sensors.frame import Cloud
@@ -31,7 +32,7 @@ class DescriptorComparison:
     objects.
 
     Args:
-        name: "m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context" or "bev_spectrum".
+        name: of the descriptor.
         config: the descriptor configuration.
         max_distance: the largest distance of a match.
     """
@@ -55,9 +56,8 @@ class DescriptorComparison:
         self._fill(self._rows)
 
     def settings(self) -> dict[str, Any]:
-        # Views of earlier versions do not mention scan_context, bev_spectrum and m2dp.axes.
-        newer = {"scan_context", "bev_spectrum"}
-        others = {"threads"} | (newer - set(self._descriptor.options))
+        # Views of earlier versions have a section m2dp and no other that does not matter.
+        others = {"threads"} | (set(SECTIONS) - {"m2dp", self._descriptor.section})
         values = self._config.model_dump(mode="json", exclude=others)
         if values["m2dp"]["axes"] is None:
             del values["m2dp"]["axes"]
@@ -81,8 +81,8 @@ class DescriptorComparison:
         name = self._descriptor.name
         if not np.isfinite(cloud.points).all():
             raise DataError(f"{name}: the cloud holds NaN or infinity", code="not-finite")
-        if self._descriptor.needs_colors and cloud.colors is None:
-            raise no_colors(name)
+        if (problem := missing_data(cloud, name)) is not None:
+            raise problem
         try:
             return View(describe(cloud, name, for_clouds(self._config, name, ROBOT_FUSION)), 1)
         except DataError:

@@ -53,9 +53,8 @@ class ViewMatcherConfig(Section):
 
     method: str | None = option(
         None,
-        "what recognises places: alignment, objects, two_stages, or a descriptor (m2dp, cm2dp, "
-        "shot, cshot, scan_context, cscan_context, bev_spectrum); null is alignment for the robust "
-        "preset, objects for the others",
+        "what recognises places: alignment, objects, two_stages, or a descriptor, such as cm2dp; "
+        "null is alignment for the robust preset, objects for the others",
     )
     preset: Literal["robust", "paper", "author"] = option(
         "robust", "objects: robust (ours), paper (Stastny 2022) or author (his program)"
@@ -182,7 +181,7 @@ PLAIN = "m2dp"
 
 RENAMED: Mapping[str, str] = {
     "scenes": "objects",
-    "descriptor": "m2dp, cm2dp, shot, cshot, scan_context, cscan_context or bev_spectrum",
+    "descriptor": ", ".join(DESCRIPTORS),
     "two-stage": "two_stages",
     "visual": "visual_templates",
     "templates": "visual_templates",

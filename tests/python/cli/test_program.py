@@ -124,7 +124,6 @@ def test_choices_are_those_of_the_registries() -> None:
     from fusionslam.datasets.bags.index import STAMPS
     from fusionslam.datasets.kinds import KINDS
     from fusionslam.datasets.range_recording import SHAPES
-    from fusionslam.descriptors import DESCRIPTORS
     from fusionslam.pipelines.drives import FRAMES
     from fusionslam.pipelines.export_folder import FORMATS
     from fusionslam.pipelines.map_events import ODOMETRY
@@ -136,7 +135,6 @@ def test_choices_are_those_of_the_registries() -> None:
     preset = get_type_hints(RatSlamConfig)["preset"]
     presets = next(names for each in get_args(preset) if (names := get_args(each)))
     for offered, known in (
-        (opt.DESCRIPTORS, DESCRIPTORS),
         (opt.FORMATS, FORMATS),
         (opt.FRAMES, FRAMES),
         (opt.KINDS, (*KINDS, "scenes")),

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 import fusionslam
 from fusionslam import ConfigError, GroundPlaneConfig, M2dpConfig, PipelineConfig, StereoConfig
 from fusionslam.config import Section, merged, walk, with_file, with_settings
-from fusionslam.descriptors import M2dpSection, find_descriptor
+from fusionslam.descriptors import DescriptorConfig, find_descriptor
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation.loops.protocols import find_protocol
 from fusionslam.fusion import FusionConfig, PlaneSection, StereoSection
@@ -24,7 +24,7 @@ from fusionslam.sim.robot import robot_named
 from fusionslam.views.recognisers import find_recogniser
 
 SECTIONS: list[tuple[type[Any], type[Section]]] = [
-    (M2dpConfig, M2dpSection),
+    (M2dpConfig, type(DescriptorConfig().m2dp)),
     (StereoConfig, StereoSection),
     (GroundPlaneConfig, PlaneSection),
 ]

@@ -8,6 +8,7 @@ from typer import Typer
 from typer.testing import CliRunner, Result
 
 from fusionslam.cli import app
+from fusionslam.descriptors import USUAL
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import CHUNK
@@ -66,4 +67,4 @@ def vectors(path: Path) -> bytes:
 
 
 def fusionslam_descriptors() -> tuple[str, ...]:
-    return ("m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum")
+    return USUAL

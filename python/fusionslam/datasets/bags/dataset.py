@@ -149,6 +149,7 @@ class BagDataset(Dataset):
             stamp_ns=stamp_ns,
             points=(lambda: scan().points) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
+            intensities=(lambda: scan().intensities) if has_points else None,
             point_seconds=(lambda: point_seconds(scan())) if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index),

@@ -4,10 +4,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
+
+from pydantic import field_validator
 
 from fusionslam.config import option
-from fusionslam.descriptors import DescriptorConfig
+from fusionslam.descriptors import DescriptorConfig, find_descriptor
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.se2 import places_of
@@ -35,15 +37,19 @@ LOOPS = "loop_closures"
 class LoopClosureConfig(CommonConfig):
     """Configuration of the node loop_closure."""
 
-    descriptor: Literal[
-        "m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum"
-    ] = option("cm2dp", "descriptor that is compared")
+    descriptor: str = option("cm2dp", "descriptor that is compared, such as scan_context")
     descriptors: DescriptorConfig = option(DescriptorConfig(), "clouds to vectors")
     loop_closure: LoopConfig = option(LoopConfig(), "vectors to loops")
     registration: RegistrationConfig = option(
         RegistrationConfig(method="planar"), "pairs of clouds to poses"
     )
     memory: SavingConfig = option(SavingConfig(), "folder of the descriptors")
+
+    @field_validator("descriptor")
+    @classmethod
+    def _check_descriptor(cls, name: str) -> str:
+        find_descriptor(name)
+        return name
 
 
 class LoopClosure(Node[LoopClosureConfig]):

@@ -71,5 +71,6 @@ def cloud_of(scan: Scan) -> Cloud:
         )
     valid = np.isfinite(scan.points).all(axis=1)
     if valid.all():
-        return Cloud(scan.points, scan.colors)
-    return Cloud(scan.points[valid], scan.colors[valid])
+        return Cloud(scan.points, scan.colors, scan.intensities)
+    intensities = None if scan.intensities is None else scan.intensities[valid]
+    return Cloud(scan.points[valid], scan.colors[valid], intensities)

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptors by name, all with the same configuration.
+
+A name may end with a preset, "cm2dp:author", which then replaces that of the configuration. Only
+the registry is imported at once; the rest with its first use.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from fusionslam.descriptors.registry import DESCRIPTORS as DESCRIPTORS
+from fusionslam.descriptors.registry import GROUPS as GROUPS
+from fusionslam.descriptors.registry import NAMES as NAMES
+from fusionslam.descriptors.registry import PRESETS as PRESETS
+from fusionslam.descriptors.registry import USUAL as USUAL
+from fusionslam.descriptors.registry import Descriptor as Descriptor
+
+if TYPE_CHECKING:
+    from fusionslam.descriptors.computation import describe as describe
+    from fusionslam.descriptors.computation import find_descriptor as find_descriptor
+    from fusionslam.descriptors.computation import for_clouds as for_clouds
+    from fusionslam.descriptors.computation import for_preset as for_preset
+    from fusionslam.descriptors.computation import for_sequence as for_sequence
+    from fusionslam.descriptors.computation import in_file_names as in_file_names
+    from fusionslam.descriptors.computation import length_of as length_of
+    from fusionslam.descriptors.computation import missing_data as missing_data
+    from fusionslam.descriptors.computation import needs_up as needs_up
+    from fusionslam.descriptors.computation import with_preset as with_preset
+    from fusionslam.descriptors.computation import without_colors as without_colors
+    from fusionslam.descriptors.config import DescriptorConfig as DescriptorConfig
+
+
+_HOMES = {
+    "computation": (
+        "describe find_descriptor for_clouds for_preset for_sequence in_file_names length_of "
+        "missing_data needs_up with_preset without_colors"
+    ),
+    "config": "DescriptorConfig",
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value
