@@ -203,7 +203,8 @@ def _intensities(
     if "intensity" not in names:
         return None
     values = np.asarray(columns["intensity"])
-    return _float32(values) if values.ndim == 1 and values.dtype.kind in "fiu" else None
+    is_column = values.ndim == 1 or values.shape[1:] == (1,)
+    return _float32(values.reshape(-1)) if is_column and values.dtype.kind in "fiu" else None
 
 
 def write_cloud(path: PathLike, cloud: Cloud) -> None:

@@ -82,6 +82,12 @@ def test_the_halves_of_the_wall_get_the_colours_of_the_halves_of_the_image(
     assert (cloud.colors[left] == RED).all() and (cloud.colors[right] == BLUE).all()
 
 
+def test_intensities_are_those_of_the_message(bag: Callable[..., Path]) -> None:
+    found = open_dataset(bag(drive()))[0].intensities
+    assert found is not None and found.dtype == np.float32
+    assert found.tolist() == list(range(41))
+
+
 def test_a_camera_that_was_elsewhere_by_then_is_placed_there(bag: Callable[..., Path]) -> None:
     """Images 40 ms late: the robot is 2 cm further when it takes them."""
     late = [

@@ -63,9 +63,30 @@ def test_pcd_files_of_every_encoding_are_read(tmp_path: Path, encoding: str) -> 
     cloud = PointCloud.from_xyzi_points(np.c_[POINTS, POINTS[:, 0]])
     cloud.save(tmp_path / "cloud.pcd", Encoding(encoding))
     assert np.allclose(read_cloud(tmp_path / "cloud.pcd").points, POINTS, atol=1e-6)
+    assert np.allclose(read_cloud(tmp_path / "cloud.pcd").intensities, POINTS[:, 0], atol=1e-6)
     (tmp_path / "cloud.pcd").write_bytes((tmp_path / "cloud.pcd").read_bytes()[:-30])
     with pytest.raises(DataError, match=r"cloud.pcd"):
         read_cloud(tmp_path / "cloud.pcd")
+
+
+def test_a_bin_file_keeps_intensities(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    intensities = RNG.uniform(0, 1, len(POINTS)).astype(np.float32)
+    write_cloud(path, Cloud(POINTS, None, intensities))
+    assert np.array_equal(np.fromfile(path, "<f4").reshape(-1, 4)[:, 3], intensities)
+    assert np.array_equal(read_cloud(path).intensities, intensities)
+    with pytest.raises(ShapeError, match=r"intensities have shape \(3,\)"):
+        write_cloud(path, Cloud(POINTS, None, intensities[:3]))
+
+
+@pytest.mark.parametrize("kind", ["uchar", "float", "double"])
+def test_intensities_of_a_ply_file_are_read(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.ply"
+    header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+    header += f"property float z\nproperty {kind} intensity\nend_header\n"
+    path.write_text(header + "1 2 3 40\n4 5 6 200\n")
+    found = read_cloud(path).intensities
+    assert found is not None and found.dtype == np.float32 and found.tolist() == [40, 200]
 
 
 @pytest.mark.parametrize("suffix", [".pcd", ".ply"])

@@ -123,6 +123,26 @@ def test_fuse_removes_ground_and_thins_out() -> None:
     assert np.array_equal(made.points, given.points[kept])
 
 
+def test_intensities_stay_with_their_points() -> None:
+    points, image = scene(18)
+    # Each point's own x, so that it can be told in any selection of them.
+    intensities = points[:, 0].copy()
+    given = frame(points=points, images={"left": image}, intensities=lambda: intensities)
+    for config in (
+        FusionConfig(),
+        FusionConfig(source="cloud", ground="height", ground_height=0.0),
+    ):
+        made = fusionslam.fuse(given, config)
+        assert 0 < len(made) < len(points)
+        assert made.intensities is not None and np.array_equal(made.intensities, made.points[:, 0])
+    thin = fusionslam.fuse(given, FusionConfig(source="cloud", voxel=2.0))
+    _, _, first = fusionslam.voxel_downsample(points, size=2.0)
+    assert thin.intensities is not None and np.array_equal(thin.intensities, intensities[first])
+    assert fusionslam.fuse(frame()).intensities is None
+    with pytest.raises(ShapeError, check=has_code("shape", "intensities")):
+        fusionslam.fuse(frame(intensities=intensities[:-1]))
+
+
 def test_fuse_names_what_a_frame_lacks() -> None:
     _, image = scene(21)
     cases: list[tuple[Frame, FusionConfig, tuple[str, ...]]] = [
