@@ -15,8 +15,8 @@ demo: setup
 test:
 	@scripts/ros.sh || echo "ROS 1 cannot be installed here: its tests are skipped"
 	@$(MAKE) --no-print-directory setup
-	cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
-	cmake --build build/cpp
+	. scripts/ccache.sh && cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
+	. scripts/ccache.sh && cmake --build build/cpp
 	ctest --test-dir build/cpp --output-on-failure
 	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile --no-loadscope-reorder
 

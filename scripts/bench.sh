@@ -9,6 +9,7 @@ wanted=$(.venv/bin/python -c 'import tomllib; print(*tomllib.load(open("pyprojec
 # shellcheck disable=SC2086  # one requirement a word
 .venv/bin/python -m pip install --quiet --disable-pip-version-check $wanted
 
+source scripts/ccache.sh
 log=build/bench-build.log
 {
   cmake -S . -B build/bench -G Ninja -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF \

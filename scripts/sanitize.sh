@@ -7,6 +7,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+source scripts/ccache.sh
 python=$PWD/.venv/bin/python
 
 # A program of its own: fusionslam-tests would take minutes more to build.

@@ -7,13 +7,14 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 packages=(
-  ca-certificates g++ cmake ninja-build git
+  ca-certificates g++ cmake ninja-build ccache git
   python3 python3-dev python3-venv
   libpcl-dev libopencv-dev libeigen3-dev libqhull-dev doctest-dev
 )
 
 scripts/debian.sh "${packages[@]}"
 
+source scripts/ccache.sh
 python=${PYTHON:-python3} venv=${VENV:-.venv}
 if [ ! -x "$venv/bin/python" ]; then
   "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
