@@ -1,0 +1,30 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+
+#include "metrics.hpp"
+
+namespace fusionslam::detail {
+namespace {
+
+/// Sum of the magnitudes of the differences.
+class L1 final : public PlainMetric {
+ public:
+  using PlainMetric::PlainMetric;
+
+  void check(std::span<const float> row, std::size_t number) const override {
+    check_sum("l1", row, number);
+  }
+
+  double distance(std::span<const float> query, std::span<const float> row) const override {
+    return sum_in_lanes(query.size(), [&](std::size_t i) {
+      return std::abs(static_cast<double>(query[i]) - static_cast<double>(row[i]));
+    });
+  }
+};
+
+}  // namespace
+
+MetricPointer l1_metric(std::size_t dimension) { return std::make_unique<L1>(dimension); }
+
+}  // namespace fusionslam::detail

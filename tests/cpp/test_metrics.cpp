@@ -1,0 +1,134 @@
+// SPDX-FileCopyrightText: 2026 The fusionslam authors
+// SPDX-License-Identifier: Apache-2.0
+// Cases computed by hand; tests/python/matching compares with NumPy.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include "fusionslam/errors.hpp"
+#include "fusionslam/matching.hpp"
+#include "refused.hpp"
+
+namespace fusionslam {
+namespace {
+
+using testing::check_refused;
+using Row = std::vector<float>;
+
+float distance(const Row& query, const Row& match, Metric metric) {
+  const DescriptorMatch found = compare_descriptors(query, match, metric);
+  CHECK(compare_descriptors(query, query, metric).distance == doctest::Approx(0).epsilon(1e-6));
+  return found.distance;
+}
+
+TEST_CASE("l2 and l1 of two descriptors are the lengths of their difference") {
+  CHECK(distance({1, -2, 0}, {4, 2, 0}, Metric::l2) == 5);
+  CHECK(distance({1, -2, 0}, {4, 2, 0}, Metric::l1) == 7);
+  CHECK(!compare_descriptors(Row{1}, Row{2}, Metric::l1).yaw);
+  constexpr float largest = std::numeric_limits<float>::max();
+  check_refused<DataError>([&] { distance(Row(9, largest / 10), Row(9), Metric::l1); },
+                           "descriptor 0 is too long for metric l1");
+}
+
+TEST_CASE("chi_square divides by the sum of each bin and leaves out empty ones") {
+  CHECK(distance({1, 0, 3, 2}, {3, 0, 1, 0}, Metric::chi_square) == 1 + 1 + 2);
+  check_refused<DataError>([] { distance({1, 0}, {0, -0.5F}, Metric::chi_square); },
+                           "descriptor 1 is -0.500000 at position 1, metric chi_square");
+}
+
+TEST_CASE("regions are compared by the two that are most alike") {
+  Row query(2 * 308), match(3 * 308);
+  query[0] = 2;
+  query[308] = 6;
+  match.resize(2 * 308);
+  match[308] = 5;  // its first block is absent
+  CHECK(distance(query, match, Metric::regions) == doctest::Approx(1 - 6.0 / 7));
+  match[309] = 1;
+  CHECK(distance(query, match, Metric::regions) == doctest::Approx(1 - 6.0 / 8));
+  check_refused<DataError>([&] { distance(query, Row(2 * 308), Metric::regions); },
+                           "descriptor 1 is an empty set");
+  check_refused<ShapeError>([] { distance(Row(309, 1), Row(309, 1), Metric::regions); },
+                            "309 values, metric regions takes multiples of 308");
+  check_refused<DataError>([] { distance(Row(308, -1), Row(308, 1), Metric::regions); }, "-1");
+}
+
+TEST_CASE("the nearest members of two sets are compared, absent ones left out") {
+  const Row query{1, 1, 0, 0, 9, 9, 0, 0}, match{0, 0, 6, 5, 0, 0, 0, 0};
+  CHECK(distance(query, match, Metric::nearest_of_set) == 5);
+  check_refused<DataError>([&] { distance(query, Row(8), Metric::nearest_of_set); }, "empty set");
+  check_refused<ShapeError>([] { distance(Row(6, 1), Row(6, 1), Metric::nearest_of_set); }, "6");
+}
+
+TEST_CASE("descriptors of other lengths, of none and with NaN are refused") {
+  check_refused<ShapeError>([] { distance({1}, {1, 2}, Metric::l1); }, "1 and 2 values");
+  check_refused<ShapeError>([] { compare_descriptors({}, {}, Metric::l2); }, "no values");
+  check_refused<DataError>([] { distance({1}, {std::nanf("")}, Metric::l1); }, "descriptor 1");
+}
+
+/// Rows that each metric takes.
+struct Sample {
+  Metric metric;
+  std::size_t dimension;
+};
+
+Row sample_row(const Sample& sample, std::mt19937& random) {
+  Row row(sample.dimension);
+  for (auto& value : row) value = static_cast<float>(random() % 3);
+  return row;
+}
+
+const std::vector<Sample> samples{
+    {Metric::scan_context, 180}, {Metric::l1, 5}, {Metric::chi_square, 5}, {Metric::regions, 616},
+    {Metric::nearest_of_set, 8},
+};
+
+TEST_CASE("an index of any metric answers like a batch and like pairs, also after its bytes") {
+  for (const Sample& sample : samples) {
+    CAPTURE(choice_name(sample.metric));
+    std::mt19937 random(5);
+    constexpr std::size_t count = 40, window = 3, k = 4;
+    DescriptorIndex index(sample.dimension, {window, 0}, sample.metric);
+    std::vector<Row> rows;
+    Row values;
+    for (std::size_t i = 0; i < count; ++i) {
+      rows.push_back(i % 7 == 6 ? rows[i / 2] : sample_row(sample, random));  // ties
+      values.insert(values.end(), rows.back().begin(), rows.back().end());
+    }
+    const auto causal = nearest_causal(values, sample.dimension, window, k, 1, sample.metric);
+    const auto threaded = nearest_causal(values, sample.dimension, window, k, 3, sample.metric);
+    CHECK(causal.indices == threaded.indices);
+    CHECK(causal.distances == threaded.distances);
+    for (std::size_t i = 0; i < count; ++i) {
+      auto matches = index.query(rows[i], k);
+      CHECK(std::ranges::is_sorted(matches, {}, &Match::distance));
+      for (const auto& match : matches)
+        CHECK(match.distance == compare_descriptors(rows[i],
+                                                    rows[static_cast<std::size_t>(match.index)],
+                                                    sample.metric)
+                                    .distance);
+      matches.resize(k, {-1, std::numeric_limits<float>::infinity()});
+      for (std::size_t rank = 0; rank < k; ++rank) {
+        CHECK(matches[rank].index == causal.indices[i * k + rank]);
+        CHECK(matches[rank].distance == causal.distances[i * k + rank]);
+      }
+      index.add(rows[i]);
+    }
+    const auto restored = DescriptorIndex::from_bytes(index.to_bytes());
+    CHECK(restored.metric() == sample.metric);
+    CHECK(restored.to_bytes() == index.to_bytes());
+    const DescriptorIndex copy = restored;
+    const auto expected = index.query(rows[9], count), found = copy.query(rows[9], count);
+    REQUIRE(found.size() == expected.size());
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      CHECK(found[i].index == expected[i].index);
+      CHECK(found[i].distance == expected[i].distance);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace fusionslam
