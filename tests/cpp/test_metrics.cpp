@@ -82,8 +82,16 @@ Row sample_row(const Sample& sample, std::mt19937& random) {
 }
 
 const std::vector<Sample> samples{
-    {Metric::scan_context, 180}, {Metric::l1, 5}, {Metric::chi_square, 5}, {Metric::regions, 616},
+    {Metric::scan_context, 180},
+    {Metric::l1, 5},
+    {Metric::chi_square, 5},
+    {Metric::regions, 616},
     {Metric::nearest_of_set, 8},
+    {Metric::aligned_polar, 180},
+    {Metric::aligned_cartesian, 120},
+    {Metric::intensity_scan_context, 180},
+    {Metric::iris, 2160},
+    {Metric::ring, 360},
 };
 
 TEST_CASE("an index of any metric answers like a batch and like pairs, also after its bytes") {

@@ -31,12 +31,28 @@ enum class Metric {
   chi_square,      ///< of histograms: sum of (a - b)^2 / (a + b)
   regions,         ///< of sets of 308 bins: 1 - (1 + sum of min) / (1 + sum of max) of the best two
   nearest_of_set,  ///< of sets of four: the least l2 of any two
+  votes,           ///< of keypoints: 1 - the share of those whose votes agree in space
+  aligned_polar,   ///< Scan Context++ at turns near that of the columns' norms
+  aligned_cartesian,       ///< the same with lateral shifts
+  intensity_scan_context,  ///< 1 - similarity of occupancy x similarity of intensity
+  iris,                    ///< of LiDAR Iris: share of bits that differ, at the best turn
+  ring,                    ///< of RING: 1 - the largest circular correlation
 };
 
 template <>
 struct ChoiceNames<Metric> {
-  static constexpr std::array<std::string_view, 6> value{
-      "l2", "scan_context", "l1", "chi_square", "regions", "nearest_of_set"};
+  static constexpr std::array<std::string_view, 12> value{"l2",
+                                                          "scan_context",
+                                                          "l1",
+                                                          "chi_square",
+                                                          "regions",
+                                                          "nearest_of_set",
+                                                          "votes",
+                                                          "aligned_polar",
+                                                          "aligned_cartesian",
+                                                          "intensity_scan_context",
+                                                          "iris",
+                                                          "ring"};
 };
 
 /// Recent past that is left out of the search for a query.

@@ -27,6 +27,12 @@ constexpr std::array<MetricPointer (*)(std::size_t), ChoiceNames<Metric>::value.
     chi_square_metric,
     regions_metric,
     nearest_of_set_metric,
+    votes_metric,
+    aligned_polar_metric,
+    aligned_cartesian_metric,
+    intensity_scan_context_metric,
+    iris_metric,
+    ring_metric,
 };
 static_assert(factories.back() != nullptr);
 
