@@ -10,19 +10,26 @@ namespace fusionslam::detail {
 namespace {
 
 // In double: squares of floats neither overflow nor vanish there.
-FUSIONSLAM_INLINE std::size_t normalize(const float* values, std::size_t columns, std::size_t bins,
-                                        float* unit) {
+FUSIONSLAM_INLINE std::size_t find_factors(const float* values, std::size_t columns,
+                                           std::size_t bins, double* factors) {
   std::size_t filled = 0;
-  for (std::size_t column = 0; column < columns; ++column, values += bins, unit += bins) {
+  for (std::size_t column = 0; column < columns; ++column, values += bins) {
     double sum = 0;
     for (std::size_t i = 0; i < bins; ++i)
       sum += static_cast<double>(values[i]) * static_cast<double>(values[i]);
-    const double factor = sum > 0 ? 1 / std::sqrt(sum) : 0;
-    for (std::size_t i = 0; i < bins; ++i)
-      unit[i] = static_cast<float>(static_cast<double>(values[i]) * factor);
+    factors[column] = sum > 0 ? 1 / std::sqrt(sum) : 0;
     filled += sum > 0 ? 1 : 0;
   }
   return filled;
+}
+
+FUSIONSLAM_INLINE void scale(const float* values, std::size_t columns, std::size_t bins,
+                             const double* factors, float* unit) {
+  for (std::size_t column = 0; column < columns; ++column, values += bins, unit += bins) {
+    const double factor = factors[column];
+    for (std::size_t i = 0; i < bins; ++i)
+      unit[i] = static_cast<float>(static_cast<double>(values[i]) * factor);
+  }
 }
 
 template <std::size_t together>
@@ -49,7 +56,7 @@ FUSIONSLAM_INLINE void dots(const float* query, const float* row, std::size_t bi
 }  // namespace
 
 ColumnKernels column_kernels(SimdLevel level) {
-  return {compiled_for<normalize>(level), compiled_for<dots>(level)};
+  return {compiled_for<find_factors>(level), compiled_for<scale>(level), compiled_for<dots>(level)};
 }
 
 }  // namespace fusionslam::detail

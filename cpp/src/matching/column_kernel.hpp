@@ -18,9 +18,14 @@ constexpr std::size_t whole_lanes(std::size_t count) {
 }
 
 struct ColumnKernels {
-  /// Writes each of the `columns` of `values`, `bins` floats long, divided by its length, or zeros
-  /// where that is 0, and returns how many are not. `unit` may not overlap `values`.
-  std::size_t (*normalize)(const float* values, std::size_t columns, std::size_t bins, float* unit);
+  /// Writes 1 / the length of each of `columns`, `bins` floats long, or 0 where that is 0, and
+  /// returns how many are not.
+  std::size_t (*find_factors)(const float* values, std::size_t columns, std::size_t bins,
+                              double* factors);
+
+  /// Writes each column times its factor. `unit` may not overlap `values`.
+  void (*scale)(const float* values, std::size_t columns, std::size_t bins, const double* factors,
+                float* unit);
 
   /// dots[i] is the product of `row` with the floats of `query` from column i on, for i below
   /// `shifts`. `size` is that of a row, rounded up to whole lanes and filled with zeros; `query`

@@ -53,9 +53,10 @@ FUSIONSLAM_INLINE void transform(const float* unit, std::size_t bins, float* spe
     }
 }
 
-/// The largest of a circular correlation, by the product of its spectra.
+/// Circular correlation by the product of the spectra.
 template <std::size_t turns>
-FUSIONSLAM_INLINE float correlate(const float* query, const float* row, std::size_t bins) {
+FUSIONSLAM_INLINE void correlate(const float* query, const float* row, std::size_t bins,
+                                 float* dots) {
   constexpr std::size_t half = half_spectrum(turns), width = ring_spectrum(turns);
   float real[half], imaginary[half];
   for (std::size_t f = 0; f < half; f += column_lanes) {
@@ -79,7 +80,7 @@ FUSIONSLAM_INLINE float correlate(const float* query, const float* row, std::siz
                  imaginary[f] * load(waves<turns>.sines[f] + v * column_lanes);
   float found[whole_lanes(turns)];
   for (std::size_t v = 0; v < vectors; ++v) store(sums[v], found + v * column_lanes);
-  return *std::max_element(found, found + turns);
+  std::copy_n(found, turns, dots);
 }
 
 }  // namespace

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // Rows of columns that go around in a circle, compared at all turns at once by their spectra over
-// azimuth, which round: they say which rows are worth comparing exactly.
+// azimuth, which round: they say which rows, and which turns of them, are worth comparing exactly.
 #pragma once
 
 #include <cstddef>
@@ -28,8 +28,9 @@ struct TurnKernels {
   /// Writes the spectra over azimuth of `bins` rings.
   void (*transform)(const float* unit, std::size_t bins, float* spectrum);
 
-  /// The largest of ColumnKernels::dots() of all turns, but for correlation_error().
-  float (*correlate)(const float* query_spectrum, const float* row_spectrum, std::size_t bins);
+  /// Writes ColumnKernels::dots() of all turns, but for correlation_error().
+  void (*correlate)(const float* query_spectrum, const float* row_spectrum, std::size_t bins,
+                    float* dots);
 };
 
 /// For 60 turns (Scan Context) and 120 (RING).

@@ -47,8 +47,7 @@ class AlignedColumns final : public RowMetric {
 
   void prepare(std::span<const float> row, std::span<float> cache) const override {
     cache[0] = static_cast<float>(
-        column_kernels(simd_level())
-            .normalize(row.data(), shifts_.columns, bins(), cache.data() + unit_begin()));
+        write_unit_columns(row, shifts_.columns, cache.subspan(unit_begin())));
     for (std::size_t column = 0; column < shifts_.columns; ++column) {
       const float* values = row.data() + column * bins();
       cache[column_lanes + column] = static_cast<float>(sum_in_lanes(

@@ -5,6 +5,14 @@
 namespace fusionslam::detail {
 namespace {
 
+FUSIONSLAM_INLINE double sum_terms(const float* query, const float* row, std::size_t size) {
+  return sum_in_lanes(size, [&](std::size_t i) {
+    const double a = static_cast<double>(query[i]), b = static_cast<double>(row[i]);
+    const double sum = a + b > 0 ? a + b : 1;  // an empty bin adds 0 / 1
+    return (a - b) * (a - b) / sum;
+  });
+}
+
 /// Of histograms: the sum of (a - b)^2 / (a + b) over the bins filled in either.
 class ChiSquare final : public PlainMetric {
  public:
@@ -16,10 +24,7 @@ class ChiSquare final : public PlainMetric {
   }
 
   double distance(std::span<const float> query, std::span<const float> row) const override {
-    return sum_in_lanes(query.size(), [&](std::size_t i) {
-      const double a = static_cast<double>(query[i]), b = static_cast<double>(row[i]);
-      return a + b > 0 ? (a - b) * (a - b) / (a + b) : 0;
-    });
+    return compiled_for<sum_terms>(simd_level())(query.data(), row.data(), query.size());
   }
 };
 

@@ -29,9 +29,7 @@ class IntensityScanContext final : public RowMetric {
   std::size_t cache_size() const override { return column_lanes + whole_lanes(dimension()); }
 
   void prepare(std::span<const float> row, std::span<float> cache) const override {
-    cache[0] = static_cast<float>(
-        column_kernels(simd_level())
-            .normalize(row.data(), sectors, row.size() / sectors, cache.data() + column_lanes));
+    cache[0] = static_cast<float>(write_unit_columns(row, sectors, cache.subspan(column_lanes)));
   }
 
   std::unique_ptr<RowQuery> query(std::span<const float> row) const override;

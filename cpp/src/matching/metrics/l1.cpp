@@ -7,6 +7,12 @@
 namespace fusionslam::detail {
 namespace {
 
+FUSIONSLAM_INLINE double sum_differences(const float* a, const float* b, std::size_t size) {
+  return sum_in_lanes(size, [&](std::size_t i) {
+    return std::abs(static_cast<double>(a[i]) - static_cast<double>(b[i]));
+  });
+}
+
 /// Sum of the magnitudes of the differences.
 class L1 final : public PlainMetric {
  public:
@@ -17,9 +23,7 @@ class L1 final : public PlainMetric {
   }
 
   double distance(std::span<const float> query, std::span<const float> row) const override {
-    return sum_in_lanes(query.size(), [&](std::size_t i) {
-      return std::abs(static_cast<double>(query[i]) - static_cast<double>(row[i]));
-    });
+    return compiled_for<sum_differences>(simd_level())(query.data(), row.data(), query.size());
   }
 };
 

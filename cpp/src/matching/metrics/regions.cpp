@@ -8,6 +8,14 @@ namespace {
 
 constexpr std::size_t region_size = 308;  // a VFH signature
 
+FUSIONSLAM_INLINE double unlikeness(const float* a, const float* b) {
+  const double least = sum_in_lanes(
+      region_size, [&](std::size_t i) { return static_cast<double>(std::min(a[i], b[i])); });
+  const double most = sum_in_lanes(
+      region_size, [&](std::size_t i) { return static_cast<double>(std::max(a[i], b[i])); });
+  return 1 - (1 + least) / (1 + most);
+}
+
 /// Histograms of a scan's smooth regions (CVFH; Aldoma et al., ICCV workshops 2011, section 4):
 /// 1 - (1 + sum of min) / (1 + sum of max) of the two regions that are most alike.
 class Regions final : public PlainMetric {
@@ -22,16 +30,9 @@ class Regions final : public PlainMetric {
   }
 
   double distance(std::span<const float> query, std::span<const float> row) const override {
-    return least_of_blocks(query, row, region_size, unlikeness);
-  }
-
- private:
-  static double unlikeness(std::span<const float> a, std::span<const float> b) {
-    const double least = sum_in_lanes(
-        region_size, [&](std::size_t i) { return static_cast<double>(std::min(a[i], b[i])); });
-    const double most = sum_in_lanes(
-        region_size, [&](std::size_t i) { return static_cast<double>(std::max(a[i], b[i])); });
-    return 1 - (1 + least) / (1 + most);
+    auto* between = compiled_for<unlikeness>(simd_level());
+    return least_of_blocks(query, row, region_size,
+                           [&](auto a, auto b) { return between(a.data(), b.data()); });
   }
 };
 

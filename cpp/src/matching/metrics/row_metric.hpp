@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "../../detail/simd.hpp"
 #include "fusionslam/matching.hpp"
 
 namespace fusionslam::detail {
@@ -101,7 +102,7 @@ MatchTable search_rows(const RowMetric& metric, std::span<const float> queries,
 /// Sum of term(i) for i below size. Eight running sums are part of the result: the order of adding
 /// does not depend on how this is vectorised.
 template <class Term>
-double sum_in_lanes(std::size_t size, Term&& term) {
+FUSIONSLAM_INLINE double sum_in_lanes(std::size_t size, Term&& term) {
   constexpr std::size_t lanes = 8;
   double sums[lanes] = {};
   std::size_t i = 0;
