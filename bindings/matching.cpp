@@ -53,8 +53,7 @@ void bind_matching(py::module_& module) {
 
 A query is answered as if it were the next descriptor to be added, number len(index): candidates
 are older by more than window frames and by more than window_seconds.
-Distances are L2, or with metric="scan_context" those of compare_scan_contexts. Equal ones go to
-the lowest index. Threads may share an index; processes get copies (pickle).)")
+Distances are L2, or those of another of metric_names(). Equal ones go to the lowest index. Threads may share an index; processes get copies (pickle).)")
       .def(py::init([](py::ssize_t dimension, py::ssize_t window, double window_seconds,
                        const std::string& metric) {
              if (dimension < 1)
@@ -183,13 +182,14 @@ Raises:
 
 Args:
     queries, descriptors: float32 (N, D) and (M, D).
-    metric: "l2", or "scan_context" as in compare_scan_contexts.
+    metric: one of metric_names().
 
 Returns:
     (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
 
 Raises:
-    ShapeError, DataError: other lengths, NaN.)");
+    ShapeError, DataError: other lengths, NaN, values that have no meaning in the metric.
+    ConfigError: unknown metric.)");
   module.def(
       "nearest_causal",
       [](const DescriptorTableArg& descriptors, py::ssize_t window, py::ssize_t k, int threads,
@@ -212,6 +212,39 @@ Args:
 
 Returns:
     (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).)");
+  module.def(
+      "metric_names",
+      [] {
+        py::typing::Tuple<py::str, py::ellipsis> names =
+            py::tuple(ChoiceNames<Metric>::value.size());
+        for (std::size_t i = 0; i < names.size(); ++i)
+          names[i] = py::str(ChoiceNames<Metric>::value[i]);
+        return names;
+      },
+      "The metrics by which descriptors can be compared; documented in docs/stages/matching.md.");
+  module.def(
+      "compare_descriptors",
+      [](const DescriptorArg& query, const DescriptorArg& match, const std::string& metric)
+          -> py::typing::Tuple<py::float_, py::typing::Optional<py::float_>> {
+        const Metric chosen = metric_of(metric);
+        const DescriptorMatch found = without_gil(
+            [&] { return compare_descriptors(query.values(), match.values(), chosen); });
+        return py::make_tuple(found.distance, found.yaw);
+      },
+      "query"_a, "match"_a, "metric"_a,
+      R"(How alike two descriptors are, as an index of the metric has it.
+
+Args:
+    query, match: float32 (D,).
+    metric: one of metric_names().
+
+Returns:
+    (distance; yaw of the query's frame in the match's, radians, or None where the metric finds no
+    turn).
+
+Raises:
+    ShapeError, DataError: other lengths, NaN, values that have no meaning in the metric.
+    ConfigError: unknown metric.)");
   module.def(
       "compare_scan_contexts",
       [](const DescriptorArg& query,

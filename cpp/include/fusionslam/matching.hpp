@@ -15,19 +15,44 @@
 #include "fusionslam/config.hpp"
 
 namespace fusionslam {
+namespace detail {
+class RowMetric;
+}
 
 /// Parts of the full circle of azimuth by which Scan Contexts are divided.
 inline constexpr std::size_t scan_context_sectors = 60;
 
-/// How two descriptors are compared.
+/// How two descriptors are compared; docs/stages/matching.md has lengths, ranges and sources.
+/// Index files hold the number, so new ones come last.
 enum class Metric {
-  l2,            ///< length of the difference
-  scan_context,  ///< compare_scan_contexts()
+  l2,              ///< length of the difference
+  scan_context,    ///< compare_scan_contexts()
+  l1,              ///< sum of the magnitudes of the differences
+  chi_square,      ///< of histograms: sum of (a - b)^2 / (a + b)
+  regions,         ///< of sets of 308 bins: 1 - (1 + sum of min) / (1 + sum of max) of the best two
+  nearest_of_set,  ///< of sets of four: the least l2 of any two
+  votes,           ///< of keypoints: 1 - the share of those whose votes agree in space
+  aligned_polar,   ///< Scan Context++ at turns near that of the columns' norms
+  aligned_cartesian,       ///< the same with lateral shifts
+  intensity_scan_context,  ///< 1 - similarity of occupancy x similarity of intensity
+  iris,                    ///< of LiDAR Iris: share of bits that differ, at the best turn
+  ring,                    ///< of RING: 1 - the largest circular correlation
 };
 
 template <>
 struct ChoiceNames<Metric> {
-  static constexpr std::array<std::string_view, 2> value{"l2", "scan_context"};
+  static constexpr std::array<std::string_view, 12> value{"l2",
+                                                          "scan_context",
+                                                          "l1",
+                                                          "chi_square",
+                                                          "regions",
+                                                          "nearest_of_set",
+                                                          "votes",
+                                                          "aligned_polar",
+                                                          "aligned_cartesian",
+                                                          "intensity_scan_context",
+                                                          "iris",
+                                                          "ring"};
 };
 
 /// Recent past that is left out of the search for a query.
@@ -49,7 +74,7 @@ struct Match {
 class DescriptorIndex {
  public:
   /// Throws ConfigError if dimension is 0 or the window is negative, and ShapeError if the metric
-  /// is for descriptors of another length.
+  /// is for descriptors of other lengths.
   explicit DescriptorIndex(std::size_t dimension, ExclusionWindow window = {},
                            Metric metric = Metric::l2);
   ~DescriptorIndex();
@@ -58,9 +83,9 @@ class DescriptorIndex {
   DescriptorIndex(DescriptorIndex&&) noexcept;
   DescriptorIndex& operator=(DescriptorIndex&&) noexcept;
 
-  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity, or
-  /// so long that distances might exceed the largest float), and ConfigError if the window needs a
-  /// stamp and none is given.
+  /// Returns the index given to the descriptor. Throws ShapeError or DataError (NaN, infinity, so
+  /// long that distances might exceed the largest float, or values that have no meaning in the
+  /// metric), and ConfigError if the window needs a stamp and none is given.
   std::int64_t add(std::span<const float> descriptor,
                    std::optional<std::int64_t> stamp_ns = std::nullopt);
 
@@ -97,15 +122,19 @@ class DescriptorIndex {
   template <class Source>
   static DescriptorIndex read(Source&& source);
   void check_content(const std::string& name) const;
-  void append_spectrum(std::span<const float> descriptor);
+  void append_cache(std::span<const float> descriptor);
+  std::vector<Match> query_rows(std::span<const float> descriptor, std::size_t k,
+                                std::optional<std::int64_t> stamp_ns, std::size_t end) const;
 
+  void check_descriptor(std::span<const float> descriptor) const;
   void check_stamp(std::optional<std::int64_t> stamp_ns) const;
   bool is_old_enough(std::size_t i, std::optional<std::int64_t> stamp_ns) const;
 
   ExclusionWindow window_;
   Metric metric_;
   std::unique_ptr<Rows> rows_;
-  std::unique_ptr<Rows> spectra_;  ///< of Scan Contexts
+  std::shared_ptr<const detail::RowMetric> row_metric_;  ///< none for l2
+  std::unique_ptr<Rows> caches_;                         ///< what the metric prepares of rows
   std::vector<std::int64_t> stamps_ns_;
 };
 
@@ -129,6 +158,17 @@ MatchTable nearest(std::span<const float> queries, std::span<const float> descri
 MatchTable nearest_causal(std::span<const float> descriptors, std::size_t dimension,
                           std::size_t window, std::size_t k = 1, int threads = 0,
                           Metric metric = Metric::l2);
+
+/// How alike two descriptors are, and the turn between them where the metric finds one.
+struct DescriptorMatch {
+  float distance;
+  std::optional<double> yaw;  ///< of the query's frame in the match's, radians
+};
+
+/// Compares two descriptors as an index of the metric does.
+/// Throws ShapeError or DataError as DescriptorIndex does.
+DescriptorMatch compare_descriptors(std::span<const float> query, std::span<const float> match,
+                                    Metric metric);
 
 /// How alike two Scan Contexts are, and the turn between them.
 struct TurnedMatch {

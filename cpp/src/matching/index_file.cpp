@@ -17,7 +17,7 @@
 #include "../detail/checks.hpp"
 #include "../detail/interrupt.hpp"
 #include "fusionslam/errors.hpp"
-#include "nearest.hpp"
+#include "metrics/row_metric.hpp"
 #include "row_chunks.hpp"
 
 namespace fusionslam {
@@ -220,7 +220,7 @@ void DescriptorIndex::write(Sink& sink) const {
 /// The checksum finds damage, but anyone can compute it.
 void DescriptorIndex::check_content(const std::string& name) const {
   try {
-    for (std::size_t i = 0; i < size(); ++i) detail::check_values(descriptor(i), i);
+    for (std::size_t i = 0; i < size(); ++i) detail::check_row(row_metric_.get(), descriptor(i), i);
   } catch (const DataError& error) {
     refuse(name, error.what());
   }
@@ -257,7 +257,7 @@ DescriptorIndex DescriptorIndex::read(Source&& source) {
   }
   reader.check_sum();
   index.check_content(source.name);
-  for (std::size_t i = 0; i < index.size(); ++i) index.append_spectrum(index.descriptor(i));
+  for (std::size_t i = 0; i < index.size(); ++i) index.append_cache(index.descriptor(i));
   return index;
 }
 

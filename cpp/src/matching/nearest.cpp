@@ -9,7 +9,7 @@
 #include "../detail/interrupt.hpp"
 #include "batch_search.hpp"
 #include "fusionslam/errors.hpp"
-#include "turn_search.hpp"
+#include "metrics/row_metric.hpp"
 
 namespace fusionslam {
 namespace detail {
@@ -32,13 +32,17 @@ void check_values(std::span<const float> descriptor, std::size_t row) {
 
 namespace {
 
-detail::Vectors check_table(std::span<const float> values, std::size_t dimension) {
+void check_dimension(std::span<const float> values, std::size_t dimension) {
   if (dimension == 0 || values.size() % dimension != 0)
     throw ShapeError(std::to_string(values.size()) + " values are no rows of dimension " +
                      std::to_string(dimension));
+}
+
+detail::Vectors check_rows(const detail::RowMetric* metric, std::span<const float> values,
+                           std::size_t dimension) {
   for (std::size_t row = 0; row < values.size() / dimension; ++row) {
     detail::check_interrupt();
-    detail::check_values(values.subspan(row * dimension, dimension), row);
+    detail::check_row(metric, values.subspan(row * dimension, dimension), row);
   }
   return {values.data(), values.size() / dimension, dimension};
 }
@@ -53,20 +57,25 @@ void check_k(std::size_t k, std::size_t queries) {
 
 MatchTable nearest(std::span<const float> queries, std::span<const float> descriptors,
                    std::size_t dimension, std::size_t k, int threads, Metric metric) {
-  const auto wanted = check_table(queries, dimension);
-  const auto rows = check_table(descriptors, dimension);
+  check_dimension(queries, dimension);
+  check_dimension(descriptors, dimension);
+  const auto row_metric = detail::make_row_metric(metric, dimension);
+  const auto wanted = check_rows(row_metric.get(), queries, dimension);
+  const auto rows = check_rows(row_metric.get(), descriptors, dimension);
   check_k(k, wanted.count);
-  if (metric == Metric::scan_context)
-    return detail::search_turns(queries, descriptors, dimension, std::nullopt, k, threads);
+  if (row_metric)
+    return detail::search_rows(*row_metric, queries, descriptors, std::nullopt, k, threads);
   return detail::BatchSearch(wanted, rows, std::nullopt, k, simd_level()).run(threads);
 }
 
 MatchTable nearest_causal(std::span<const float> descriptors, std::size_t dimension,
                           std::size_t window, std::size_t k, int threads, Metric metric) {
-  const auto rows = check_table(descriptors, dimension);
+  check_dimension(descriptors, dimension);
+  const auto row_metric = detail::make_row_metric(metric, dimension);
+  const auto rows = check_rows(row_metric.get(), descriptors, dimension);
   check_k(k, rows.count);
-  if (metric == Metric::scan_context)
-    return detail::search_turns(descriptors, descriptors, dimension, window, k, threads);
+  if (row_metric)
+    return detail::search_rows(*row_metric, descriptors, descriptors, window, k, threads);
   return detail::BatchSearch(rows, rows, window, k, simd_level()).run(threads);
 }
 

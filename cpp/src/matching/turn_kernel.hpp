@@ -1,49 +1,43 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Scan Contexts, compared at every turn: all turns at once by their spectra over azimuth, which
-// round, and exactly for those that may be among the nearest.
+// Rows of columns that go around in a circle, compared at all turns at once by their spectra over
+// azimuth, which round: they say which rows, and which turns of them, are worth comparing exactly.
 #pragma once
 
 #include <cstddef>
 
-#include "../detail/simd.hpp"
-#include "fusionslam/matching.hpp"
+#include "column_kernel.hpp"
 
 namespace fusionslam::detail {
 
-constexpr std::size_t sectors = scan_context_sectors;
+/// Floats of the real parts of frequency 0 to turns / 2, filled up to whole lanes.
+constexpr std::size_t half_spectrum(std::size_t turns) { return whole_lanes(turns / 2 + 1); }
 
-/// Floats summed side by side: part of the result, so the same on every level.
-constexpr std::size_t turn_lanes = 8;
+/// Floats of the spectrum of one ring: the real parts, then the imaginary ones.
+constexpr std::size_t ring_spectrum(std::size_t turns) { return 2 * half_spectrum(turns); }
 
-/// Floats of one ring's spectrum: the real parts of frequency 0 to 30, filled up to whole lanes,
-/// then the imaginary ones.
-constexpr std::size_t ring_spectrum = 64;
-
-/// Bound of the error of TurnKernels::correlate, in sums of cosines. The products of two spectra
-/// sum up to at most 60 x 60 in magnitude (Cauchy, Parseval), which the last step divides by 60;
-/// fewer than 200 roundings of 2^-24 and one a ring follow one another.
-constexpr double correlation_error(std::size_t bins) {
-  return 60 * (200 + static_cast<double>(bins)) * 0x1p-24;
+/// Bound of the error of TurnKernels::correlate for rows whose squares sum up to `energy`. The
+/// products of two spectra sum up to at most turns x energy in magnitude (Cauchy, Parseval), which
+/// the last step divides by the turns; fewer than 3.5 roundings a turn of 2^-24 and one a ring
+/// follow one another.
+constexpr double correlation_error(std::size_t turns, std::size_t bins, double energy) {
+  return energy * (3.5 * static_cast<double>(turns) + static_cast<double>(bins)) * 0x1p-24;
 }
 
 struct TurnKernels {
-  /// Writes each of the 60 sectors of `values`, `bins` floats long, divided by its length, or
-  /// zeros where that is 0, and returns how many are not. `unit` may not overlap `values`.
-  std::size_t (*normalize)(const float* values, std::size_t bins, float* unit);
-
-  /// Writes the spectra over azimuth of `bins` rings of unit sectors.
+  /// Writes the spectra over azimuth of `bins` rings.
   void (*transform)(const float* unit, std::size_t bins, float* spectrum);
 
-  /// The largest of dots(), but for correlation_error.
-  float (*correlate)(const float* query_spectrum, const float* row_spectrum, std::size_t bins);
-
-  /// dots[t] is the product of `row` with the floats of `query` from sector t on. `query` holds
-  /// its sectors twice; `size` is that of a row, rounded up to whole lanes and filled with zeros.
-  void (*dots)(const float* query, const float* row, std::size_t bins, std::size_t size,
-               float* dots);
+  /// Writes ColumnKernels::dots() of all turns, but for correlation_error().
+  void (*correlate)(const float* query_spectrum, const float* row_spectrum, std::size_t bins,
+                    float* dots);
 };
 
+/// For 60 turns (Scan Context) and 120 (RING).
+template <std::size_t turns>
 TurnKernels turn_kernels(SimdLevel level);
+
+extern template TurnKernels turn_kernels<60>(SimdLevel level);
+extern template TurnKernels turn_kernels<120>(SimdLevel level);
 
 }  // namespace fusionslam::detail
