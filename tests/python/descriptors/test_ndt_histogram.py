@@ -114,7 +114,7 @@ def test_without_walls_there_is_one_histogram() -> None:
     found = blocks(ndt_histogram(ground))
     np.testing.assert_allclose(found[0], reference(ground, 0), atol=1e-6)
     assert not found[1:].any()
-    assert found[0, :, 1].sum() == pytest.approx(1, abs=1e-6)
+    assert not found[0, :, 2:].any()  # lines, of a few points in a row, and planes
 
 
 def test_a_rare_second_direction_is_not_aligned() -> None:

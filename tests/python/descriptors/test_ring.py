@@ -84,7 +84,7 @@ def test_two_posts_interfere_as_by_hand() -> None:
 
 @pytest.mark.parametrize("shift", [(1, 0), (-4, 7), (8, 8)])
 def test_a_shift_by_cells_changes_it_little(shift: tuple[int, int]) -> None:
-    points = random_cloud(7)
+    points = random_cloud(7, reach=30)  # nothing leaves the image
     moved = points + np.float32([shift[0] * CELL, shift[1] * CELL, 0])
     found, expected = ring(moved), ring(points)
     # Along x and y, offsets move by whole lines.

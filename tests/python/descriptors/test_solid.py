@@ -49,7 +49,7 @@ def lone_points(rng: np.random.Generator) -> Floats:
 
 def test_solid_by_hand() -> None:
     """Weights 1 of the two level points' bin, 0.5 of the one 11.3 degrees up."""
-    points = np.array([[3, 0.1, 0.1], [-0.1, 5, 0.1], [10, 0.1, 2]], np.float32)
+    points = np.array([[3, 0.1, 0.01], [-0.1, 5, 0.01], [10, 0.1, 2]], np.float32)
     ranges, azimuths = solid_parts(points)
     assert {int(i): float(ranges[i]) for i in ranges.nonzero()[0]} == {1: 1, 2: 1, 5: 0.5}
     assert {int(i): float(azimuths[i]) for i in azimuths.nonzero()[0]} == {0: 1.5, 15: 1}
