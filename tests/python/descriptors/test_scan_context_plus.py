@@ -26,9 +26,7 @@ COLUMNS, ROWS = 40, 40
 def cartesian_cloud(rng: np.random.Generator, lateral_cells: int = 20) -> Floats:
     """Points away from the borders of cells of 5 x 2 m."""
     along = (rng.integers(-20, 20, 1500) + rng.uniform(0.1, 0.9, 1500)) * 5
-    across = (
-        rng.integers(-lateral_cells, lateral_cells, 1500) + rng.uniform(0.1, 0.9, 1500)
-    ) * 2
+    across = (rng.integers(-lateral_cells, lateral_cells, 1500) + rng.uniform(0.1, 0.9, 1500)) * 2
     return np.stack([along, across, rng.uniform(-1.5, 8, 1500)], axis=1).astype(np.float32)
 
 

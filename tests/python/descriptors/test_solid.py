@@ -30,8 +30,11 @@ def reference_parts(
     inside = (reach < 80) & (elevation >= lowest) & (elevation < highest)
     azimuth = np.arctan2(y, x) % (2 * np.pi)
     by_range, by_azimuth = (
-        np.histogram2d(values[inside], elevation[inside], [np.linspace(0, most, bins + 1), edges])[0]
-        for values, most, bins in ((reach, 80, RANGES), (azimuth, 2 * np.pi, AZIMUTHS))
+        np.histogram2d(values[inside], elevation[inside], [bins, edges])[0]
+        for values, bins in (
+            (reach, np.linspace(0, 80, RANGES + 1)),
+            (azimuth, np.linspace(0, 2 * np.pi, AZIMUTHS + 1)),
+        )
     )
     counts = by_range.sum(axis=0)
     weights = (counts - counts.min()) / (counts.max() - counts.min())
@@ -57,7 +60,9 @@ def test_solid_by_hand() -> None:
 
 
 def test_voxels_count_once() -> None:
-    points = np.array([[3.1, 0.1, 0.1], [3.2, 0.2, 0.1], [3.3, 0.1, 0.2], [9, 0.1, 0.1]], np.float32)
+    points = np.array(
+        [[3.1, 0.1, 0.1], [3.2, 0.2, 0.1], [3.3, 0.1, 0.2], [9, 0.1, 0.1]], np.float32
+    )
     ranges, _ = solid_parts(points)
     assert ranges[1] == ranges[4] == 1
 
