@@ -93,6 +93,24 @@ struct ColorsArg {
   ColorsView view() const { return {array.data(), static_cast<std::size_t>(array.shape(0))}; }
 };
 
+/// float (N,).
+struct IntensitiesArg {
+  ContiguousArray<float> array;
+
+  explicit IntensitiesArg(py::handle source) {
+    const py::array given = as_array(source, "intensities");
+    if (given.ndim() != 1)
+      throw ShapeError("intensities has shape " + shape_text(given) + ", expected (N,)");
+    if (!is_float(given))
+      throw ShapeError("intensities has dtype " + py::str(given.dtype()).cast<std::string>() +
+                       ", expected float32");
+    array = contiguous<float>(given);
+  }
+  std::span<const float> values() const {
+    return {array.data(), static_cast<std::size_t>(array.size())};
+  }
+};
+
 /// uint8 (H, W, 3) RGB or (H, W).
 struct ImageArg {
   ContiguousArray<std::uint8_t> array;
@@ -284,6 +302,7 @@ Value part_of_state(const py::object& state, std::size_t i, std::size_t parts, c
 }
 
 void bind_descriptors(py::module_& module);
+void bind_descriptors_scans(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_mapping(py::module_& module);
 void bind_matching(py::module_& module);
@@ -328,6 +347,7 @@ struct array_arg_caster {
 
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::PointsArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ColorsArg, "numpy.uint8");
+FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::IntensitiesArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::ImageArg, "numpy.uint8");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::DisparityArg, "numpy.float32");
 FUSIONSLAM_ARRAY_ARG(fusionslam::bindings::RangesArg, "numpy.float32");

@@ -18,7 +18,17 @@ from hypothesis import strategies as st
 import fusionslam
 import maps
 import scenes
-from arrays import COLORS, DESCRIPTORS, IMAGE, LEFT, POINTS, PROJECTION, RIGHT_PROJECTION
+from arrays import (
+    COLORS,
+    DESCRIPTORS,
+    IMAGE,
+    INTENSITIES,
+    LEFT,
+    POINTS,
+    PROJECTION,
+    RIGHT_PROJECTION,
+    WIDE_CELLS,
+)
 from fusionslam import evaluation, ratslam, registration, views
 from fusionslam._core import PoseSheet
 from fusionslam.errors import FusionSlamError
@@ -70,6 +80,22 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
     "scan_context": (fusionslam.scan_context, POINTS_OF | {"height": 2.0}),
     "cscan_context": (fusionslam.cscan_context, COLORED | {"height": 2.0}),
     "bev_spectrum": (fusionslam.bev_spectrum, POINTS_OF | {"height": 2.0}),
+    "scan_context_polar": (fusionslam.scan_context_polar, POINTS_OF),
+    "scan_context_cartesian": (fusionslam.scan_context_cartesian, POINTS_OF),
+    "intensity_scan_context": (
+        fusionslam.intensity_scan_context,
+        POINTS_OF | {"intensities": INTENSITIES},
+    ),
+    "iris": (fusionslam.iris, POINTS_OF),
+    "iris_image": (fusionslam.iris_image, POINTS_OF),
+    "solid": (fusionslam.solid, POINTS_OF),
+    "solid_parts": (fusionslam.solid_parts, POINTS_OF),
+    "compare_solid_azimuths": (
+        fusionslam.compare_solid_azimuths,
+        {"query": np.ones(60, np.float32), "match": np.ones(60, np.float32)},
+    ),
+    "ring": (fusionslam.ring, POINTS_OF),
+    "ndt_histogram": (fusionslam.ndt_histogram, POINTS_OF | {"config": WIDE_CELLS}),
     "compare_scan_contexts": (
         fusionslam.compare_scan_contexts,
         {"query": np.ones(120, np.float32), "match": np.ones(120, np.float32)},

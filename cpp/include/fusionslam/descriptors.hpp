@@ -253,3 +253,11 @@ std::vector<float> shot_at_centroid(PointsView points, PointsView normals, Color
                                     int threads = 1);
 
 }  // namespace fusionslam
+
+// Descriptors with a header of their own.
+#include "fusionslam/descriptors/intensity_scan_context.hpp"
+#include "fusionslam/descriptors/iris.hpp"
+#include "fusionslam/descriptors/ndt_histogram.hpp"
+#include "fusionslam/descriptors/ring.hpp"
+#include "fusionslam/descriptors/scan_context_plus.hpp"
+#include "fusionslam/descriptors/solid.hpp"

@@ -3,12 +3,13 @@
 // Scan Context (Kim, Kim, IROS 2018), and the same with colour.
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "../detail/checks.hpp"
 #include "color_space.hpp"
 #include "fusionslam/descriptors.hpp"
 #include "fusionslam/matching.hpp"
+#include "highest_points.hpp"
+#include "polar_grid.hpp"
 
 namespace fusionslam {
 namespace {
@@ -26,30 +27,19 @@ struct MeanColor {
   std::size_t points = 0;
 };
 
-/// The bin of a point, or -1 beyond the outermost ring.
-std::ptrdiff_t bin_of(const float* point, const ScanContextConfig& config) {
-  const double x = point[0], y = point[1];
-  const double ring = std::sqrt(x * x + y * y) / config.max_range * config.rings;
-  if (!(ring < config.rings)) return -1;
-  const double turn = std::atan2(y, x) / (2 * std::numbers::pi);
-  const double sector = std::floor((turn < 0 ? turn + 1 : turn) * sectors);
-  return static_cast<std::ptrdiff_t>(std::min<double>(sector, sectors - 1)) * config.rings +
-         static_cast<std::ptrdiff_t>(ring);
-}
-
-/// Height above the ground; it is that of no bin unless it is > 0.
-float height_of(const float* point, const ScanContextConfig& config) {
-  return static_cast<float>(point[2] + config.height);
+detail::PolarGrid grid_of(const ScanContextConfig& config) {
+  return {sectors, config.rings, config.max_range};
 }
 
 /// CIELab a and b of each bin's points above the ground, after scaling to a grey world.
 std::vector<MeanColor> mean_colors(PointsView points, ColorsView colors,
                                    const ScanContextConfig& config) {
   const detail::ByteTable scaled = detail::grey_world(colors);
-  std::vector<MeanColor> means(static_cast<std::size_t>(sectors * config.rings));
+  const detail::PolarGrid grid = grid_of(config);
+  std::vector<MeanColor> means(grid.size());
   for (std::size_t i = 0; i < points.size; ++i) {
-    const std::ptrdiff_t bin = bin_of(points[i], config);
-    if (bin < 0 || !(height_of(points[i], config) > 0)) continue;
+    const std::ptrdiff_t bin = grid.bin_of(points[i]);
+    if (bin < 0 || !(detail::height_above_ground(points[i], config.height) > 0)) continue;
     const auto byte = [&](std::size_t c) { return scaled[c][colors.at(i, static_cast<int>(c))]; };
     const auto lab = detail::lab_from_rgb(byte(0), byte(1), byte(2), false);
     MeanColor& mean = means[static_cast<std::size_t>(bin)];
@@ -76,24 +66,8 @@ double root_mean_square(const std::vector<float>& heights) {
 
 std::vector<float> scan_context(PointsView points, const ScanContextConfig& config) {
   validate(config);
-  detail::check_points(points, 1, "Scan Context");
-  std::vector<float> heights(static_cast<std::size_t>(sectors * config.rings));
-  bool empty = true;
-  for (std::size_t i = 0; i < points.size; ++i) {
-    const std::ptrdiff_t bin = bin_of(points[i], config);
-    if (bin < 0) continue;
-    float& highest = heights[static_cast<std::size_t>(bin)];
-    const float height = height_of(points[i], config);
-    if (!(height > highest)) continue;
-    highest = height;
-    empty = false;
-  }
-  if (empty)
-    throw DataError(
-        "Scan Context: the cloud has no point above the ground within scan_context."
-        "max_range, which is " +
-        std::to_string(config.max_range) + " m");
-  return heights;
+  return detail::highest_points(points, config.height, grid_of(config), "Scan Context",
+                                ScanContextConfig::section);
 }
 
 std::vector<float> cscan_context(PointsView points, ColorsView colors,

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <span>
 #include <string>
 
 #include "fusionslam/errors.hpp"
@@ -40,6 +41,18 @@ inline void check_colors(PointsView points, ColorsView colors) {
   if (points.size != colors.size)
     throw ShapeError("colors has " + count_text(colors.size, "row") + ", points has " +
                      std::to_string(points.size));
+}
+
+/// Throws ShapeError unless there is one intensity a point, DataError unless all are finite and
+/// >= 0.
+inline void check_intensities(PointsView points, std::span<const float> intensities) {
+  if (points.size != intensities.size())
+    throw ShapeError("intensities has " + count_text(intensities.size(), "value") +
+                     ", points has " + std::to_string(points.size));
+  for (std::size_t i = 0; i < intensities.size(); ++i)
+    if (!(intensities[i] >= 0 && std::isfinite(intensities[i])))
+      throw DataError("intensity " + std::to_string(i) + " is " + std::to_string(intensities[i]) +
+                      ", expected a finite one >= 0");
 }
 
 }  // namespace fusionslam::detail

@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-#include "cell_table.hpp"
+#include "../detail/cell_table.hpp"
 #include "dbscan_kernel.hpp"
 #include "fusionslam/sensors.hpp"
 

@@ -170,13 +170,11 @@ def _length_of(name: str, config: DescriptorConfig) -> int:
     changes: dict[str, Any] = {"normal_radius": None}
     if kind.section is not None:
         section = getattr(config, kind.section)
-        # The length does not depend on these, which may leave none of this cloud.
-        free = dict.fromkeys(_LENGTHS_IN_METRES & set(type(section).model_fields))
+        # The length does not depend on metres and degrees, which may leave none of this cloud.
+        options = core_class(kind.section).options()
+        free = dict.fromkeys(entry["name"] for entry in options if entry["unit"])
         changes[kind.section] = section.model_copy(update=free)
     return len(describe(_courtyard(), name, config.model_copy(update=changes)))
-
-
-_LENGTHS_IN_METRES = {"cell", "height", "leaf", "max_range", "normal_radius"}
 
 
 def _courtyard() -> Cloud:

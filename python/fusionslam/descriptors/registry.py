@@ -153,6 +153,75 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             # Of a small robot's scanner nothing may be higher than the ground of wide cells.
             in_robot_frame={"height": 0.0, "cell": 0.4},
         ),
+        Descriptor(
+            name="scan_context_polar",
+            length="1200: 60 sectors x 20 rings",
+            source="Kim, Choi, Kim 2021",
+            needs=("up",),
+            invariant_to=("yaw",),
+            metric="aligned_polar",
+            section="scan_context_polar",
+            in_robot_frame={"height": 0.0},
+        ),
+        Descriptor(
+            name="scan_context_cartesian",
+            length="1600: 40 columns across x 40 cells along",
+            source="Kim, Choi, Kim 2021",
+            needs=("up",),
+            metric="aligned_cartesian",
+            section="scan_context_cartesian",
+            in_robot_frame={"height": 0.0},
+        ),
+        Descriptor(
+            name="intensity_scan_context",
+            length="1200: 60 sectors x 20 rings",
+            source="Wang, Wang, Xie 2020",
+            needs=("intensities", "up"),
+            invariant_to=("yaw",),
+            metric="intensity_scan_context",
+            section="intensity_scan_context",
+        ),
+        Descriptor(
+            name="iris",
+            length="28800: 360 columns x (code, mask) x 40 words of 16 bits",
+            source="Wang, Sun, Xu, Sarma, Yang, Kong 2020",
+            needs=("up",),
+            invariant_to=("yaw",),
+            metric="iris",
+            section="iris",
+            # Slices begin as far below the ground as a car's do.
+            in_robot_frame={"lowest": -1.0, "highest": 7.0},
+        ),
+        Descriptor(
+            name="solid",
+            length="40: bins of range",
+            source="Kim, Choi, Sim, Kim, Cho 2024",
+            needs=("up",),
+            invariant_to=("yaw",),
+            section="solid",
+            # Seen from the ground, nothing is far below.
+            in_robot_frame={"lowest_elevation": -5.0, "highest_elevation": 35.0},
+        ),
+        Descriptor(
+            name="ring",
+            length="7200: 120 angles x 60 frequencies",
+            source="Lu, Xu, Yin, Chen, Xiong, Wang 2022",
+            needs=("up",),
+            invariant_to=("yaw", "translation"),
+            metric="ring",
+            section="ring",
+            # A small robot's scanner sees rooms: cells of 0.4 m.
+            in_robot_frame={"height": 0.0, "least_height": 0.1, "max_range": 24.0},
+        ),
+        Descriptor(
+            name="ndt_histogram",
+            length="220: 4 alignments x 5 shells x 11 classes",
+            source="Magnusson, Andreasson, Nüchter, Lilienthal 2009",
+            needs=("up",),
+            invariant_to=("yaw",),
+            metric="nearest_of_set",
+            section="ndt_histogram",
+        ),
     )
 }
 """Every descriptor by name."""

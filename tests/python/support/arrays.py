@@ -14,6 +14,8 @@ from fusionslam.registration import count_overlap, nearest_ranges
 RNG = np.random.default_rng(0)
 POINTS = RNG.uniform([-20, -5, 0], [30, 6, 4], (400, 3)).astype(np.float32)
 COLORS = RNG.integers(0, 256, (400, 3), dtype=np.uint8)
+INTENSITIES = np.linspace(0, 1, 400, dtype=np.float32)
+WIDE_CELLS = fusionslam.NdtHistogramConfig(cell=5.0)
 IMAGE = RNG.integers(0, 256, (48, 64, 3), dtype=np.uint8)
 LEFT = RNG.integers(0, 256, (48, 128), dtype=np.uint8)
 PROJECTION = np.array([[30.0, 0, 32, 0], [0, 30, 24, 0], [0, 0, 1, 1]])
@@ -28,6 +30,14 @@ POINT_CALLS: dict[str, Call] = {
     "scan_context": fusionslam.scan_context,
     "bev_spectrum": fusionslam.bev_spectrum,
     "cscan_context": lambda points: fusionslam.cscan_context(points, COLORS),
+    "scan_context_polar": fusionslam.scan_context_polar,
+    "scan_context_cartesian": fusionslam.scan_context_cartesian,
+    "intensity_scan_context": lambda points: fusionslam.intensity_scan_context(points, INTENSITIES),
+    "iris": fusionslam.iris,
+    "iris_image": fusionslam.iris_image,
+    "solid": fusionslam.solid,
+    "ring": fusionslam.ring,
+    "ndt_histogram": lambda points: fusionslam.ndt_histogram(points, config=WIDE_CELLS),
     "shot": fusionslam.shot,
     "cshot": lambda points: fusionslam.cshot(points, COLORS),
     "cloud_resolution": fusionslam.cloud_resolution,

@@ -69,6 +69,26 @@ def scan_blocks(pose: ArrayLike, seed: int, count: int = 30000, *, place: int = 
     return near
 
 
+def polar_cloud(
+    rng: np.random.Generator, sectors: int, rings: int, max_range: float, count: int = 2000
+) -> Points:
+    """Points whose azimuth and range keep away from the borders of bins."""
+    turn = (rng.integers(0, sectors, count) + rng.uniform(0.1, 0.9, count)) / sectors
+    reach = (rng.integers(0, rings, count) + rng.uniform(0.1, 0.9, count)) * max_range / rings
+    azimuth = 2 * np.pi * turn
+    height = rng.uniform(-1.5, 4.5, count)
+    points = np.stack([reach * np.cos(azimuth), reach * np.sin(azimuth), height], axis=1)
+    return points.astype(np.float32)
+
+
+def seen_after_turn(points: NDArray[np.floating], yaw: float) -> Points:
+    """The cloud in the frame of a robot that has turned left by ``yaw`` radians."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turned: Points = (points.astype(np.float64) @ rotation).astype(np.float32)
+    return turned
+
+
 def distance(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
     return float(np.linalg.norm(a.astype(np.float64) - b.astype(np.float64)))
 
