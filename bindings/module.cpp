@@ -59,6 +59,7 @@ Raises:
   bind_fusion(module);
   bind_descriptors(module);
   bind_descriptors_scans(module);
+  bind_descriptor_histograms(module);
   bind_mapping(module);
   bind_matching(module);
   bind_views_range_image(module);

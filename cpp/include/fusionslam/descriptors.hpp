@@ -255,9 +255,17 @@ std::vector<float> shot_at_centroid(PointsView points, PointsView normals, Color
 }  // namespace fusionslam
 
 // Descriptors with a header of their own.
+#include "fusionslam/descriptors/cospair.hpp"
+#include "fusionslam/descriptors/cvfh.hpp"
+#include "fusionslam/descriptors/esf.hpp"
+#include "fusionslam/descriptors/gasd_color.hpp"
+#include "fusionslam/descriptors/gestalt.hpp"
+#include "fusionslam/descriptors/gfh.hpp"
 #include "fusionslam/descriptors/intensity_scan_context.hpp"
 #include "fusionslam/descriptors/iris.hpp"
 #include "fusionslam/descriptors/ndt_histogram.hpp"
+#include "fusionslam/descriptors/our_cvfh.hpp"
 #include "fusionslam/descriptors/ring.hpp"
 #include "fusionslam/descriptors/scan_context_plus.hpp"
 #include "fusionslam/descriptors/solid.hpp"
+#include "fusionslam/descriptors/vfh.hpp"

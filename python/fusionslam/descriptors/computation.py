@@ -170,11 +170,15 @@ def _length_of(name: str, config: DescriptorConfig) -> int:
     changes: dict[str, Any] = {"normal_radius": None}
     if kind.section is not None:
         section = getattr(config, kind.section)
-        # The length does not depend on metres and degrees, which may leave none of this cloud.
+        # The length does not depend on these, which may leave none of this cloud.
         options = core_class(kind.section).options()
-        free = dict.fromkeys(entry["name"] for entry in options if entry["unit"])
+        names = (entry["name"] for entry in options if entry["unit"] or entry["name"] in _LIMITS)
+        free = dict.fromkeys(names)
         changes[kind.section] = section.model_copy(update=free)
     return len(describe(_courtyard(), name, config.model_copy(update=changes)))
+
+
+_LIMITS = {"max_curvature", "min_points"}
 
 
 def _courtyard() -> Cloud:
