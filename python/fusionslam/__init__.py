@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp as cm2dp
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
+    from fusionslam._core import compare_descriptors as compare_descriptors
     from fusionslam._core import compare_scan_contexts as compare_scan_contexts
     from fusionslam._core import compare_solid_azimuths as compare_solid_azimuths
     from fusionslam._core import cospair as cospair
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from fusionslam._core import iris_image as iris_image
     from fusionslam._core import m2dp as m2dp
     from fusionslam._core import m2dp_signature as m2dp_signature
+    from fusionslam._core import metric_names as metric_names
     from fusionslam._core import ndt_histogram as ndt_histogram
     from fusionslam._core import nearest as nearest
     from fusionslam._core import nearest_causal as nearest_causal
@@ -129,13 +131,14 @@ _HOMES = {
         "M2dpConfig NdtHistogramConfig OurCvfhConfig RingConfig ScanContextCartesianConfig "
         "ScanContextConfig ScanContextPolarConfig SolidConfig StereoConfig VfhConfig "
         "__version__ above_height bev_spectrum cloud_from_disparity cloud_resolution cm2dp "
-        "cm2dp_signature colorize compare_scan_contexts compare_solid_azimuths cospair "
-        "cscan_context cshot cvfh demosaic depth_image drop_invalid esf estimate_normals "
-        "first_singular_vectors gasd_color gestalt gfh intensity_scan_context iris iris_image "
-        "m2dp m2dp_signature ndt_histogram nearest nearest_causal our_cvfh rectify_image "
-        "remove_ground_plane remove_ground_segments ring scan_context scan_context_cartesian "
-        "scan_context_polar shot shot_at_centroid simd_level solid solid_parts stereo_disparity "
-        "vfh voxel_downsample"
+        "cm2dp_signature colorize compare_descriptors compare_scan_contexts "
+        "compare_solid_azimuths cospair cscan_context cshot cvfh demosaic depth_image "
+        "drop_invalid esf estimate_normals first_singular_vectors gasd_color gestalt gfh "
+        "intensity_scan_context iris iris_image m2dp m2dp_signature metric_names ndt_histogram "
+        "nearest nearest_causal our_cvfh rectify_image remove_ground_plane "
+        "remove_ground_segments ring scan_context scan_context_cartesian scan_context_polar "
+        "shot shot_at_centroid simd_level solid solid_parts stereo_disparity vfh "
+        "voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

@@ -1,0 +1,381 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The distances of every metric are those of their definitions, written in NumPy and SciPy."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist, cityblock
+
+from fusionslam import (
+    ConfigError,
+    DataError,
+    DescriptorIndex,
+    ShapeError,
+    compare_descriptors,
+    compare_scan_contexts,
+    metric_names,
+    nearest,
+    nearest_causal,
+)
+
+Row = NDArray[np.float32]
+Wide = NDArray[np.float64]
+
+
+def chi_square(a: Wide, b: Wide) -> float:
+    filled = a + b > 0
+    return float((((a - b) ** 2)[filled] / (a + b)[filled]).sum())
+
+
+def blocks(row: Wide, size: int) -> list[Wide]:
+    return [block for block in row.reshape(-1, size) if block.any()]
+
+
+def regions(a: Wide, b: Wide) -> float:
+    return min(
+        1 - (1 + np.minimum(x, y).sum()) / (1 + np.maximum(x, y).sum())
+        for x in blocks(a, 308)
+        for y in blocks(b, 308)
+    )
+
+
+def nearest_of_set(a: Wide, b: Wide) -> float:
+    return float(cdist(blocks(a, len(a) // 4), blocks(b, len(b) // 4)).min())
+
+
+def unit_columns(row: Wide, columns: int) -> Wide:
+    """(columns, bins), each column of unit length or zero."""
+    table = row.reshape(columns, -1)
+    lengths = np.linalg.norm(table, axis=1, keepdims=True)
+    return np.divide(table, lengths, out=np.zeros_like(table), where=lengths > 0)
+
+
+def mean_cosine(a: Wide, b: Wide, filled: float) -> float:
+    return float((a * b).sum() / filled) if filled else 0.0
+
+
+def fuller(a: Wide, b: Wide, columns: int) -> int:
+    return max(int(row.reshape(columns, -1).any(axis=1).sum()) for row in (a, b))
+
+
+def scan_context(a: Wide, b: Wide) -> float:
+    x, y = unit_columns(a, 60), unit_columns(b, 60)
+    return 1 - max(mean_cosine(np.roll(x, n, 0), y, fuller(a, b, 60)) for n in range(60))
+
+
+def aligned_polar(a: Wide, b: Wide) -> float:
+    key_a, key_b = (np.abs(row.reshape(60, -1)).sum(axis=1) for row in (a, b))
+    coarse = int(np.argmin([np.linalg.norm(np.roll(key_a, -n) - key_b) for n in range(60)]))
+    x, y = unit_columns(a, 60), unit_columns(b, 60)
+    near = range(coarse - 6, coarse + 7)
+    return 1 - max(mean_cosine(np.roll(x, -n, 0), y, fuller(a, b, 60)) for n in near)
+
+
+def moved(table: Wide, columns: int) -> Wide:
+    """Shifted to lower numbers; zeros come from outside."""
+    result = np.zeros_like(table)
+    for column in range(len(table)):
+        if 0 <= column + columns < len(table):
+            result[column] = table[column + columns]
+    return result
+
+
+def aligned_cartesian(a: Wide, b: Wide) -> float:
+    key_a, key_b = (np.abs(row.reshape(40, -1)).sum(axis=1, keepdims=True) for row in (a, b))
+    key_b = np.concatenate([key_b, np.zeros_like(key_b)])
+    key_a = np.concatenate([key_a, np.zeros_like(key_a)])
+    coarse = int(np.argmin([np.linalg.norm(np.roll(key_a, -n, 0) - key_b) for n in range(80)]))
+    x, y = unit_columns(a, 40), unit_columns(b, 40)
+    near = [(n + 40) % 80 - 40 for n in range(coarse - 4, coarse + 5)]
+    return 1 - max(mean_cosine(moved(x, n), y, fuller(a, b, 40)) for n in near)
+
+
+def intensity_scan_context(a: Wide, b: Wide) -> float:
+    x, y = a.reshape(60, -1), b.reshape(60, -1)
+    alike = [float(((np.roll(x, -n, 0) > 0) == (y > 0)).mean()) for n in range(60)]
+    turn = int(np.argmax(alike))
+    x, y = unit_columns(a, 60), unit_columns(b, 60)
+    intensity = max(
+        mean_cosine(np.roll(x, -n, 0), y, fuller(a, b, 60)) for n in range(turn - 1, turn + 2)
+    )
+    return 1 - alike[turn] * intensity
+
+
+def iris(a: Wide, b: Wide) -> float:
+    def bits(row: Wide) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        words = row.astype("<u2").reshape(360, 2, -1)
+        table = np.unpackbits(words.view(np.uint8), axis=2).astype(bool)
+        return table[:, 0], table[:, 1]
+
+    (code_a, mask_a), (code_b, mask_b) = bits(a), bits(b)
+    shares = [1.0]
+    for turn in range(360):
+        valid = np.roll(mask_a, turn, 0) & mask_b
+        if valid.any():
+            shares.append(float((np.roll(code_a, turn, 0) ^ code_b)[valid].mean()))
+    return min(shares)
+
+
+def ring(a: Wide, b: Wide) -> float:
+    if not a.any() or not b.any():
+        return 1.0
+    x, y = (np.fft.fft(row.reshape(120, -1), axis=0) for row in (a, b))
+    correlation = np.fft.ifft((x * y.conj()).sum(axis=1)).real
+    return float(1 - correlation.max() / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def euclid(a: Wide, b: Wide) -> float:
+    return float(np.linalg.norm(a - b))
+
+
+DISTANCES: dict[str, tuple[int, Callable[[Wide, Wide], float]]] = {
+    "l2": (9, euclid),
+    "l1": (9, cityblock),
+    "chi_square": (9, chi_square),
+    "regions": (3 * 308, regions),
+    "nearest_of_set": (4 * 5, nearest_of_set),
+    "scan_context": (60 * 4, scan_context),
+    "aligned_polar": (60 * 4, aligned_polar),
+    "aligned_cartesian": (40 * 4, aligned_cartesian),
+    "intensity_scan_context": (60 * 4, intensity_scan_context),
+    "iris": (360 * 6, iris),
+    "ring": (120 * 4, ring),
+}
+
+
+def random_rows(metric: str, count: int, seed: int = 0) -> Row:
+    """Rows that the metric takes, with absent parts and equal rows among them."""
+    rng = np.random.default_rng(seed)
+    length = 66 * 9 if metric == "votes" else DISTANCES[metric][0]
+    if metric == "iris":
+        return rng.integers(0, 65536, (count, length)).astype(np.float32)
+    rows = rng.uniform(0.1, 9, (count, length)) * (rng.uniform(size=(count, length)) < 0.4)
+    size = {"regions": 308, "nearest_of_set": 5, "votes": 66}.get(metric, 4)
+    parts = rows.reshape(count, -1, size)
+    parts[:, 1:] *= rng.uniform(size=(count, length // size - 1, 1)) < 0.7
+    rows[:, 0] = 1
+    rows[count // 2] = rows[count // 3]
+    return rows.astype(np.float32)
+
+
+def test_every_metric_is_tested() -> None:
+    assert set(metric_names()) == {*DISTANCES, "votes"}
+    assert metric_names()[:2] == ("l2", "scan_context")
+
+
+@pytest.mark.parametrize("metric", DISTANCES)
+def test_the_distance_of_two_is_that_of_its_definition(metric: str) -> None:
+    rows, distance_of = random_rows(metric, 8), DISTANCES[metric][1]
+    for query in rows:
+        for match in rows:
+            distance, _ = compare_descriptors(query, match, metric)
+            expected = distance_of(query.astype(float), match.astype(float))
+            assert distance == pytest.approx(expected, rel=1e-5, abs=1e-6)
+        assert compare_descriptors(query, query, metric)[0] == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("metric", DISTANCES)
+@pytest.mark.parametrize("window", [0, 4])
+def test_the_neighbours_are_those_of_the_definition(metric: str, window: int) -> None:
+    rows, distance_of = random_rows(metric, 14, seed=1), DISTANCES[metric][1]
+    everyone = np.array([[distance_of(a, b) for b in rows.astype(float)] for a in rows.astype(float)])
+    indices, distances = nearest_causal(rows, window=window, k=3, metric=metric)
+    index = DescriptorIndex(rows.shape[1], window=window, metric=metric)
+    for number, row in enumerate(rows):
+        older = everyone[number, : max(number - window, 0)]
+        found = index.query(row, k=3)
+        assert len(found[0]) == min(3, len(older))
+        assert found[1] == pytest.approx(np.sort(older)[:3], rel=1e-5, abs=1e-6)
+        assert older[found[0]] == pytest.approx(found[1], rel=1e-5, abs=1e-6)
+        assert indices[number, : len(found[0])].tolist() == found[0].tolist()
+        assert distances[number, : len(found[0])].tobytes() == found[1].tobytes()
+        assert (indices[number, len(found[0]) :] == -1).all()
+        index.add(row)
+
+
+@pytest.mark.parametrize("metric", metric_names())
+def test_equal_rows_go_to_the_lowest_number(metric: str) -> None:
+    rows = np.repeat(random_rows(metric, 4, seed=2)[:1], 5, axis=0)
+    indices, distances = nearest(rows[:1], rows, k=5, metric=metric)
+    assert indices.tolist() == [[0, 1, 2, 3, 4]]
+    assert distances == pytest.approx(np.zeros((1, 5)), abs=1e-6) or metric == "votes"
+
+
+@pytest.mark.parametrize("metric", metric_names())
+def test_threads_files_and_pickles_change_no_byte(metric: str, tmp_path: Path) -> None:
+    rows = random_rows(metric, 20, seed=3)
+    results = {
+        tuple(part.tobytes() for part in nearest(rows, rows, k=7, threads=threads, metric=metric))
+        for threads in (1, 2, 3)
+    }
+    assert len(results) == 1
+    index = DescriptorIndex(rows.shape[1], metric=metric)
+    for row in rows:
+        index.add(row)
+    index.save(tmp_path / "places.index")
+    expected = index.query(rows[5], k=20)
+    for other in (DescriptorIndex.load(tmp_path / "places.index"), pickle.loads(pickle.dumps(index))):
+        assert other.metric == metric and other.dimension == rows.shape[1]
+        for a, b in zip(expected, other.query(rows[5], k=20), strict=True):
+            assert a.tobytes() == b.tobytes()
+
+
+def count_votes(query: Row, candidates: Row) -> NDArray[np.int64]:
+    """Of each candidate the votes that agree, by the rule that the documentation states."""
+
+    def keypoints(row: Row) -> Wide:
+        return np.array(blocks(row.astype(float), 66))
+
+    stored = [(place, number, point) for place, row in enumerate(candidates)
+              for number, point in enumerate(keypoints(row))]  # fmt: skip
+    known = np.array([point for _, _, point in stored])
+    votes: dict[int, list[tuple[int, int, Wide, Wide]]] = {}
+    for number, point in enumerate(keypoints(query)):
+        squares = ((known[:, :64] - point[:64]) ** 2).sum(axis=1)
+        for near in np.argsort(squares, kind="stable")[:5]:
+            place, other, match = stored[near]
+            votes.setdefault(place, []).append((number, other, point[64:], match[64:]))
+
+    def agree(a: tuple[int, int, Wide, Wide], b: tuple[int, int, Wide, Wide]) -> bool:
+        lengths = np.linalg.norm(a[2] - b[2]), np.linalg.norm(a[3] - b[3])
+        return a[0] != b[0] and a[1] != b[1] and abs(lengths[0] - lengths[1]) <= 1
+
+    counts = np.zeros(len(candidates), np.int64)
+    for place, cast in votes.items():
+        for first in cast:
+            chosen = [first]
+            for vote in cast:
+                if all(agree(vote, other) for other in chosen):
+                    chosen.append(vote)
+            counts[place] = max(counts[place], len(chosen))
+    return counts
+
+
+def test_votes_are_those_of_the_rule() -> None:
+    rng = np.random.default_rng(4)
+    candidates = random_rows("votes", 6, seed=4)
+    for place in range(len(candidates)):
+        for query in (candidates[place], random_rows("votes", 1, seed=5 + place)[0]):
+            seen = query.copy()
+            seen[rng.integers(0, len(seen), 20)] *= np.float32(1.02)
+            found, distances = nearest(seen[None], candidates, k=6, metric="votes")
+            members = len(blocks(seen.astype(float), 66))
+            expected = 1 - count_votes(seen, candidates) / members
+            assert distances[0] == pytest.approx(expected[found[0]], abs=1e-6)
+            assert found[0].tolist() == np.argsort(expected, kind="stable").tolist()
+            pair = compare_descriptors(seen, candidates[place], "votes")[0]
+            alone = count_votes(seen, candidates[place : place + 1])[0]
+            assert pair == pytest.approx(1 - alone / members, abs=1e-6)
+
+
+def test_a_moved_and_turned_place_gets_all_votes() -> None:
+    rng = np.random.default_rng(6)
+    row = rng.uniform(1, 2, (20, 66))
+    row[:, 64:] = rng.uniform(-30, 30, (20, 2))
+    other = row.copy()
+    angle = 0.7
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    other[:, 64:] = row[:, 64:] @ rotation.T + [5, -3]
+    pair = [rows.astype(np.float32).ravel() for rows in (row, other)]
+    assert compare_descriptors(*pair, "votes") == (0, None)
+
+
+@pytest.mark.parametrize("metric", ["scan_context", "aligned_polar", "intensity_scan_context"])
+def test_a_turn_by_whole_columns_is_found(metric: str) -> None:
+    row = random_rows(metric, 2, seed=7)[1]
+    for columns in (0, 1, 25, 59):
+        seen = np.roll(row.reshape(60, -1), -columns, axis=0).ravel()
+        distance, yaw = compare_descriptors(seen, row, metric)
+        assert distance == pytest.approx(0, abs=1e-6)
+        assert yaw is not None
+        assert np.exp(1j * yaw) == pytest.approx(np.exp(2j * np.pi * columns / 60))
+        if metric == "scan_context":
+            assert compare_scan_contexts(seen, row) == (distance, yaw)
+
+
+REFUSED: dict[str, tuple[Row, type[Exception], str]] = {
+    "chi_square": (np.array([1, -2], np.float32), DataError, r"descriptor 1 .*-2.*position 1"),
+    "l1": (np.full(400, 1e37, np.float32), DataError, "descriptor 1 .*too long.*l1"),
+    "regions": (np.zeros(308, np.float32), DataError, "descriptor 1 .*empty set.*308"),
+    "nearest_of_set": (np.zeros(8, np.float32), DataError, "descriptor 1 .*empty set.*2"),
+    "votes": (np.zeros(66, np.float32), DataError, "descriptor 1 .*empty set.*66"),
+    "intensity_scan_context": (np.full(60, -1, np.float32), DataError, "descriptor 1 .*-1"),
+    "iris": (np.full(720, 0.5, np.float32), DataError, "descriptor 1 .*0.5.*65535"),
+}
+
+
+@pytest.mark.parametrize("metric", REFUSED)
+def test_values_that_mean_nothing_in_a_metric_are_refused(metric: str) -> None:
+    row, error, message = REFUSED[metric]
+    good = np.ones_like(row)
+    with pytest.raises(error, match=message):
+        compare_descriptors(good, row, metric)
+    with pytest.raises(error, match=message):
+        nearest_causal(np.stack([good, row]), window=0, metric=metric)
+    index = DescriptorIndex(len(row), metric=metric)
+    index.add(good)
+    for call in (index.add, index.query):
+        with pytest.raises(error, match=message):
+            call(row)
+    assert len(index) == 1
+
+
+LENGTHS = {
+    "regions": 308,
+    "nearest_of_set": 4,
+    "votes": 66,
+    "scan_context": 60,
+    "aligned_polar": 60,
+    "aligned_cartesian": 40,
+    "intensity_scan_context": 60,
+    "iris": 720,
+    "ring": 120,
+}
+
+
+@pytest.mark.parametrize("metric", metric_names())
+def test_other_lengths_nan_and_unknown_metrics_are_refused(metric: str) -> None:
+    length = LENGTHS.get(metric, 7)
+    row = np.ones(length, np.float32)
+    if metric in LENGTHS:
+        other = np.ones(length + 1, np.float32)
+        for call in (
+            lambda: DescriptorIndex(length + 1, metric=metric),
+            lambda: nearest(other[None], other[None], metric=metric),
+            lambda: compare_descriptors(other, other, metric),
+        ):
+            with pytest.raises(ShapeError, match=rf"\b{length + 1}\b.*{metric}.*\b{length}\b"):
+                call()
+    with pytest.raises(ShapeError, match=rf"\b{length}\b.*\b{2 * length}\b"):
+        compare_descriptors(row, np.ones(2 * length, np.float32), metric)
+    spoilt = row.copy()
+    spoilt[length // 2] = np.nan
+    with pytest.raises(DataError, match="descriptor 1 is not finite"):
+        compare_descriptors(row, spoilt, metric)
+    with pytest.raises(ConfigError, match="metric is 'hamming'.*iris"):
+        compare_descriptors(row, row, "hamming")
+
+
+@pytest.mark.parametrize("metric", metric_names())
+def test_a_damaged_file_is_refused(metric: str, tmp_path: Path) -> None:
+    path = tmp_path / "places.index"
+    rows = random_rows(metric, 3, seed=8)
+    index = DescriptorIndex(rows.shape[1], metric=metric)
+    for row in rows:
+        index.add(row)
+    index.save(path)
+    content = path.read_bytes()
+    for place in (49, 60, len(content) // 2, len(content) - 3):
+        changed = bytearray(content)
+        changed[place] ^= 0x41
+        path.write_bytes(changed)
+        with pytest.raises(DataError, match="places.index"):
+            DescriptorIndex.load(path)
+    path.write_bytes(content[:-20])
+    with pytest.raises(DataError, match="cut off"):
+        DescriptorIndex.load(path)
