@@ -221,6 +221,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("yaw",),
             metric="nearest_of_set",
             section="ndt_histogram",
+            in_robot_frame={"cell": 0.5},
         ),
         Descriptor(
             name="vfh",

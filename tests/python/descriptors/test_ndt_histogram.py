@@ -13,11 +13,14 @@ from fusionslam import ConfigError, DataError, ShapeError
 from fusionslam._core import NdtHistogramConfig, ndt_histogram
 
 BLOCKS, SHELLS, CLASSES = 4, 5, 11
+CELL = 0.5
 Floats = NDArray[np.float32]
 
 
-def blocks(row: Floats) -> NDArray[np.float64]:
-    return row.reshape(BLOCKS, SHELLS, CLASSES).astype(np.float64)
+def describe(points: Floats, ambiguity: float = 0.6) -> NDArray[np.float64]:
+    """Alignments x shells x classes."""
+    config = NdtHistogramConfig(cell=CELL, ambiguity=ambiguity)
+    return ndt_histogram(points, config=config).reshape(BLOCKS, SHELLS, CLASSES).astype(np.float64)
 
 
 def patch(
@@ -30,7 +33,7 @@ def patch(
 def surroundings(seed: int, azimuth: float = 0.0) -> Floats:
     """Ground, two rows of house fronts at a right angle, poles and bushes, all turned."""
     rng = np.random.default_rng(seed)
-    ground = rng.uniform([-20, -20, -1.73], [20, 20, -1.72], (30000, 3))
+    ground = rng.uniform([-16, -16, -1.73], [16, 16, -1.72], (16000, 3))
     front = rng.uniform([-15, 8.12, -1.5], [15, 8.14, 4], (6000, 3))
     side = rng.uniform([12.12, -14, -1.5], [12.14, 6, 4], (4000, 3))
     poles = rng.uniform([-0.02, -0.02, -1.5], [0.02, 0.02, 3], (6, 150, 3))
@@ -41,33 +44,37 @@ def surroundings(seed: int, azimuth: float = 0.0) -> Floats:
     return seen_after_turn(points, -azimuth)
 
 
-def reference(points: Floats, azimuth: float) -> NDArray[np.float64]:
-    """The histogram of a cloud turned so that `azimuth` lies along x."""
+def cells(points: Floats) -> list[NDArray[np.float64]]:
+    """The points of each cell that has five."""
+    exact = points.astype(np.float64)
+    _, number = np.unique(np.floor(exact / CELL), axis=0, return_inverse=True)
+    sizes = np.bincount(number.ravel())
+    parts = np.split(exact[np.argsort(number.ravel(), kind="stable")], np.cumsum(sizes)[:-1])
+    return [part for part in parts if len(part) >= 5]
+
+
+def reference(points: Floats, *azimuths: float) -> list[NDArray[np.float64]]:
+    """The histograms of a cloud turned so that each azimuth lies along x."""
     half = math.sqrt(0.5)
     level = [[math.cos(a), math.sin(a), 0] for a in np.radians([0, 45, 90, 135])]
     slopes = [[half * math.cos(a), half * math.sin(a), half] for a in np.radians([0, 90, 180, 270])]
     axes = np.array([[0, 0, 1], *level, *slopes])
-    c, s = math.cos(azimuth), math.sin(azimuth)
-    counts = np.zeros((SHELLS, CLASSES))
-    exact = points.astype(np.float64)
-    _, number = np.unique(np.floor(exact / 0.5), axis=0, return_inverse=True)
-    order = np.argsort(number.ravel(), kind="stable")
-    for members in np.split(order, np.cumsum(np.bincount(number.ravel()))[:-1]):
-        if len(members) < 5:
-            continue
-        cell = exact[members]
-        values, vectors = np.linalg.eigh(np.cov(cell.T, bias=True))
-        x, y, z = vectors[:, 0]
-        normal = [c * x + s * y, -s * x + c * y, z]
-        if values[1] <= 0.1 * values[2]:
-            kind = 0
-        elif values[0] <= 0.1 * values[1]:
-            kind = 1 + int(np.abs(axes @ normal).argmax())
-        else:
-            kind = 10
+    counts = np.zeros((len(azimuths), SHELLS, CLASSES))
+    for cell in cells(points):
+        offsets = cell - cell.mean(axis=0)
+        values, vectors = np.linalg.eigh(offsets.T @ offsets / len(cell))
         shell = np.searchsorted([3, 6, 9, 15], np.linalg.norm(cell.mean(axis=0)), side="right")
-        counts[shell, kind] += 1
-    return counts / counts.sum()
+        x, y, z = vectors[:, 0]
+        for count, azimuth in zip(counts, azimuths, strict=True):
+            c, s = math.cos(azimuth), math.sin(azimuth)
+            if values[1] <= 0.1 * values[2]:
+                kind = 0
+            elif values[0] <= 0.1 * values[1]:
+                kind = 1 + int(np.abs(axes @ [c * x + s * y, -s * x + c * y, z]).argmax())
+            else:
+                kind = 10
+            count[shell, kind] += 1
+    return [count / count.sum() for count in counts]
 
 
 def test_five_cells_by_hand() -> None:
@@ -82,11 +89,11 @@ def test_five_cells_by_hand() -> None:
             patch(rng, [20.25, 0.25, 0.25], [0.2, 0.005, 0.2]),
         ]
     )
-    found = blocks(ndt_histogram(cloud.astype(np.float32)))
+    found = describe(cloud.astype(np.float32))
     # The two walls are equally common: both are aligned, both ways.
     np.testing.assert_allclose(found.sum(axis=(1, 2)), 1)
-    cells = {tuple(map(int, at)): found[0][tuple(at)] for at in np.argwhere(found[0])}
-    assert cells == {
+    counted = {tuple(map(int, at)): found[0][tuple(at)] for at in np.argwhere(found[0])}
+    assert counted == {
         (0, 0): pytest.approx(0.2),
         (1, 1): pytest.approx(0.2),
         (2, 2): pytest.approx(0.2),
@@ -100,48 +107,47 @@ def test_five_cells_by_hand() -> None:
 def test_blocks_are_those_of_the_common_directions(azimuth: float) -> None:
     """The longer front looks along y, which is `azimuth` further; the shorter one is 70 % of it."""
     points = surroundings(1, azimuth)
-    found = blocks(ndt_histogram(points, config=NdtHistogramConfig(ambiguity=0.5)))
+    found = describe(points, ambiguity=0.5)
     across = azimuth + math.pi / 2
-    expected = [reference(points, across + turn) for turn in (0, math.pi)]
-    expected += [reference(points, azimuth + turn) for turn in (0, math.pi)]
-    for each in expected:
+    turns = [direction + turn for direction in (across, azimuth) for turn in (0, math.pi)]
+    for each in reference(points, *turns):
         assert min(np.abs(each - block).max() for block in found) < 2e-3
 
 
 def test_without_walls_there_is_one_histogram() -> None:
     rng = np.random.default_rng(3)
-    ground = rng.uniform([-20, -20, -1.73], [20, 20, -1.72], (20000, 3)).astype(np.float32)
-    found = blocks(ndt_histogram(ground))
-    np.testing.assert_allclose(found[0], reference(ground, 0), atol=1e-6)
+    ground = rng.uniform([-16, -16, -1.73], [16, 16, -1.72], (9000, 3)).astype(np.float32)
+    found = describe(ground)
+    np.testing.assert_allclose(found[0], reference(ground, 0)[0], atol=1e-6)
     assert not found[1:].any()
     assert not found[0, :, 2:].any()  # lines, of a few points in a row, and planes
 
 
 def test_a_rare_second_direction_is_not_aligned() -> None:
     points = surroundings(4)
-    found = blocks(ndt_histogram(points, config=NdtHistogramConfig(ambiguity=1.0)))
+    found = describe(points, ambiguity=1.0)
     np.testing.assert_allclose(found.sum(axis=(1, 2)), [1, 1, 0, 0], atol=1e-6)
 
 
 @pytest.mark.parametrize("degrees", [90, 180, 270])
 def test_quarter_turns_leave_the_set(degrees: int) -> None:
     points = surroundings(5, azimuth=0.2)
-    older = blocks(ndt_histogram(points))
-    newer = blocks(ndt_histogram(seen_after_turn(points, math.radians(degrees))))
+    older = describe(points)
+    newer = describe(seen_after_turn(points, math.radians(degrees)))
     for block in newer:
         assert min(np.abs(block - other).max() for other in older) < 2e-3
 
 
 @pytest.mark.parametrize("degrees", [20, 45, 163])
 def test_other_turns_change_it_less_than_another_place(degrees: int) -> None:
-    def apart(a: Floats, b: Floats) -> float:
-        pairs = [(x, y) for x in blocks(a) for y in blocks(b) if x.any() and y.any()]
+    def apart(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+        pairs = [(x, y) for x in a for y in b if x.any() and y.any()]
         return min(float(np.linalg.norm(x - y)) for x, y in pairs)
 
     points = surroundings(6)
     here, turned = points, seen_after_turn(points, math.radians(degrees))
     there = surroundings(7) * np.float32([0.5, 0.5, 1])
-    rows = [ndt_histogram(each) for each in (here, turned, there)]
+    rows = [describe(each) for each in (here, turned, there)]
     assert apart(rows[0], rows[1]) < 0.5 * apart(rows[0], rows[2])
 
 

@@ -13,7 +13,7 @@ namespace fusionslam {
 struct NdtHistogramConfig {
   static constexpr const char* section = "ndt_histogram";
 
-  double cell = 0.5;
+  double cell = 1;
   double evenness = 0.1;
   double ambiguity = 0.6;
 
