@@ -86,7 +86,8 @@ def _report_frames(frames: dict[str, set[str]]) -> None:
 FORMATS = ("ply", "pcd", "bin")
 FRAMES = ("robot", "odometry", "drift")
 KINDS = (
-    *("kitti-object", "kitti-odometry", "kitti-raw", "folder", "ranges"),
+    *("kitti-object", "kitti-odometry", "kitti-360", "kitti-raw", "mulran", "nclt"),
+    *("folder", "ranges"),
     *("rosbag1", "rosbag2", "mcap", "scenes"),
 )
 ODOMETRY = ("topic", "lidar", "visual", "truth", "truth+noise")

@@ -1,16 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads recordings as frames: KITTI, plain folders, bags and range recordings.
+"""Reads recordings as frames: public data sets, plain folders, bags and range recordings.
 
 >>> dataset = open_dataset("kitti/dataset", sequence="06")  # doctest: +SKIP
 >>> dataset[0].points.shape, dataset[0].images["left"].shape  # doctest: +SKIP
 ((123397, 3), (370, 1226, 3))
 """
 
+import logging
 import os
 import stat
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +82,8 @@ __all__ = [
 ]
 
 GAPS = ("error", "skip")
+WITHOUT_POSE = ("skip", "keep")
+logger = logging.getLogger(__name__)
 
 
 def open_dataset(
@@ -95,6 +99,7 @@ def open_dataset(
     sync: SyncConfig | None = None,
     calibration: str | os.PathLike[str] | None = None,
     shapes: str | None = None,
+    without_pose: str = "skip",
 ) -> Dataset:
     """Open a recording; scans and images are read only when they are accessed.
 
@@ -117,16 +122,19 @@ def open_dataset(
             bag's CameraInfo and TF.
         shapes: shapes that the scanner of a range recording saw, "visual" or "collision"; None
             for visual if the recording has both.
+        without_pose: "skip" leaves out frames whose pose is unknown while others have one, and
+            logs how many; "keep" keeps them, with a pose of NaN.
 
     Raises:
         DataError: the path does not exist, is not a known recording, is a map (code "is-map") or
             has no frames; or a file is missing, too short or malformed; the message names it and
             what was expected.
-        ConfigError: an unknown kind, sensor or value of ``gaps``; topics for anything but a bag;
-            or a calibration for a recording that has its own.
+        ConfigError: an unknown kind, sensor or value of ``gaps`` or ``without_pose``; topics for
+            anything but a bag; or a calibration for a recording that has its own.
     """
     root = _root(path)
     _one_of("gaps", gaps, GAPS)
+    _one_of("without_pose", without_pose, WITHOUT_POSE)
     name = None if sequence is None else str(sequence)
     request = Request(
         name,
@@ -154,18 +162,28 @@ def open_dataset(
                 code="other-kind",
                 fields=(str(root), found.name),
             )
-        return _with_poses(found.open(root, request))
+        dataset = found.open(root, request)
+        return dataset if without_pose == "keep" else _with_poses(dataset)
     except PermissionError as error:
         message = f"{error.filename} cannot be read: {error.strerror}"
         raise DataError(message, code="unreadable", fields=(str(error.filename),)) from error
 
 
 def _with_poses(dataset: Dataset) -> Dataset:
-    """Leave out the frames at both ends that a file of poses lacks."""
+    """Leave out the frames without a pose; all without poses if none has one. The log says so."""
     if dataset.poses is None:
         return dataset
     known = np.isfinite(dataset.poses).all(axis=(1, 2))
-    return dataset if known.all() else dataset.only(np.flatnonzero(known).tolist())
+    if known.all():
+        return dataset
+    if not known.any():
+        logger.warning("%s: none of %d frames has a pose", dataset.name, len(dataset))
+        return replace(dataset, poses=None)
+    count = np.count_nonzero(~known)
+    logger.warning(
+        "%s: %d of %d frames have no pose and are left out", dataset.name, count, len(dataset)
+    )
+    return dataset.only(np.flatnonzero(known).tolist())
 
 
 def _root(path: str | os.PathLike[str]) -> Path:

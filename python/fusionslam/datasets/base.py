@@ -28,6 +28,8 @@ CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
 )
 """Maps x ahead, y left, z up to a camera's z ahead, x right, y down."""
+Z_UP = (1.0, -1.0, -1.0)
+"""Signs of x, y, z that turn a body with y to the right and z down: y to the left, z up."""
 
 
 class PosesOrigin(Enum):
@@ -56,8 +58,7 @@ class Dataset(ABC):
     frames, whose indices begin with 0 again.
 
     Attributes:
-        kind: "kitti-odometry", "kitti-raw", "kitti-object", "folder", "ranges", "rosbag1",
-            "rosbag2", "mcap" or "scenes".
+        kind: name of its kind, as in ``open_dataset(kind=...)``, or "scenes".
         name: for display, such as "KITTI odometry 06".
         root: the folder or file of the recording.
         numbers: int64 (N), frame numbers as in the file names; there may be gaps.
@@ -256,12 +257,16 @@ class FileDataset(Dataset):
         frame_cameras: reads the calibration of one frame, for data where each has its own.
         robot_from_points: float64 (4, 4), where the scanner is on the robot; None if unknown.
         odometry: file of TUM poses by odometry, of the body of the poses; None if there is none.
+        poses_file: file or folder that the poses are from; None if there is none.
+        read_scan: reads the file of a scan.
     """
 
     streams: Mapping[str, Stream]
     frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
     robot_from_points: Matrix | None = None
     odometry: Path | None = None
+    poses_file: Path | None = None
+    read_scan: Callable[[Path], Cloud] = read_cloud
 
     @property
     def odometry_topic(self) -> str | None:
@@ -317,9 +322,9 @@ class FileDataset(Dataset):
             return f"{count}; {one_line(error)}"
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
-        """Stamps of a KITTI raw sensor, stored beside the folder of its files; else None."""
+        """Stamps of a sensor of KITTI raw or KITTI-360, beside the folder of its files."""
         path = next(iter(self.streams[sensor].files.values())).parent.parent / "timestamps.txt"
-        if self.kind != "kitti-raw" or not path.exists():
+        if self.kind not in ("kitti-raw", "kitti-360") or not path.exists():
             return None
         stamps = read_timestamps(path)
         return stamps[self.numbers[self.numbers < len(stamps)]]
@@ -350,7 +355,7 @@ class FileDataset(Dataset):
         if not self.has_points:
             return None, None, None
         path = self.streams["points"].files[number]
-        cloud = functools.cache(functools.partial(read_cloud, path))
+        cloud = functools.cache(functools.partial(self.read_scan, path))
         # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
         colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
         return lambda: cloud().points, colors, lambda: cast(Floats32, cloud().intensities)

@@ -52,21 +52,29 @@ def read_bin(path: PathLike) -> Cloud:
     Raises:
         DataError: the file is missing, or its size is not a multiple of 16 bytes.
     """
-    path = Path(path)
-    with reading(path, "float32 x y z reflectance"):
-        data = path.read_bytes()
-    if len(data) % BIN_RECORD.itemsize:
-        raise DataError(
-            f"{path} has {len(data)} bytes, expected a multiple of {BIN_RECORD.itemsize} "
-            "(float32 x y z reflectance): truncated?",
-            code="truncated",
-            fields=(str(path),),
-        )
-    rows: NDArray[np.float32] = np.frombuffer(data, dtype=BIN_RECORD)
+    rows = read_records(path, BIN_RECORD, "float32 x y z reflectance")
     if (rows[:, 3] < 0).any():
         said = "reflectance below 0: expected float32 x y z reflectance, has it other columns?"
         logger.warning("%s: %s", path, said, extra={PER_FRAME: said})
     return Cloud(_float32(rows[:, :3]), None, _float32(rows[:, 3]))
+
+
+def read_records(path: PathLike, record: np.dtype[Any], expected: str) -> NDArray[Any]:
+    """Read a file of records, one a point, without a header.
+
+    Raises:
+        DataError: the file is missing, or its size is not a multiple of a record's.
+    """
+    with reading(path, expected):
+        data = Path(path).read_bytes()
+    if len(data) % record.itemsize:
+        raise DataError(
+            f"{path} has {len(data)} bytes, expected a multiple of {record.itemsize} "
+            f"({expected}): truncated?",
+            code="truncated",
+            fields=(str(path),),
+        )
+    return np.frombuffer(data, dtype=record)
 
 
 def read_pcd(path: PathLike) -> Cloud:

@@ -81,6 +81,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         poses=match_poses(poses, numbers, stamps, recorded=recorded, strict=poses == request.poses)
         if poses
         else None,
+        poses_file=poses,
         cameras=cameras,
         gaps=gaps,
         recorded=recorded,

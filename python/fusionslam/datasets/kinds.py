@@ -9,9 +9,12 @@ from typing import NamedTuple
 from fusionslam.datasets.bags.reader import bag_kind
 from fusionslam.datasets.base import Dataset
 from fusionslam.datasets.folder import is_folder, open_folder
+from fusionslam.datasets.kitti_360 import is_kitti_360, open_kitti_360
 from fusionslam.datasets.kitti_object import is_kitti_object, open_kitti_object
 from fusionslam.datasets.kitti_odometry import is_kitti_odometry, open_kitti_odometry
 from fusionslam.datasets.kitti_raw import is_kitti_raw, open_kitti_raw
+from fusionslam.datasets.mulran import MULRAN
+from fusionslam.datasets.nclt import NCLT
 from fusionslam.datasets.range_recording import is_recording, open_recording
 from fusionslam.datasets.streams import Request
 
@@ -51,8 +54,8 @@ def _open_bag(path: Path, request: Request) -> Dataset:
     return open_bag_dataset(path, request)
 
 
-# In the order in which they are tried: an object folder has a velodyne/ too, and any of them may
-# contain a folder of images.
+# In the order in which they are tried: an object folder has a velodyne/ too, a drive of KITTI-360
+# looks like one of KITTI raw, and any of them may contain a folder of images.
 KINDS = {
     kind.name: kind
     for kind in (
@@ -71,12 +74,27 @@ KINDS = {
             folder=True,
         ),
         Kind(
+            "kitti-360",
+            "data_3d_raw/ or data_2d_raw/",
+            is_kitti_360,
+            open_kitti_360,
+            folder=True,
+        ),
+        Kind(
             "kitti-raw",
             "velodyne_points/ or image_00/ ... image_03/",
             is_kitti_raw,
             open_kitti_raw,
             folder=True,
         ),
+        Kind(
+            "mulran",
+            "sensor_data/Ouster/, or Ouster/ and global_pose.csv",
+            MULRAN.recognises,
+            MULRAN.open,
+            folder=True,
+        ),
+        Kind("nclt", "velodyne_sync/", NCLT.recognises, NCLT.open, folder=True),
         Kind(
             "folder",
             "files in clouds/, points/, images/ or left/",

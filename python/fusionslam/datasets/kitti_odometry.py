@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads sequences of the KITTI odometry benchmark (Geiger, Lenz, Urtasun 2012)."""
+"""Reads sequences of the KITTI odometry benchmark (Geiger, Lenz, Urtasun 2012).
+
+Also those of SemanticKITTI (Behley et al. 2019): the same sequences, with labels, which are not
+read, and poses by SuMa beside the scans.
+"""
 
 from pathlib import Path
 
@@ -54,10 +58,7 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
     )
     return FileDataset(
         kind="kitti-odometry",
-        # The simulator writes KITTI's layout, but figures published for KITTI do not apply to it.
-        name="simulated drive"
-        if find_existing(*(one.parent.parent / "sim.json" for one in named_and_linked(root)))
-        else f"KITTI odometry {root.name}",
+        name=_name(root),
         root=root,
         streams=chosen,
         numbers=numbers,
@@ -68,11 +69,19 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         poses=match_poses(poses, numbers, stamps, recorded=recorded, strict=poses == request.poses)
         if poses
         else None,
+        poses_file=poses,
         cameras=_cameras(calibration, cameras, chosen) if calibration else {},
         gaps=gaps,
         recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
     )
+
+
+def _name(root: Path) -> str:
+    """Name the sequence; figures published for KITTI apply only to KITTI's own data and poses."""
+    if find_existing(*(one.parent.parent / "sim.json" for one in named_and_linked(root))):
+        return "simulated drive"
+    return f"{'SemanticKITTI' if (root / 'labels').is_dir() else 'KITTI odometry'} {root.name}"
 
 
 def find_streams(

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads synchronised, rectified KITTI raw drives (Geiger, Lenz, Stiller, Urtasun 2013).
 
-The GPS/IMU records in ``oxts/`` are not read: frames have poses only if a pose file is given.
+True poses are those of the GPS/IMU records in ``oxts/``, unless a pose file is given.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, ROBOT_FROM_VELODYNE, find_streams
+from fusionslam.datasets.oxts import read_oxts
 from fusionslam.datasets.pose_files import match_poses, pick, read_timestamps
 from fusionslam.datasets.streams import (
     Request,
@@ -25,10 +27,16 @@ from fusionslam.datasets.streams import (
     named_and_linked,
     one_of,
     regular_stamps,
+    scan,
     warn_uncalibrated,
 )
+from fusionslam.errors import naming
+from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
+from fusionslam.storage.arrays import Matrix
 
+IMU_FRAME = "GPS/IMU"
+OXTS = Path("oxts", "data")
 STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_03")
 
 
@@ -44,6 +52,7 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen, request)
     stamps, recorded = _stamps(root, numbers, chosen)
     rectified_from_points, cameras = _calibration(root, chosen, camera_numbers)
+    truth = _truth(root, request.poses, rectified_from_points, numbers, stamps, recorded)
     return FileDataset(
         kind="kitti-raw",
         name=f"KITTI raw {root.name}",
@@ -51,17 +60,70 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
         streams=chosen,
         numbers=numbers,
         stamps_ns=stamps,
-        pose_frame=POSE_FRAME,
-        body_is_camera=True,
-        body_from_points=rectified_from_points,
-        poses=match_poses(request.poses, numbers, stamps, recorded=recorded)
-        if request.poses
-        else None,
+        pose_frame=truth.pose_frame,
+        body_is_camera=truth.pose_frame == POSE_FRAME,
+        body_from_points=truth.body_from_points,
+        poses=truth.poses,
+        poses_file=truth.path,
         cameras=cameras,
         gaps=gaps,
         recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
     )
+
+
+class _Truth(NamedTuple):
+    """True poses, where they are from, and the body that they describe."""
+
+    poses: Matrix | None
+    path: Path | None
+    pose_frame: str
+    body_from_points: Matrix | None
+
+
+def _truth(
+    root: Path,
+    given: Path | None,
+    rectified_from_points: Matrix | None,
+    numbers: NDArray[np.int64],
+    stamps_ns: NDArray[np.int64],
+    recorded: int | None,
+) -> _Truth:
+    """Poses of the file given, else of the GPS/IMU: of camera 0 if the calibration places it.
+
+    The world is then camera 0 at the drive's first record, as for KITTI odometry. Where the
+    calibration is incomplete, the poses are the IMU's own.
+    """
+    if given is not None:
+        poses = match_poses(given, numbers, stamps_ns, recorded=recorded)
+        return _Truth(poses, given, POSE_FRAME, rectified_from_points)
+    records = scan(root / OXTS, (".txt",))
+    if records is None:
+        return _Truth(None, None, POSE_FRAME, rectified_from_points)
+    imu_poses, velodyne_from_imu = read_oxts(records, numbers), _velodyne_from_imu(root)
+    if velodyne_from_imu is None:
+        return _Truth(imu_poses, root / OXTS, IMU_FRAME, None)
+    if rectified_from_points is None:
+        return _Truth(imu_poses, root / OXTS, IMU_FRAME, np.linalg.inv(velodyne_from_imu))
+    camera_from_imu = rectified_from_points @ velodyne_from_imu
+    poses = camera_from_imu @ imu_poses @ np.linalg.inv(camera_from_imu)
+    return _Truth(poses, root / OXTS, POSE_FRAME, rectified_from_points)
+
+
+def _velodyne_from_imu(root: Path) -> Matrix | None:
+    """Where the IMU is in the scanner's frame; None if calib_imu_to_velo.txt is missing."""
+    path = _calibration_file(root, "calib_imu_to_velo.txt")
+    if path is None:
+        return None
+    transform = read_calibration(path).transform("R", "T")
+    with naming(path):
+        check_mounting("R T", transform)
+    return transform
+
+
+def _calibration_file(root: Path, name: str) -> Path | None:
+    """Find a file of the drive or of its date's folder, as in the published data."""
+    return find_existing(root / name, *(one.parent / name for one in named_and_linked(root)))
 
 
 def _drive(path: Path, name: str | None) -> Path:
@@ -112,8 +174,7 @@ def _calibration(
     """Where the scanner is in camera 0, and the cameras; nothing if a file is missing, logged."""
     found = []
     for name in ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt"):
-        # Of the drive or of its date's folder, as in the published data.
-        path = find_existing(root / name, *(one.parent / name for one in named_and_linked(root)))
+        path = _calibration_file(root, name)
         if path is None:
             warn_uncalibrated(streams, f"{root / name} and no {root.parent / name}")
             return None, {}

@@ -56,7 +56,7 @@ def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
     rows = _table(Path(path), (12,), "poses of 12 numbers (row-major 3x4), one a line")
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3] = rows.reshape(-1, 3, 4)
-    _check_rotations(Path(path), poses[:, :3, :3])
+    check_rotations(Path(path), poses[:, :3, :3])
     return poses
 
 
@@ -73,7 +73,7 @@ def read_poses_tum(path: PathLike) -> tuple[NDArray[np.int64], NDArray[np.float6
     rows = _table(path, (8,), "poses 't x y z qx qy qz qw', one a line")
     if (zero := np.flatnonzero(np.linalg.norm(rows[:, 4:], axis=1) < 1e-6)).size:
         raise DataError(
-            f"{path}, line {_line_of(path, zero[0])}: a quaternion of zeros, expected a rotation"
+            f"{path}, line {line_of(path, zero[0])}: a quaternion of zeros, expected a rotation"
         )
     poses: NDArray[np.float64] = quaternion_matrix(  # type: ignore[no-untyped-call]
         rows[:, WXYZ]
@@ -209,12 +209,8 @@ def match_poses(
             fields=(str(path), str(numbers[first])),
         )
     found[outside] = np.nan
-    for count, what in (
-        ((far & ~outside).sum(), "have interpolated poses"),
-        (outside.sum(), "have no pose, being before the first or after the last, and are left out"),
-    ):
-        if count:
-            logger.warning("%s: %d of %d frames %s", path, count, len(numbers), what)
+    if count := (far & ~outside).sum():
+        logger.warning("%s: %d of %d frames have interpolated poses", path, count, len(numbers))
     return found
 
 
@@ -264,10 +260,17 @@ def check_odometry(
     path = Path(path)
     if recorded is None:
         _check_times(path, pose_stamps, numbers, stamps_ns)
+    check_same_time(path, pose_stamps, stamps_ns)
+
+
+def check_same_time(
+    path: Path, pose_stamps: NDArray[np.int64], stamps_ns: NDArray[np.int64]
+) -> None:
+    """Raise DataError (code "other-time") if all poses are before or after the frames."""
     if pose_stamps.max() < stamps_ns.min() or pose_stamps.min() > stamps_ns.max():
         raise DataError(
             f"{path} is from {_span(pose_stamps)}, the frames from {_span(stamps_ns)}: expected "
-            "odometry of the time of the frames",
+            "poses of the time of the frames",
             code="other-time",
             fields=(str(path),),
         )
@@ -374,7 +377,7 @@ def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.fl
     if rows.shape[1] not in columns:
         raise DataError(f"{path} has {rows.shape[1]} columns: expected {expected}")
     if (bad := np.flatnonzero(~np.isfinite(rows).all(axis=1))).size:
-        line = _line_of(path, bad[0])
+        line = line_of(path, bad[0])
         raise DataError(f"{path}, line {line}: NaN or infinity, expected {expected}")
     return rows
 
@@ -394,19 +397,19 @@ def _find_bad_line(path: Path) -> int | None:
     return None
 
 
-def _line_of(path: Path, row: int) -> int:
+def line_of(path: Path, row: int | np.intp) -> int:
     """Line number (from 1) of a row (from 0); blank lines and comments are not rows."""
     lines = path.read_text(encoding="utf-8").splitlines()
     filled = [n for n, line in enumerate(lines, start=1) if line.partition("#")[0].strip()]
     return filled[row]
 
 
-def _check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
+def check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
     """Raise DataError unless these (N, 3, 3) are rotations, within the precision of text."""
     apart = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     mirrored = np.linalg.det(matrices) < 0
     if (bad := np.flatnonzero((apart > ROTATION_TOLERANCE) | mirrored)).size:
-        line = _line_of(path, bad[0])
+        line = line_of(path, bad[0])
         raise DataError(
             f"{path}, line {line}: the first three columns of [R t] are no rotation",
             code="not-a-rotation",
@@ -417,7 +420,7 @@ def _check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
 def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
     """Raise DataError if the stamps decrease."""
     if (back := np.flatnonzero(np.diff(stamps) < 0)).size:
-        line = _line_of(path, back[0] + 1)
+        line = line_of(path, back[0] + 1)
         raise DataError(
             f"{path}, line {line}: earlier than the line before",
             code="stamps-decrease",
@@ -437,7 +440,7 @@ def _exact_stamps(path: Path) -> NDArray[np.int64]:
             converters=lambda seconds: round(Decimal(seconds).scaleb(9)),
         )
     if (large := np.flatnonzero(np.abs(stamps) > np.iinfo(np.int64).max)).size:
-        line, seconds = _line_of(path, large[0]), stamps[large[0]] // 10**9
+        line, seconds = line_of(path, large[0]), stamps[large[0]] // 10**9
         raise DataError(
             f"{path}, line {line}: {seconds:.4g} seconds do not fit 64 bits as nanoseconds, "
             f"expected times in seconds{_guess_unit(seconds)}",

@@ -202,6 +202,8 @@ def _origin(dataset: "Dataset") -> str:
         return f"from true poses in {dataset.truth_topic}"
     if dataset.poses_origin is PosesOrigin.ODOMETRY:
         return f"from odometry in {dataset.odometry_topic or 'TF'}"
+    if isinstance(dataset, FileDataset) and dataset.poses_file is not None:
+        return f"from {dataset.poses_file.parent.name}/{dataset.poses_file.name}"
     return "from a file"
 
 

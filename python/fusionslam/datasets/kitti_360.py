@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reads drives of KITTI-360 (Liao, Xie, Geiger 2022): scans and images of the perspective pair.
+
+The fisheye images are not read. Poses are those of poses.txt, which has them for some frames only.
+"""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusionslam.datasets.base import Z_UP, Dataset, FileDataset
+from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
+from fusionslam.datasets.kitti_odometry import ROBOT_FROM_VELODYNE
+from fusionslam.datasets.pose_files import match_poses, pick, read_poses_kitti, read_timestamps
+from fusionslam.datasets.pose_tables import poses_of_numbers, read_matrices
+from fusionslam.datasets.streams import (
+    IMAGE_SUFFIXES,
+    Request,
+    Stream,
+    choose,
+    entries,
+    files_in,
+    find_existing,
+    frame_numbers,
+    one_of,
+    regular_stamps,
+    scan,
+    warn_uncalibrated,
+)
+from fusionslam.errors import DataError, naming
+from fusionslam.geometry.rigid import check_mounting
+from fusionslam.sensors.frame import Camera
+from fusionslam.storage.arrays import Matrix
+
+logger = logging.getLogger(__name__)
+
+RAW = ("data_3d_raw", "data_2d_raw")
+CAMERAS = {"left": 0, "right": 1}
+MOUNTING = "calib_cam_to_velo.txt"
+FISHEYES = ("image_02", "image_03")
+POSE_FRAME = "GPS/IMU, turned so that y is left and z up"
+TURN: Matrix = np.diag([*Z_UP, 1.0])
+"""The GPS/IMU has y to the right and z down."""
+
+
+def open_kitti_360(path: Path, request: Request) -> Dataset:
+    """Open the requested drive of the data set, or the folder of one in data_3d_raw/.
+
+    Frames whose pose is unknown have one of NaN.
+
+    Raises:
+        DataError: no such drive; a file is missing, too short or malformed.
+    """
+    base, drive = _drive(path, request.sequence)
+    streams = _streams(base, drive)
+    chosen = choose(streams, request, base / RAW[0] / drive)
+    numbers, gaps = frame_numbers(chosen, request)
+    stamps, recorded = _stamps(numbers, chosen)
+    truth = request.poses or find_existing(base / "data_poses" / drive / "poses.txt")
+    if request.poses:
+        poses = match_poses(request.poses, numbers, stamps, recorded=recorded)
+    else:
+        poses = _poses(truth, numbers) if truth else None
+    if set(chosen) & set(CAMERAS):
+        _report_fisheyes(base / RAW[1] / drive)
+    return FileDataset(
+        kind="kitti-360",
+        name=f"KITTI-360 {drive}",
+        root=base / RAW[0] / drive if "points" in chosen else base / RAW[1] / drive,
+        streams=chosen,
+        numbers=numbers,
+        stamps_ns=stamps,
+        pose_frame=POSE_FRAME,
+        body_from_points=_body_from_points(base / "calibration"),
+        poses=poses,
+        poses_file=truth,
+        cameras=_cameras(base / "calibration", chosen),
+        gaps=gaps,
+        recorded=recorded,
+        # The same scanner on the same roof as in KITTI.
+        robot_from_points=ROBOT_FROM_VELODYNE,
+    )
+
+
+def is_kitti_360(path: Path) -> bool:
+    """Whether a folder has this layout, or is one of it with the scans or images of drives."""
+    return _base(path) is not None
+
+
+def _base(path: Path) -> Path | None:
+    """Folder of the data set, which a path may be, or lie in by one or two levels."""
+    if any((path / raw).is_dir() for raw in RAW):
+        return path
+    return next((one.parent for one in (path, path.parent) if one.name in RAW), None)
+
+
+def _drive(path: Path, name: str | None) -> tuple[Path, str]:
+    """Folder of the data set and name of the drive, which may be named by its number ("0003")."""
+    base = _base(path)
+    if base is None:
+        expected = " or ".join(f"{raw}/" for raw in RAW)
+        raise DataError(f"{path} has no {expected}", code="no-recording", fields=(str(path),))
+    names = {
+        folder.name
+        for raw in RAW
+        for folder in entries(base / raw)
+        if folder.name.endswith("_sync") and folder.is_dir()
+    }
+    if path.parent.name in RAW and path.name in names:
+        name = name or path.name
+    numbered = name.zfill(4) if name else name
+    full = next((drive for drive in sorted(names) if f"_drive_{numbered}_" in drive), name)
+    return base, one_of(base, {drive: Path(drive) for drive in sorted(names)}, full).name
+
+
+def _streams(base: Path, drive: str) -> dict[str, Stream | None]:
+    scans, images = (base / raw / drive for raw in RAW)
+    cameras = {
+        name: scan(images / f"image_{number:02d}" / "data_rect", IMAGE_SUFFIXES)
+        for name, number in CAMERAS.items()
+    }
+    return {"points": scan(scans / "velodyne_points" / "data", (".bin",)), **cameras}
+
+
+def _stamps(
+    numbers: NDArray[np.int64], streams: dict[str, Stream]
+) -> tuple[NDArray[np.int64], int | None]:
+    """Stamps of the first sensor, and the number of frames of the drive; None if unknown."""
+    stream = next(iter(streams.values()))
+    path = stream.expected(int(numbers[0])).parent.parent / "timestamps.txt"
+    if not path.exists():
+        return regular_stamps(numbers, str(path)), None
+    times = read_timestamps(path)
+    return pick(times, numbers, path), len(times)
+
+
+def _poses(path: Path, numbers: NDArray[np.int64]) -> Matrix:
+    """True poses of the turned GPS/IMU, NaN where there is none."""
+    expected = "a frame number and 12 numbers (row-major 3x4), with blanks between them"
+    return poses_of_numbers(path, *read_matrices(path, expected), numbers) @ TURN
+
+
+def _cameras(folder: Path, streams: dict[str, Stream]) -> dict[str, Camera]:
+    """The perspective cameras in use, both rectified to camera 0; none if a file is missing."""
+    used = {name: number for name, number in CAMERAS.items() if name in streams}
+    perspective, velodyne_from_camera = folder / "perspective.txt", _velodyne_from_camera(folder)
+    if velodyne_from_camera is None or not perspective.exists():
+        warn_uncalibrated(streams, f"{perspective} or no {MOUNTING} beside it")
+        return {}
+    calibration = read_calibration(perspective)
+    rectified_from_camera = homogeneous(calibration.matrix("R_rect_00", 3, 3))
+    rectified_from_points = rectified_from_camera @ np.linalg.inv(velodyne_from_camera)
+    return {
+        name: _camera(calibration, number, rectified_from_points) for name, number in used.items()
+    }
+
+
+def _camera(calibration: Calibration, number: int, rectified_from_points: Matrix) -> Camera:
+    width, height = calibration.numbers(f"S_rect_{number:02d}", 2)
+    return camera(
+        calibration.path,
+        calibration.matrix(f"P_rect_{number:02d}", 3, 4),
+        rectified_from_points,
+        (int(width), int(height)),
+    )
+
+
+def _velodyne_from_camera(folder: Path) -> Matrix | None:
+    """Where camera 0, not rectified, is in the scanner's frame; None if the file is missing."""
+    path = folder / MOUNTING
+    if not path.exists():
+        return None
+    matrix: Matrix = read_poses_kitti(path)[0]
+    with naming(path):
+        check_mounting("the matrix", matrix)
+    return matrix
+
+
+def _body_from_points(folder: Path) -> Matrix | None:
+    """Where the scanner is in the frame of the turned GPS/IMU; None if a file is missing."""
+    path, velodyne_from_camera = folder / "calib_cam_to_pose.txt", _velodyne_from_camera(folder)
+    if velodyne_from_camera is None or not path.exists():
+        return None
+    imu_from_camera = read_calibration(path).transform("image_00")
+    with naming(path):
+        check_mounting("image_00", imu_from_camera)
+    return np.asarray(TURN @ imu_from_camera @ np.linalg.inv(velodyne_from_camera))
+
+
+def _report_fisheyes(images: Path) -> None:
+    """Log how many images of the fisheye cameras are not read."""
+    counts = {name: len(files_in(images / name / "data_rgb", IMAGE_SUFFIXES)) for name in FISHEYES}
+    if sum(counts.values()):
+        found = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
+        logger.warning("%s: fisheye images are not read: %s", images, found)
