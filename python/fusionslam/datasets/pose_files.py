@@ -209,8 +209,12 @@ def match_poses(
             fields=(str(path), str(numbers[first])),
         )
     found[outside] = np.nan
-    if count := (far & ~outside).sum():
-        logger.warning("%s: %d of %d frames have interpolated poses", path, count, len(numbers))
+    for count, what in (
+        ((far & ~outside).sum(), "have interpolated poses"),
+        (outside.sum(), "have no pose, being before the first or after the last"),
+    ):
+        if count:
+            logger.warning("%s: %d of %d frames %s", path, count, len(numbers), what)
     return found
 
 
