@@ -97,7 +97,7 @@ def _truth(
     if given is not None:
         poses = match_poses(given, numbers, stamps_ns, recorded=recorded)
         return _Truth(poses, given, POSE_FRAME, rectified_from_points)
-    # Drives that are not synchronised have records of 100 Hz, whose numbers are not those of frames.
+    # Records of drives that are not synchronised are of 100 Hz: their numbers are not frames'.
     records = None if root.name.endswith("_extract") else scan(root / OXTS, (".txt",))
     if records is None:
         return _Truth(None, None, POSE_FRAME, rectified_from_points)
