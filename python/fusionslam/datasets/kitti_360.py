@@ -60,10 +60,11 @@ def open_kitti_360(path: Path, request: Request) -> Dataset:
     numbers, gaps = frame_numbers(chosen, request)
     stamps, recorded = _stamps(numbers, chosen)
     truth = request.poses or find_existing(base / "data_poses" / drive / "poses.txt")
+    poses = None
     if request.poses:
         poses = match_poses(request.poses, numbers, stamps, recorded=recorded)
-    else:
-        poses = _poses(truth, numbers) if truth else None
+    elif truth:
+        poses = _poses(truth, numbers)
     if set(chosen) & set(CAMERAS):
         _report_fisheyes(base / RAW[1] / drive)
     return FileDataset(

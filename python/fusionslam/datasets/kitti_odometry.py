@@ -81,7 +81,8 @@ def _name(root: Path) -> str:
     """Name the sequence; figures published for KITTI apply only to KITTI's own data and poses."""
     if find_existing(*(one.parent.parent / "sim.json" for one in named_and_linked(root))):
         return "simulated drive"
-    return f"{'SemanticKITTI' if (root / 'labels').is_dir() else 'KITTI odometry'} {root.name}"
+    is_semantic = (root / "labels").is_dir() and (root / "poses.txt").exists()
+    return f"{'SemanticKITTI' if is_semantic else 'KITTI odometry'} {root.name}"
 
 
 def find_streams(

@@ -97,14 +97,16 @@ def _truth(
     if given is not None:
         poses = match_poses(given, numbers, stamps_ns, recorded=recorded)
         return _Truth(poses, given, POSE_FRAME, rectified_from_points)
-    records = scan(root / OXTS, (".txt",))
+    # Records of drives that are not synchronised are of 100 Hz: their numbers are not frames'.
+    records = None if root.name.endswith("_extract") else scan(root / OXTS, (".txt",))
     if records is None:
         return _Truth(None, None, POSE_FRAME, rectified_from_points)
     imu_poses, velodyne_from_imu = read_oxts(records, numbers), _velodyne_from_imu(root)
     if velodyne_from_imu is None:
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, None)
     if rectified_from_points is None:
-        return _Truth(imu_poses, root / OXTS, IMU_FRAME, np.linalg.inv(velodyne_from_imu))
+        imu_from_velodyne = np.linalg.inv(velodyne_from_imu).astype(np.float64)
+        return _Truth(imu_poses, root / OXTS, IMU_FRAME, imu_from_velodyne)
     camera_from_imu = rectified_from_points @ velodyne_from_imu
     poses = camera_from_imu @ imu_poses @ np.linalg.inv(camera_from_imu)
     return _Truth(poses, root / OXTS, POSE_FRAME, rectified_from_points)

@@ -74,11 +74,11 @@ class StampedScans:
         chosen = choose({"points": stream}, request, folder)
         numbers, gaps = frame_numbers(chosen, request)
         stamps_ns, recorded = name_stamps[numbers], len(name_stamps)
-        truth = request.poses or self.truth(root)
+        truth, poses = request.poses or self.truth(root), None
         if request.poses:
             poses = match_poses(request.poses, numbers, stamps_ns, recorded=recorded)
-        else:
-            poses = poses_at(truth, *self.read_truth(truth), stamps_ns) if truth else None
+        elif truth:
+            poses = poses_at(truth, *self.read_truth(truth), stamps_ns)
         return FileDataset(
             kind=self.kind,
             name=f"{self.title} {root.name}",

@@ -27,6 +27,9 @@ def test_labels_beside_the_scans_are_no_trouble_and_the_poses_there_come_first(
     chosen = open_dataset(sequence, poses=tmp_path / "dataset/poses/03.txt")
     assert chosen.poses[2, 0, 3] == 2
     assert "03/poses.txt" in succeeds("info", sequence).stdout
+    (sequence / "poses.txt").unlink()
+    kitti = open_dataset(sequence)
+    assert kitti.name == "KITTI odometry 03" and kitti.poses[2, 0, 3] == 2
 
 
 @pytest.mark.parametrize(

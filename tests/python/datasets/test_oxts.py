@@ -126,6 +126,11 @@ def test_a_frame_without_a_record_has_no_pose(tmp_path: Path) -> None:
     assert np.isfinite(kept.poses).all(axis=(1, 2)).tolist() == [True, False, True]
 
 
+def test_records_of_a_drive_that_is_not_synchronised_are_not_of_its_frames(tmp_path: Path) -> None:
+    drive = raw_drive_with_oxts(tmp_path, {n: east(n) for n in range(3)})
+    assert open_dataset(drive.rename(tmp_path / "2011_09_26_drive_0001_extract")).poses is None
+
+
 def test_the_origin_is_the_first_record_whatever_frames_are_there(tmp_path: Path) -> None:
     drive = raw_drive_with_oxts(tmp_path, {n: east(n) for n in range(3)}, mounted=False)
     for path in (next(drive.rglob("*0000000000.bin")), next(drive.rglob("*0000000000.png"))):

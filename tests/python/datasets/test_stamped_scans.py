@@ -227,3 +227,11 @@ def test_an_empty_folder_of_scans_is_said_to_be_empty(tmp_path: Path) -> None:
 def test_info_says_what_is_there(make: Callable[[Path], Path], tmp_path: Path) -> None:
     text = " ".join(succeeds("info", make(tmp_path)).stdout.split())
     assert f"kind {make.__name__}" in text and ".csv" in text
+
+
+def test_tables_may_have_blanks_capitals_and_comments(tmp_path: Path) -> None:
+    root = nclt(tmp_path)
+    path = next(root.glob("*.csv"))
+    text = path.read_text().replace(",", ", ").replace("nan", "NaN")
+    put_text(path, "# stamp, x, y, z, r, p, h\n\n" + text)
+    assert open_dataset(root).poses[2, 0, 3] == pytest.approx(4)
