@@ -9,11 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import Evaluation, VerifiedRun
+from fusionslam.evaluation import Evaluation, PeerFigures, VerifiedRun, find_protocol
 from fusionslam.report.loops.labels import short_labels, source_name
 from fusionslam.report.page.tables import Column, Table, build_table
 
 PUBLISHED_PROTOCOL = "perdomo2019"
+_FIGURES = {
+    "max_f1": ("max F1", "largest 2PR / (P + R)"),
+    "extended_precision": ("EP", "extended precision: (1 + R@100P) / 2"),
+    "top1": ("top-1", "revisits whose nearest is correct"),
+    "roc_auc": ("AUC", "area under the ROC curve: how often a correct match is nearer"),
+}
+"""Title and explanation of the figures that other papers print."""
 _PERCENTILES = {"median_ms": "median", "p95_ms": "95th percentile"}
 
 _NUMBERS = {
@@ -55,6 +62,37 @@ def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: measured and published recall at 100 % precision."""
     return _table_of_runs(_published_columns(evaluations, protocol), evaluations)
+
+
+def peers_table(evaluations: Sequence[Evaluation], protocol: str) -> Table | None:
+    """One row per run and per published method: what the protocol's paper prints; None without.
+
+    Figures are published of whole sequences of KITTI.
+    """
+    judged = [e for e in evaluations if protocol in e.curves]
+    peers = list(dict.fromkeys(p for e in judged for p in e.peers if p.protocol == protocol))
+    if not peers:
+        return None
+
+    def read(figure: str) -> Callable[[Evaluation | PeerFigures], Any]:
+        return lambda row: (
+            row.figures.get(figure)
+            if isinstance(row, PeerFigures)
+            else getattr(row.curves[protocol], figure)
+        )
+
+    columns: list[Column[Evaluation | PeerFigures]] = [
+        Column(*_FIGURES[figure], read(figure), "{:.3f}", max)
+        for figure in find_protocol(protocol).figures
+    ]
+    sources = {e.run.source for e in judged}
+    ours = [f"{label}, {source_name(e.run.source, sources)}" for label, e in _labelled(judged)]
+    published = [f"{peer.method}, published" for peer in peers]
+    return build_table(columns, [*judged, *peers], [*ours, *published])
+
+
+def _labelled(evaluations: Sequence[Evaluation]) -> list[tuple[str, Evaluation]]:
+    return list(zip(short_labels([e.run for e in evaluations]), evaluations, strict=True))
 
 
 def cost_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -122,12 +160,23 @@ def _accuracy_columns(protocol: str) -> Columns:
     full = "largest recall at which every accepted match is correct"
     limit = "distance up to which every match is correct; of verified loops 1 - probability"
     same, opposite = (f"by_direction.{protocol}.{kind}.top1" for kind in ("same", "opposite"))
-    return [
+    rule = find_protocol(protocol)
+    columns = [
         column("R@100P", full, "recall_at_full_precision"),
         column("threshold", limit, "threshold_at_full_precision", None),
-        column("max F1", "largest 2PR / (P + R)", "max_f1"),
+        column(*_FIGURES["max_f1"], "max_f1"),
         column("AP", "average precision", "average_precision"),
-        column("top-1", "revisits whose nearest is correct", "top1"),
+    ]
+    columns += [
+        column(*_FIGURES[figure], figure)
+        for figure in rule.figures
+        if figure not in ("max_f1", "top1")
+    ]
+    if rule.pairs is not None:
+        return columns
+    return [
+        *columns,
+        column(*_FIGURES["top1"], "top1"),
         Column("same way", "top-1 of revisits in the same direction", same, "{:.3f}", max),
         Column("opposite", "top-1 of revisits head-on", opposite, "{:.3f}", max),
         Column("recall@5", "revisits with a correct one among 5", ranked, "{:.3f}", max),
@@ -144,7 +193,7 @@ def _accepted_columns(protocol: str) -> Columns:
 
 
 def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> Columns:
-    if not any(e.published for e in evaluations):
+    if find_protocol(protocol).peer or not any(e.published for e in evaluations):
         return []
     name = PUBLISHED_PROTOCOL
     found = _published_column("recall_at_full_precision", "R@100P, published", "{:.3f}")
