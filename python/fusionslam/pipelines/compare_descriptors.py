@@ -191,7 +191,10 @@ def _proposer(names: Sequence[str]) -> str:
 def time_and_evaluate(
     run: DescriptorRun, config: PipelineConfig, step: Step | None = None
 ) -> Evaluation:
-    """Evaluate a run under the protocols of the configuration; time the search for each frame's nearest candidate."""
+    """Evaluate a run under the protocols of the configuration.
+
+    The search for each frame's nearest candidate is timed.
+    """
     progress = label_progress(step, f"matching {run.source} {run.name}")
     report = find_loops(run, config.loop_closure, progress)
     timed = replace(run, seconds=run.seconds | {"match": report.seconds})

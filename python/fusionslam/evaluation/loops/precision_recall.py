@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 FORMAT = "fusionslam.precision_recall.1"
 RANKS = (1, 5, 10)
 """Values of k for recall@k."""
+_EXTRA = {"extended_precision": "extended precision", "roc_auc": "area under the ROC curve"}
+"""Titles of figures that few papers print."""
 _ARRAYS: dict[str, type[np.generic]] = {
     "thresholds": np.float64,
     "precision": np.float64,
@@ -113,6 +115,11 @@ class PrecisionRecall:
             else self.counts,
         )
 
+    def _prints(self, figure: str) -> bool:
+        """Whether the protocol's paper prints a figure."""
+        protocol = PROTOCOLS.get(self.protocol)
+        return protocol is not None and figure in protocol.figures
+
     @property
     def judges_pairs(self) -> bool:
         """Whether pairs of frames were judged, and not the nearest candidate of each frame."""
@@ -201,8 +208,7 @@ class PrecisionRecall:
             ("recall at 100 % precision", self.recall_at_full_precision),
             ("maximal F1", self.max_f1),
             ("average precision", self.average_precision),
-            ("extended precision", self.extended_precision),
-            ("area under the ROC curve", self.roc_auc),
+            *((title, getattr(self, name)) for name, title in _EXTRA.items() if self._prints(name)),
         ]
         if self.judges_pairs:
             return rows

@@ -4,7 +4,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +97,7 @@ class PeerFigures:
     sequence: str
     method: str
     descriptor: str | None
-    figures: Mapping[str, float]
+    figures: Mapping[str, float] = field(hash=False)
     source: str
 
 

@@ -55,7 +55,8 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: the figures that decide between them, in few columns."""
-    columns = [column for column in _accuracy_columns(protocol) if column.title != "recall@5"]
+    left_out = {"recall@5", "AP"} if find_protocol(protocol).peer else {"recall@5"}
+    columns = [each for each in _accuracy_columns(protocol) if each.title not in left_out]
     return _table_of_runs(columns, evaluations)
 
 
@@ -193,7 +194,9 @@ def _accepted_columns(protocol: str) -> Columns:
 
 
 def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> Columns:
-    if find_protocol(protocol).peer or not any(e.published for e in evaluations):
+    if find_protocol(protocol).peer:
+        return _peer_columns(evaluations, protocol)
+    if not any(e.published for e in evaluations):
         return []
     name = PUBLISHED_PROTOCOL
     found = _published_column("recall_at_full_precision", "R@100P, published", "{:.3f}")
@@ -202,6 +205,27 @@ def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> Colu
     hint = f"recall at 100 % precision, protocol {name}: compare with the published figure"
     ours = f"curves.{name}.recall_at_full_precision"
     return [Column(f"R@100P, {name}", hint, ours, "{:.3f}", max), found]
+
+
+def _peer_columns(evaluations: Sequence[Evaluation], protocol: str) -> Columns:
+    """Columns of what the protocol's paper prints of the same descriptors; none without."""
+
+    def read(figure: str) -> Callable[[Evaluation], float | None]:
+        return lambda evaluation: next(
+            (
+                peer.figures.get(figure)
+                for peer in evaluation.peers
+                if (peer.protocol, peer.descriptor) == (protocol, evaluation.run.descriptor)
+            ),
+            None,
+        )
+
+    found = {figure: read(figure) for figure in find_protocol(protocol).figures}
+    return [
+        Column(f"{_FIGURES[figure][0]}, published", _FIGURES[figure][1], value, "{:.3f}")
+        for figure, value in found.items()
+        if any(value(evaluation) is not None for evaluation in evaluations)
+    ]
 
 
 def _published_column(figure: str, title: str, show: str, scale: float = 1) -> Column[Evaluation]:
