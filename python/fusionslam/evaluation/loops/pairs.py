@@ -77,7 +77,7 @@ def evaluate_pairs(
     places = validate_positions(positions, len(rows))
     pairs = sample_pairs(places, find_protocol(config.protocol), config, seed)
     distances = pair_distances(rows, pairs, metric=metric, threads=threads)
-    blank = ~rows.any(axis=1)
+    blank = np.logical_not(rows.any(axis=1))
     distances[blank[pairs.queries] | blank[pairs.matches]] = np.inf
     count = int(pairs.same.sum())
     return PrecisionRecall(

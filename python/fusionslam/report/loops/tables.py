@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of report.html: accuracy, published figures, cost and time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import Evaluation, PeerFigures, VerifiedRun, find_protocol
+from fusionslam.evaluation import Evaluation, VerifiedRun, find_protocol
 from fusionslam.report.loops.labels import short_labels, source_name
 from fusionslam.report.page.tables import Column, Table, build_table
 
@@ -75,25 +75,19 @@ def peers_table(evaluations: Sequence[Evaluation], protocol: str) -> Table | Non
     if not peers:
         return None
 
-    def read(figure: str) -> Callable[[Evaluation | PeerFigures], Any]:
-        return lambda row: (
-            row.figures.get(figure)
-            if isinstance(row, PeerFigures)
-            else getattr(row.curves[protocol], figure)
-        )
-
-    columns: list[Column[Evaluation | PeerFigures]] = [
-        Column(*_FIGURES[figure], read(figure), "{:.3f}", max)
-        for figure in find_protocol(protocol).figures
+    names = find_protocol(protocol).figures
+    rows: list[Mapping[str, float | None]] = [
+        {name: getattr(each.curves[protocol], name) for name in names} for each in judged
     ]
-    sources = {e.run.source for e in judged}
-    ours = [f"{label}, {source_name(e.run.source, sources)}" for label, e in _labelled(judged)]
-    published = [f"{peer.method}, published" for peer in peers]
-    return build_table(columns, [*judged, *peers], [*ours, *published])
-
-
-def _labelled(evaluations: Sequence[Evaluation]) -> list[tuple[str, Evaluation]]:
-    return list(zip(short_labels([e.run for e in evaluations]), evaluations, strict=True))
+    columns: list[Column[Mapping[str, float | None]]] = [
+        Column(*_FIGURES[name], name, "{:.3f}", max) for name in names
+    ]
+    runs = [each.run for each in judged]
+    sources = {run.source for run in runs}
+    ours = zip(short_labels(runs), runs, strict=True)
+    labels = [f"{label}, {source_name(run.source, sources)}" for label, run in ours]
+    labels += [f"{peer.method}, published" for peer in peers]
+    return build_table(columns, [*rows, *(peer.figures for peer in peers)], labels)
 
 
 def cost_table(evaluations: Sequence[Evaluation]) -> Table:
