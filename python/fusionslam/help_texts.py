@@ -41,16 +41,18 @@ THRESHOLD = (
     "largest descriptor distance that is accepted as a loop; by default (null) the one fitted to "
     "descriptor, preset and source on simulated towns"
 )
-RADIUS = "two positions closer than this are one place, in metres"
+RADIUS = "two positions closer than this are one place, in metres; by default the protocol's"
 LOOP_WINDOW = (
     "this many frames before the query are no candidates when loops are found "
     "(evaluation.window: when they are judged)"
 )
 EVALUATION_WINDOW = (
-    "this many frames before the query are no candidates when loops are judged "
-    "(loop_closure.window: when they are found)"
+    "this many frames before the query are no candidates when loops are judged, by default the "
+    "protocol's (loop_closure.window: when they are found)"
 )
 PROTOCOL = (
     "what must be right: the place (revisit: recall of all revisits; perdomo2019: of those whose "
-    "nearest candidate is right) or, of verified loops, the pose (pose-1m-5deg, pose-2m-5deg)"
+    "nearest candidate is right) or, of verified loops, the pose (pose-1m-5deg, pose-2m-5deg); or "
+    "what another paper judges, with its radius and window unless they are given: pairs of scans "
+    "(ssc: 3 m), or matches (scancontext: 4 m; solid: 10 m, 100 frames)"
 )

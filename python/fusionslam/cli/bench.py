@@ -76,6 +76,7 @@ def bench(
     output: opt.Folder = Path("out/bench"),
     descriptors: opt.Names = "usual",
     source: opt.Sources = None,
+    protocol: opt.Protocol = None,
     *,
     build_recording: "Callable[[], Recording]",
     pipeline_config: "Callable[[], PipelineConfig]",
@@ -84,11 +85,16 @@ def bench(
 ) -> None:
     """Compare descriptors on DATA: accuracy, time, memory.
 
-    Every source of clouds that the data allow is compared.
+    Every source of clouds that the data allow is compared. Figures published under the protocol
+    for the same sequence of KITTI are shown beside those measured.
     """
+    from fusionslam.config import merged
+
     if not no_report:
         needs_extra("report", unless="--no-report")
     chosen = pipeline_config()
+    if protocol is not None:
+        chosen = merged(chosen, {"evaluation": {"protocol": protocol}})
     names = opt.parse_names(descriptors, chosen.descriptors.preset)
     recording = build_recording()
     given = source is not None or "source" in chosen.fusion.model_fields_set

@@ -148,18 +148,28 @@ def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
 def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
     """Print accuracy and cost of every run, in 80 columns; the report has more."""
     from fusionslam.report.loops.labels import by_rank, winner
-    from fusionslam.report.loops.tables import accuracy_table, cost_table, published_table
+    from fusionslam.report.loops.tables import (
+        accuracy_table,
+        cost_table,
+        peers_table,
+        published_table,
+    )
 
     groups = by_rank(evaluations, protocol)
     ranked = [evaluation for group in groups.values() for evaluation in group]
     curves = [e.curves[protocol] for e in ranked if protocol in e.curves]
     judged = any(curve.n_revisits for curve in curves)
     tables = [accuracy_table(ranked, protocol)] if judged else []
-    if any(evaluation.published for evaluation in ranked):
-        tables.append(published_table(ranked, protocol))
+    published = published_table(ranked, protocol)
+    if published.heads:
+        tables.append(published)
     sizes = [(name, len(group)) for name, group in groups.items()]
     for table in [*tables, cost_table(ranked)]:
         _print_groups(table, sizes)
+    peers = peers_table(ranked, protocol)
+    if peers is not None:
+        sources = dict.fromkeys(peer.source for each in ranked for peer in each.peers)
+        print_figures(f"published: {'; '.join(sources)}", peers)
     lines = [_conditions(ranked, protocol), _COSTS, *_accepted(ranked, protocol)]
     for line in (*lines, winner(ranked, protocol)):
         if line:
@@ -221,6 +231,8 @@ def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
     if curve is None:
         return "no true poses: cost only (--gt names a file of poses)"
     conditions = f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
+    if curve.judges_pairs:
+        return f"{conditions}{curve.counts}"
     if curve.n_revisits:
         revisits, frames = counted(curve.n_revisits, "revisit"), counted(curve.n_queries, "frame")
         return f"{conditions}{revisits} in {frames}"

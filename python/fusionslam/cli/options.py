@@ -93,7 +93,10 @@ KINDS = (
 ODOMETRY = ("topic", "lidar", "visual", "truth", "truth+noise")
 POSE_FORMATS = ("tum", "kitti")
 PRESETS_OF_RATSLAM = ("robust", "openratslam")
-PROTOCOLS = ("revisit", "perdomo2019", "pose-1m-5deg", "pose-2m-5deg")
+PROTOCOLS = (
+    *("revisit", "perdomo2019", "pose-1m-5deg", "pose-2m-5deg"),
+    *("ssc", "scancontext", "solid"),
+)
 RECOGNISERS = (
     *("alignment", "objects", "two_stages", *descriptors.NAMES),
     "visual_templates",

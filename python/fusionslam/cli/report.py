@@ -38,7 +38,8 @@ def report(
         if not (run_files(runs_folder(folder)) or load_verified(folder)):
             return
     with progress() as step:
-        evaluations, _ = evaluate_stored(folder, step=step)
+        changes = {} if protocol is None else {"protocol": protocol}
+        evaluations, _ = evaluate_stored(folder, changes, step=step)
         keep_parts(ctx, output or folder)
         step("writing the report", 0, 1)
         page = write_stored_report(folder, evaluations, output=output, protocol=protocol)

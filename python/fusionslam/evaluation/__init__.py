@@ -27,17 +27,27 @@ from fusionslam.evaluation.loops.evaluation import (
     evaluate,
     evaluate_verified,
 )
-from fusionslam.evaluation.loops.judge import RANKS, evaluate_matches, precision_recall
+from fusionslam.evaluation.loops.judge import evaluate_matches, precision_recall
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
-from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
+from fusionslam.evaluation.loops.pairs import Pairs, evaluate_pairs, sample_pairs
+from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
 from fusionslam.evaluation.loops.protocols import (
     COMMON_RULES,
     PROTOCOLS,
+    USUAL_PROTOCOLS,
     EvaluationConfig,
+    PairRule,
     Protocol,
     find_protocol,
 )
-from fusionslam.evaluation.loops.published import CITATION, kitti_sequence, published_figures
+from fusionslam.evaluation.loops.published import (
+    CITATION,
+    PEERS,
+    PeerFigures,
+    kitti_sequence,
+    peer_figures,
+    published_figures,
+)
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, Visit, visits
 from fusionslam.evaluation.loops.verified_run import REJECTED, LoopRun, VerifiedRun
 from fusionslam.evaluation.maps.judge import judge_map, pose_errors
@@ -75,6 +85,7 @@ __all__ = [
     "CITATION",
     "COMMON_RULES",
     "DIRECTIONS",
+    "PEERS",
     "PROTOCOLS",
     "PUBLISHED_VIEWS",
     "RANKS",
@@ -84,6 +95,7 @@ __all__ = [
     "RERUN_DESCRIPTORS",
     "RERUN_VIEWS",
     "THRESHOLDS",
+    "USUAL_PROTOCOLS",
     "VIEW_CITATION",
     "VIEW_RULES",
     "AcceptedLoops",
@@ -96,6 +108,9 @@ __all__ = [
     "LoopRun",
     "MapReport",
     "Matches",
+    "PairRule",
+    "Pairs",
+    "PeerFigures",
     "PoseErrors",
     "PrecisionRecall",
     "Protocol",
@@ -116,6 +131,7 @@ __all__ = [
     "baselines",
     "evaluate",
     "evaluate_matches",
+    "evaluate_pairs",
     "evaluate_verified",
     "every_kth",
     "find_matches",
@@ -124,12 +140,14 @@ __all__ = [
     "judge_map",
     "judge_views",
     "kitti_sequence",
+    "peer_figures",
     "pose_errors",
     "precision_recall",
     "published_figures",
     "published_views",
     "rerun_descriptors",
     "rerun_views",
+    "sample_pairs",
     "summarise_costs",
     "sweep_pairs",
     "sweep_views",

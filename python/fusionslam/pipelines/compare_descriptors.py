@@ -29,7 +29,7 @@ from fusionslam.evaluation import (
     evaluate_verified,
 )
 from fusionslam.evaluation.loops.evaluation import check_judged
-from fusionslam.evaluation.loops.protocols import check_bound
+from fusionslam.evaluation.loops.protocols import check_bound, find_protocol, judged_together
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describable,
@@ -161,7 +161,8 @@ def benchmark(
         )
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
         name = _proposer(usable)
-        if new_detector(own, name).verifies:
+        judges_pairs = find_protocol(own.evaluation.protocol).pairs is not None
+        if new_detector(own, name).verifies and not judges_pairs:
             window = max(own.loop_closure.window, own.evaluation.window)
             proven = verify_recording(
                 recording,
@@ -175,8 +176,7 @@ def benchmark(
                 step=step,
                 demo=demo,
             )
-            rule = own.evaluation
-            evaluations.append(evaluate_verified(proven, radius=rule.radius, window=rule.window))
+            evaluations.append(evaluate_verified(proven, **_rule(own.evaluation)))
     _warn_of_poses(evaluations)
     return evaluations
 
@@ -191,16 +191,24 @@ def _proposer(names: Sequence[str]) -> str:
 def time_and_evaluate(
     run: DescriptorRun, config: PipelineConfig, step: Step | None = None
 ) -> Evaluation:
-    """Evaluate a run under every protocol; time the search for each frame's nearest candidate."""
+    """Evaluate a run under the protocols of the configuration.
+
+    The search for each frame's nearest candidate is timed.
+    """
     progress = label_progress(step, f"matching {run.source} {run.name}")
     report = find_loops(run, config.loop_closure, progress)
     timed = replace(run, seconds=run.seconds | {"match": report.seconds})
     progress = label_progress(step, f"judging {run.source} {run.name}")
     progress(0, 1)
-    rule = config.evaluation
-    evaluation = evaluate(timed, radius=rule.radius, window=rule.window)
+    evaluation = evaluate(timed, **_rule(config.evaluation))
     progress(1, 1)
     return evaluation
+
+
+def _rule(config: EvaluationConfig) -> dict[str, Any]:
+    """Return the arguments of ``evaluate``: protocols, radius and window."""
+    protocols = judged_together(config.protocol)
+    return {"protocols": protocols, "radius": config.radius, "window": config.window}
 
 
 def evaluate_stored(
@@ -225,7 +233,7 @@ def evaluate_stored(
     """
     if not Path(folder).is_dir():
         raise DataError(f"{folder} is no folder: expected one with descriptor runs")
-    config = merged(PipelineConfig(), {"evaluation": stored_config(folder).model_dump()})
+    config = merged(PipelineConfig(), {"evaluation": stored_config(folder).given()})
     config = merged(config, {"evaluation": changes or {}})
     verified = load_verified(folder)
     described = run_files(runs_folder(folder)) or not verified
@@ -237,12 +245,9 @@ def evaluate_stored(
     if truth is not None:
         runs = [_with_truth(run, truth) for run in runs]
         verified = [_with_truth(run, truth) for run in verified]
-    rule = config.evaluation
     evaluations = [time_and_evaluate(run, config, step) for run in runs]
-    evaluations += [
-        evaluate_verified(run, radius=rule.radius, window=rule.window) for run in verified
-    ]
-    check_judged(evaluations, rule.protocol)
+    evaluations += [evaluate_verified(run, **_rule(config.evaluation)) for run in verified]
+    check_judged(evaluations, config.evaluation.protocol)
     _warn_of_poses(evaluations)
     return evaluations, config.evaluation
 
@@ -319,7 +324,9 @@ def _warn_of_radius(evaluations: Sequence[Evaluation]) -> None:
     Where a drive's first round is within the window, each frame rightly is one: the radius is at
     fault only if a place, twice the radius wide, spans half of the path or more.
     """
-    for curve, places in ((c, e.run.positions) for e in evaluations for c in e.curves.values()):
+    for curve, places in (
+        (c, e.run.positions) for e in evaluations for c in e.query_curves.values()
+    ):
         assert places is not None  # there are no curves without
         revisit, extent = curve.revisit[curve.window + 1 :], np.linalg.norm(np.ptp(places, axis=0))
         if len(revisit) and revisit.all() and 4 * curve.radius >= extent:

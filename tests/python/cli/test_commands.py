@@ -402,6 +402,31 @@ def test_figures_published_for_kitti_stand_beside_those_of_that_whole_sequence(
     assert "0.825" not in succeeds(*words).stdout
 
 
+def test_bench_judges_by_the_protocol_of_another_paper(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = recording.rename(recording.with_name("00"))
+    (recording.parent.parent / "poses/03.txt").rename(recording.parent.parent / "poses/00.txt")
+    monkeypatch.setitem(published.FRAMES, "00", len(open_dataset(recording)))
+    out = tmp_path / "out"
+    words = ("bench", recording, "-d", "m2dp,scan_context", "--source", "lidar", "-o", out)
+    said = " ".join(succeeds(*words, "--protocol", "ssc", *NO_WINDOW).stdout.split())
+    assert "protocol ssc, radius 3 m, window 0: " in said and "BoW3D" in said
+    assert "Scan Context, published 0.750 0.609" in said
+    (m2dp, _) = json.loads((out / "metrics.json").read_text())["runs"]
+    assert list(m2dp["protocols"]) == ["ssc"] and m2dp["by_direction"] == {}
+    assert m2dp["protocols"]["ssc"]["n_revisits"] == 9  # of 20 frames out and back, 20 m apart
+    assert "M2DP" in [peer["method"] for peer in m2dp["peers"]]
+
+    again = " ".join(succeeds("eval", out, "--protocol", "solid", "--window", 0).stdout.split())
+    assert "protocol solid, radius 10 m, window 0: 9 revisits in 20 frames" in again
+    assert "RING++, published 0.954 0.997 0.937" in again
+    succeeds("report", out, "--protocol", "scancontext", "-o", tmp_path / "page")
+    runs = json.loads((tmp_path / "page/metrics.json").read_text())["runs"]
+    assert [list(run["protocols"]) for run in runs] == [["scancontext"]] * 2
+    assert runs[0]["protocols"]["scancontext"]["radius"] == 4
+
+
 def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
     pytest.importorskip("embreex")
     settings = [word for setting in TINY_TOWN for word in ("--set", setting)]

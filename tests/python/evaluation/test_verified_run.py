@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation import (
-    PROTOCOLS,
+    USUAL_PROTOCOLS,
     AcceptedLoops,
     DirectionFigures,
     Matches,
@@ -59,7 +59,7 @@ def test_the_curves_of_nine_frames_are_those_counted_by_hand(
 
 def test_accepted_loops_and_directions_are_those_counted_by_hand() -> None:
     evaluation = evaluate_verified(verified_run(), window=0)
-    assert list(evaluation.curves) == list(PROTOCOLS)
+    assert list(evaluation.curves) == list(USUAL_PROTOCOLS)
     assert evaluation.accepted == {
         "revisit": AcceptedLoops(3, 1, 0.5),
         "perdomo2019": AcceptedLoops(3, 1, 0.5),

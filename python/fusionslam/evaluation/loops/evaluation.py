@@ -11,17 +11,24 @@ import numpy as np
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
-from fusionslam.evaluation.loops.judge import RANKS, evaluate_matches
+from fusionslam.evaluation.loops.judge import evaluate_matches
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
-from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
+from fusionslam.evaluation.loops.pairs import evaluate_pairs
+from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
 from fusionslam.evaluation.loops.protocols import (
     DEFAULTS,
-    PROTOCOLS,
+    USUAL_PROTOCOLS,
+    EvaluationConfig,
     check_bound,
     find_protocol,
     validate_config,
 )
-from fusionslam.evaluation.loops.published import kitti_sequence, published_figures
+from fusionslam.evaluation.loops.published import (
+    PeerFigures,
+    kitti_sequence,
+    peer_figures,
+    published_figures,
+)
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, visits
 from fusionslam.evaluation.loops.verified_run import LoopRun, VerifiedRun
 from fusionslam.storage.arrays import Mask
@@ -82,6 +89,21 @@ class Evaluation:
         """Time and memory of the run."""
         return summarise_costs(self.run)
 
+    @property
+    def peers(self) -> tuple[PeerFigures, ...]:
+        """What other papers print for the same sequence under the protocols of the curves."""
+        sequence = kitti_sequence(self.run.dataset)
+        return tuple(
+            peer
+            for protocol in self.curves
+            for peer in peer_figures(protocol, sequence, len(self.run))
+        )
+
+    @property
+    def query_curves(self) -> dict[str, PrecisionRecall]:
+        """The curves that judge the match of each frame, without those of pairs."""
+        return {name: curve for name, curve in self.curves.items() if not curve.judges_pairs}
+
     @cached_property
     def accepted(self) -> dict[str, AcceptedLoops]:
         """The loops that the detector of a verified run accepted, by protocol; none of others."""
@@ -99,9 +121,10 @@ class Evaluation:
     @cached_property
     def by_direction(self) -> dict[str, dict[str, DirectionFigures]]:
         """Protocol -> direction of revisits ("same", "opposite", "crossing"), if any -> figures."""
-        if self.run.poses is None or not self.curves:
+        curves = self.query_curves
+        if self.run.poses is None or not curves:
             return {}
-        first = next(iter(self.curves.values()))
+        first = next(iter(curves.values()))
         found = visits(self.run.poses, radius=first.radius, window=first.window)
         kinds = np.array([visit.kind for visit in found])
         return {
@@ -110,7 +133,7 @@ class Evaluation:
                 for kind in DIRECTIONS
                 if (kinds == kind).any()
             }
-            for protocol, curve in self.curves.items()
+            for protocol, curve in curves.items()
         }
 
     def _direction_figures(self, curve: PrecisionRecall, among: Mask) -> DirectionFigures:
@@ -129,73 +152,94 @@ class Evaluation:
 def evaluate(
     run: DescriptorRun,
     *,
-    protocols: Sequence[str] = tuple(PROTOCOLS),
-    radius: float = DEFAULTS.radius,
-    window: int = DEFAULTS.window,
+    protocols: Sequence[str] = USUAL_PROTOCOLS,
+    radius: float | None = None,
+    window: int | None = None,
     threads: int = 0,
 ) -> Evaluation:
-    """Find the nearest candidates once and judge them under each protocol.
+    """Find the nearest candidates and judge them, or pairs of frames, under each protocol.
 
     A frame with a descriptor of zeros, which describes nothing, has no candidates.
 
     Without ground truth there are matches but no curves. Protocols by pose are left out, as
-    descriptors give none. Arguments as for precision_recall.
+    descriptors give none. Arguments as for precision_recall; without a radius or a window each
+    protocol has its own. ``Evaluation.matches`` are those of the first protocol's window.
 
     Raises:
-        DataError: a position that is not finite.
+        DataError: a position that is not finite; of a protocol that judges pairs, also as
+            ``evaluate_pairs``.
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
-    for protocol in protocols:
-        validate_config(protocol=protocol, radius=radius, window=window)
+    configs = _configs(protocols, radius, window)
+    own = configs[0].window if configs else DEFAULTS.window if window is None else window
+    matches = _search(run, own, threads)
+    curves: dict[str, PrecisionRecall] = {}
+    if (places := run.positions) is not None:
+        for config in configs:
+            rule, values = find_protocol(config.protocol), config.model_dump()
+            if rule.pairs is not None:
+                curves[rule.name] = evaluate_pairs(
+                    run.descriptors, places, **values, threads=threads, metric=run.metric
+                )
+            elif rule.bound is None:
+                same = config.window == own
+                found = matches if same else _search(run, config.window, threads)
+                curves[rule.name] = evaluate_matches(found, places, **values)
+    known = published_figures(kitti_sequence(run.dataset), run.source, run.descriptor, len(run))
+    return Evaluation(run, curves, known, matches, own)
+
+
+def _configs(
+    protocols: Sequence[str], radius: float | None, window: int | None
+) -> list[EvaluationConfig]:
+    """Return the configuration of each protocol. Raises ConfigError."""
+    return [validate_config(protocol=name, radius=radius, window=window) for name in protocols]
+
+
+def _search(run: DescriptorRun, window: int, threads: int) -> Matches:
+    """Find the nearest candidates; frames with a descriptor of zeros have none."""
     matches = find_matches(
         run.descriptors, window=window, k=max(RANKS), threads=threads, metric=run.metric
     )
     blank = ~run.descriptors.any(axis=1)
     matches.indices[blank], matches.distances[blank] = -1, np.inf
-    curves: dict[str, PrecisionRecall] = {}
-    if (places := run.positions) is not None:
-        for name in protocols:
-            if find_protocol(name).bound is None:
-                curves[name] = evaluate_matches(
-                    matches, places, protocol=name, radius=radius, window=window
-                )
-    known = published_figures(kitti_sequence(run.dataset), run.source, run.descriptor, len(run))
-    return Evaluation(run, curves, known, matches, window)
+    return matches
 
 
 def evaluate_verified(
     run: VerifiedRun,
     *,
-    protocols: Sequence[str] = tuple(PROTOCOLS),
-    radius: float = DEFAULTS.radius,
-    window: int = DEFAULTS.window,
+    protocols: Sequence[str] = USUAL_PROTOCOLS,
+    radius: float | None = None,
+    window: int | None = None,
 ) -> Evaluation:
     """Judge the matches of verified loops under each protocol, with 1 - probability as distance.
 
     ``recall_at_k`` of the curves is the share of the revisits with a candidate within the radius
     among the first k, the most promising, for k = 1, 5, 10 and all of them: what the descriptors
     left to be verified, under every protocol. Without ground truth there are no curves, without
-    ``body_from_cloud`` none by pose. Other arguments as for precision_recall.
+    ``body_from_cloud`` none by pose, and never one of pairs. Other arguments as for evaluate.
 
     Raises:
         DataError: a pose that is not finite, or a candidate that the window excludes (code
             "window").
         ConfigError: unknown protocol, radius <= 0 or window < 0.
     """
-    for protocol in protocols:
-        validate_config(protocol=protocol, radius=radius, window=window)
-    _check_window(run, window)
+    configs = _configs(protocols, radius, window)
+    own = configs[0].window if configs else DEFAULTS.window if window is None else window
+    for least in {own, *(config.window for config in configs)}:
+        _check_window(run, least)
     matches = run.matches
     curves: dict[str, PrecisionRecall] = {}
     if run.poses is not None:
-        recalls = _candidate_recalls(run, radius, window)
-        for name in protocols:
-            if matches.match_from_query is not None or find_protocol(name).bound is None:
-                curve = evaluate_matches(
-                    matches, run.poses, protocol=name, radius=radius, window=window
-                )
-                curves[name] = replace(curve, recall_at_k=recalls)
-    return Evaluation(run, curves, None, matches, window)
+        for config in configs:
+            rule = find_protocol(config.protocol)
+            judged = rule.bound is None or matches.match_from_query is not None
+            if judged and rule.pairs is None:
+                recalls = _candidate_recalls(run, config.radius, config.window)
+                curve = evaluate_matches(matches, run.poses, **config.model_dump())
+                curves[rule.name] = replace(curve, recall_at_k=recalls)
+    return Evaluation(run, curves, None, matches, own)
 
 
 def _check_window(run: VerifiedRun, window: int) -> None:

@@ -16,21 +16,22 @@ from fusionslam.evaluation.loops.nearest_matches import (
     Matches,
     check_causal,
     find_matches,
+    metres_between,
     validate_descriptors,
     validate_positions,
     validate_truth,
 )
-from fusionslam.evaluation.loops.precision_recall import PrecisionRecall
+from fusionslam.evaluation.loops.pairs import evaluate_pairs
+from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
 from fusionslam.evaluation.loops.protocols import (
     DEFAULTS,
     check_bound,
+    check_matches,
     find_protocol,
     validate_config,
 )
+from fusionslam.evaluation.loops.sweep import sweep_thresholds
 from fusionslam.storage.arrays import Floats, Mask
-
-RANKS = (1, 5, 10)
-"""Values of k for recall@k."""
 
 
 def precision_recall(
@@ -38,8 +39,8 @@ def precision_recall(
     positions: ArrayLike,
     *,
     protocol: str = DEFAULTS.protocol,
-    radius: float = DEFAULTS.radius,
-    window: int = DEFAULTS.window,
+    radius: float | None = None,
+    window: int | None = None,
     threads: int = 0,
     metric: str = "l2",
 ) -> PrecisionRecall:
@@ -48,24 +49,28 @@ def precision_recall(
     Args:
         descriptors: float32 (N, D), one row per frame, in order of time.
         positions: (N, 3), true positions in metres, in any fixed frame.
-        protocol: "revisit" or "perdomo2019"; those by pose need matches with poses.
-        radius: positions closer than this (metres) are the same place.
-        window: number of frames before the query that are not candidates.
+        protocol: name of one that judges places or pairs; those by pose need matches with poses.
+        radius: positions closer than this (metres) are the same place; None for the protocol's.
+        window: number of frames before the query that are not candidates; None for the protocol's.
         threads: number of threads of the search; 0 is one per core.
         metric: "l2", or "scan_context" for descriptors of that kind.
 
     Raises:
         ShapeError: descriptors or positions of the wrong shape, length or dtype.
-        DataError: a value that is not finite.
+        DataError: a value that is not finite; of a protocol that judges pairs, also as
+            ``evaluate_pairs``.
         ConfigError: unknown protocol or metric, a protocol by pose (code "needs-poses"), radius
             <= 0 or window < 0.
     """
-    validate_config(protocol=protocol, radius=radius, window=window)
+    config = validate_config(protocol=protocol, radius=radius, window=window)
     check_bound(protocol, has_poses=False)
-    descriptors = validate_descriptors(descriptors)
-    places = validate_positions(positions, len(descriptors))
-    matches = find_matches(descriptors, window=window, k=max(RANKS), threads=threads, metric=metric)
-    return evaluate_matches(matches, places, protocol=protocol, radius=radius, window=window)
+    values: dict[str, Any] = {**config.model_dump(), "threads": threads, "metric": metric}
+    if find_protocol(protocol).pairs is not None:
+        return evaluate_pairs(descriptors, positions, **values)
+    rows = validate_descriptors(descriptors)
+    places = validate_positions(positions, len(rows))
+    matches = find_matches(rows, window=config.window, k=max(RANKS), threads=threads, metric=metric)
+    return evaluate_matches(matches, places, **config.model_dump())
 
 
 def evaluate_matches(
@@ -73,8 +78,8 @@ def evaluate_matches(
     positions: ArrayLike,
     *,
     protocol: str = DEFAULTS.protocol,
-    radius: float = DEFAULTS.radius,
-    window: int = DEFAULTS.window,
+    radius: float | None = None,
+    window: int | None = None,
     ranks: Sequence[int] = RANKS,
 ) -> PrecisionRecall:
     """Judge nearest candidates that are already known.
@@ -91,9 +96,11 @@ def evaluate_matches(
         DataError: a position that is not finite, a pose that is no rotation and translation, or a
             match that the window excludes.
         ConfigError: unknown protocol, one by pose without poses of the matches or true ones (code
-            "needs-poses"), radius <= 0 or window < 0.
+            "needs-poses"), one that judges pairs (code "needs-descriptors"), radius <= 0 or window
+            < 0.
     """
     config = validate_config(protocol=protocol, radius=radius, window=window)
+    check_matches(config.protocol)
     places, poses = validate_truth(positions, len(matches))
     check_causal(matches, config.window)
     rule = find_protocol(config.protocol)
@@ -107,7 +114,7 @@ def evaluate_matches(
     distances = matches.distances[:, 0].astype(np.float64)
     relevant = rule.relevant(hits[:, 0], revisit)
     return PrecisionRecall(
-        **_sweep_thresholds(distances, hits[:, 0], relevant),
+        **sweep_thresholds(distances, hits[:, 0], relevant),
         **_compute_ranks(hits, revisit, ranks),
         **config.model_dump(),
         n_queries=len(matches),
@@ -135,11 +142,6 @@ def pose_differences(matches: Matches, poses: Floats) -> tuple[Floats, Floats]:
     return np.linalg.norm(difference[..., :3, 3], axis=-1), degrees
 
 
-def metres_between(a: Floats, b: Floats) -> Floats:
-    """Euclidean distances of positions (..., 3)."""
-    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1)), dtype=np.float64)
-
-
 def _hits(indices: NDArray[np.int64], places: Floats, radius: float) -> Mask:
     """Bool (N, k): candidates within the radius of their query."""
     near = metres_between(places[:, None], places[indices]) < radius
@@ -152,58 +154,6 @@ def _revisits(places: Floats, radius: float, window: int) -> Mask:
     for query in range(window + 1, len(places)):
         found[query] = (metres_between(places[: query - window], places[query]) < radius).any()
     return found
-
-
-def _sweep_thresholds(distances: Floats, correct: Mask, relevant: Mask) -> dict[str, Any]:
-    """Compute the curve over all distinct distances, and the figures read off it.
-
-    A pose may be right where the places are farther apart than the radius: such a match is
-    correct, but the recall of revisits does not count it.
-    """
-    denominator = int(relevant.sum())
-    present = np.isfinite(distances)
-    thresholds, row = np.unique(distances[present], return_inverse=True)
-    accepted = np.cumsum(np.bincount(row, minlength=len(thresholds)))
-    right, found = (
-        np.cumsum(np.bincount(row[mask[present]], minlength=len(thresholds)))
-        for mask in (correct, correct & relevant)
-    )
-    precision = right / accepted
-    recall = found / denominator if denominator else np.full(len(found), np.nan)
-    curve = {"thresholds": thresholds, "precision": precision, "recall": recall}
-    return curve | (_figures(thresholds, precision, recall) if denominator else _UNDEFINED)
-
-
-_UNDEFINED = dict.fromkeys(
-    (
-        "recall_at_full_precision",
-        "threshold_at_full_precision",
-        "max_f1",
-        "max_f1_threshold",
-        "average_precision",
-    )
-)
-
-
-def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str, Any]:
-    """Read the figures off a curve; thresholds that do not exist are None."""
-    f1 = _f1(precision, recall)
-    best = float(f1.max(initial=0))
-    # A false match stays accepted at all larger thresholds: rows without one are a prefix.
-    flawless = int((precision == 1).sum())
-    return {
-        "recall_at_full_precision": float(recall[flawless - 1]) if flawless else 0.0,
-        "threshold_at_full_precision": float(thresholds[flawless - 1]) if flawless else None,
-        "max_f1": best,
-        "max_f1_threshold": float(thresholds[np.argmax(f1)]) if best > 0 else None,
-        "average_precision": float((np.diff(recall, prepend=0) * precision).sum()),
-    }
-
-
-def _f1(precision: Floats, recall: Floats) -> Floats:
-    """2 P R / (P + R), 0 where both are 0."""
-    total = precision + recall
-    return 2 * precision * recall / np.where(total > 0, total, 1)
 
 
 def _compute_ranks(hits: Mask, revisit: Mask, ranks: Sequence[int]) -> dict[str, Any]:

@@ -107,6 +107,11 @@ def pairwise_distances(descriptors: NDArray[np.float32], metric: str = "l2") -> 
     return distances
 
 
+def metres_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Euclidean distances of positions (..., 3)."""
+    return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=-1)), dtype=np.float64)
+
+
 def validate_descriptors(descriptors: Any) -> NDArray[np.float32]:
     """Return descriptors as float32 (N, D), copying other real dtypes.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.evaluation.loops.protocols import PROTOCOLS
 from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_json, save_json
 from fusionslam.storage.arrays import Floats
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FORMAT = "fusionslam.precision_recall.1"
+RANKS = (1, 5, 10)
+"""Values of k for recall@k."""
+_EXTRA = {"extended_precision": "extended precision", "roc_auc": "area under the ROC curve"}
+"""Titles of figures that few papers print."""
 _ARRAYS: dict[str, type[np.generic]] = {
     "thresholds": np.float64,
     "precision": np.float64,
@@ -31,7 +36,7 @@ _ARRAYS: dict[str, type[np.generic]] = {
 
 @dataclass(frozen=True, eq=False)
 class PrecisionRecall:
-    """Precision and recall of the nearest candidates at every threshold.
+    """Precision and recall of the nearest candidates, or of pairs of frames, at every threshold.
 
     Undefined figures are None (null in JSON): everything derived from recall if its denominator
     is 0 (``recall`` itself is then NaN), ``top1`` and ``recall_at_k`` without any revisit, and
@@ -56,11 +61,18 @@ class PrecisionRecall:
         n_queries: N, all frames. n_revisits: those with any candidate within the radius.
         n_correct: those whose nearest candidate is correct.
         protocol, radius, window: name, metres, frames that the figures hold for.
-        queries: int64 (N,), rows of the queries.
-        matches: int64 (N,), row of the nearest candidate, -1 = no candidate.
+        queries: int64 (N,), rows of the queries; of pairs the later frame of each.
+        matches: int64 (N,), row of the nearest candidate, -1 = no candidate; of pairs the earlier
+            frame.
         distances: float64 (N,), its distance, inf = no candidate.
         correct: bool (N,), whether the match is correct under the protocol.
         revisit: bool (N,), whether some candidate lies within the radius.
+        extended_precision: (1 + recall at 100 % precision) / 2: the mean of the precision where
+            nothing is accepted yet and of that recall.
+        roc_auc: area under the ROC curve: the probability that a correct match is nearer than a
+            false one; None without either.
+
+    Of pairs, N counts these, and all that are of one place are revisits and correct.
     """
 
     thresholds: Floats
@@ -84,6 +96,8 @@ class PrecisionRecall:
     distances: Floats
     correct: NDArray[np.bool_]
     revisit: NDArray[np.bool_]
+    extended_precision: float | None = None
+    roc_auc: float | None = None
 
     def __repr__(self) -> str:
         title, counts, (name, value) = *self._headings(), self._rows()[0]
@@ -96,9 +110,28 @@ class PrecisionRecall:
     def _headings(self) -> tuple[str, str]:
         return (
             f"protocol {self.protocol}, radius {self.radius:g} m, window {self.window} frames",
-            f"{counted(self.n_queries, 'query')}, {counted(self.n_revisits, 'revisit')}, "
-            f"{self.n_correct} nearest candidates correct",
+            f"{self.counts}, {self.n_correct} nearest candidates correct"
+            if not self.judges_pairs
+            else self.counts,
         )
+
+    def _prints(self, figure: str) -> bool:
+        """Whether the protocol's paper prints a figure."""
+        protocol = PROTOCOLS.get(self.protocol)
+        return protocol is not None and figure in protocol.figures
+
+    @property
+    def judges_pairs(self) -> bool:
+        """Whether pairs of frames were judged, and not the nearest candidate of each frame."""
+        protocol = PROTOCOLS.get(self.protocol)
+        return protocol is not None and protocol.pairs is not None
+
+    @property
+    def counts(self) -> str:
+        """What was judged, in words: "1101 queries, 274 revisits"."""
+        if self.judges_pairs:
+            return f"{counted(self.n_queries, 'pair')}, {self.n_revisits} of one place"
+        return f"{counted(self.n_queries, 'query')}, {counted(self.n_revisits, 'revisit')}"
 
     def metrics(self) -> dict[str, Any]:
         """All scalar figures with protocol, radius and window, ready for JSON."""
@@ -171,13 +204,16 @@ class PrecisionRecall:
         return ((full, 1.0) if full else None), best
 
     def _rows(self) -> list[tuple[str, float | None]]:
-        return [
+        rows = [
             ("recall at 100 % precision", self.recall_at_full_precision),
             ("maximal F1", self.max_f1),
             ("average precision", self.average_precision),
-            ("top-1 of the revisits", self.top1),
-            *((f"recall@{k} of the revisits", v) for k, v in self.recall_at_k.items() if k > 1),
+            *((title, getattr(self, name)) for name, title in _EXTRA.items() if self._prints(name)),
         ]
+        if self.judges_pairs:
+            return rows
+        ranks = [(f"recall@{k} of the revisits", v) for k, v in self.recall_at_k.items() if k > 1]
+        return [*rows, ("top-1 of the revisits", self.top1), *ranks]
 
 
 def _format(value: float | None) -> str:

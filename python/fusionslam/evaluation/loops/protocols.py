@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from pydantic import model_validator
+
 from fusionslam import help_texts
 from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.errors import ConfigError
@@ -21,6 +23,20 @@ class PoseBound:
 
 
 @dataclass(frozen=True)
+class PairRule:
+    """Which pairs of frames are judged beside all those of one place.
+
+    Attributes:
+        far: frames farther apart than this (metres) are at different places; pairs between the
+            radius and this are left out.
+        negatives: number of pairs of different places that are drawn for each pair of one place.
+    """
+
+    far: float
+    negatives: int
+
+
+@dataclass(frozen=True)
 class Protocol:
     """When a match is correct and which queries recall counts; the rest is ``COMMON_RULES``.
 
@@ -30,6 +46,10 @@ class Protocol:
         source: who uses it.
         relevant: (correct, revisit), bool (N,) each -> bool (N,), the queries that recall counts.
         bound: of the error of a correct match's pose; None where the places decide.
+        radius, window: metres and frames that hold unless others are given.
+        pairs: the pairs of frames that are judged; None where nearest candidates are.
+        figures: those that are published under it, as attributes of ``PrecisionRecall``.
+        peer: whether it is another paper's, by which runs are judged only if it is asked for.
     """
 
     name: str
@@ -37,10 +57,21 @@ class Protocol:
     source: str
     relevant: Callable[[Mask, Mask], Mask]
     bound: PoseBound | None = None
+    radius: float = 10.0
+    window: int = 50
+    pairs: PairRule | None = None
+    figures: tuple[str, ...] = ()
+    peer: bool = False
 
     @property
     def correct(self) -> str:
         """When a match is correct, in words."""
+        if self.pairs is not None:
+            return (
+                "the two true positions of a pair are less than the radius apart (3-D, strictly); "
+                f"{self.pairs.negatives} pairs more than {self.pairs.far:g} m apart are drawn for "
+                "each of these, the others are left out"
+            )
         if self.bound is None:
             return "the two true positions are less than the radius apart (3-D, strictly)"
         return (
@@ -84,8 +115,47 @@ PROTOCOLS = {
             )
             for bound in (PoseBound(1, 5), PoseBound(2, 5))
         ),
+        Protocol(
+            name="ssc",
+            denominator="all pairs of one place",
+            source="Li et al. 2021 (SSC), table 1, whose pairs are those of Kong et al. 2020 "
+            "(SG_PR) with 100 negatives for each positive",
+            relevant=lambda correct, revisit: revisit,
+            radius=3.0,
+            pairs=PairRule(far=20.0, negatives=100),
+            figures=("max_f1", "extended_precision"),
+            peer=True,
+        ),
+        Protocol(
+            name="scancontext",
+            denominator=_REVISITS,
+            source="Kim, Kim 2018 (Scan Context), which shows curves and prints no figures",
+            relevant=lambda correct, revisit: revisit,
+            radius=4.0,
+            peer=True,
+        ),
+        Protocol(
+            name="solid",
+            denominator=_REVISITS,
+            source="Kim et al. 2024 (SOLiD), single sessions; the AUC is that of the ROC curve",
+            relevant=lambda correct, revisit: revisit,
+            window=100,
+            figures=("top1", "roc_auc", "max_f1"),
+            peer=True,
+        ),
     )
 }
+
+USUAL_PROTOCOLS = tuple(name for name, protocol in PROTOCOLS.items() if not protocol.peer)
+"""Those by which runs are judged together, at one radius and window."""
+
+
+def judged_together(name: str) -> tuple[str, ...]:
+    """Return the protocols by which a run is judged if one is chosen: it alone if it is a peer's.
+
+    Raises ConfigError if it is unknown.
+    """
+    return (name,) if find_protocol(name).peer else USUAL_PROTOCOLS
 
 
 def find_protocol(name: str) -> Protocol:
@@ -108,25 +178,61 @@ def check_bound(name: str, has_poses: bool) -> None:
         )
 
 
-class EvaluationConfig(Section):
-    """Settings for judging matches against true positions."""
+def check_matches(name: str) -> None:
+    """Raise ConfigError (code "needs-descriptors") if a protocol judges pairs, not matches."""
+    if find_protocol(name).pairs is not None:
+        names = ", ".join(each.name for each in PROTOCOLS.values() if each.pairs is None)
+        raise ConfigError(
+            f"evaluation.protocol: {name} judges pairs of descriptors, and only matches are known "
+            f"here: expected {names}",
+            code="needs-descriptors",
+            fields=("evaluation.protocol", name),
+        )
 
-    protocol: Literal["revisit", "perdomo2019", "pose-1m-5deg", "pose-2m-5deg"] = option(
-        "revisit", help_texts.PROTOCOL
-    )
+
+class EvaluationConfig(Section):
+    """Settings for judging matches against true positions.
+
+    Radius and window are the protocol's own unless they are given.
+    """
+
+    protocol: Literal[
+        "revisit",
+        "perdomo2019",
+        "pose-1m-5deg",
+        "pose-2m-5deg",
+        "ssc",
+        "scancontext",
+        "solid",
+    ] = option("revisit", help_texts.PROTOCOL)
     radius: float = option(10.0, help_texts.RADIUS, unit="m", gt=0, allow_inf_nan=False)
     window: int = option(50, help_texts.EVALUATION_WINDOW, unit="frames", ge=0)
+
+    @model_validator(mode="after")
+    def _take_from_protocol(self) -> "EvaluationConfig":
+        """Fill in what was not given, which stays not given for another protocol."""
+        for name in {"radius", "window"} - self.model_fields_set:
+            self.__dict__[name] = getattr(PROTOCOLS[self.protocol], name)
+        return self
+
+    def given(self) -> dict[str, Any]:
+        """Return the values that are not the protocol's own, so that another one can bring its."""
+        rule = PROTOCOLS[self.protocol]
+        values = self.model_dump()
+        own = {name for name in ("radius", "window") if values[name] == getattr(rule, name)}
+        return {name: value for name, value in values.items() if name not in own}
 
 
 DEFAULTS = EvaluationConfig()
 
 
 def validate_config(**values: Any) -> EvaluationConfig:
-    """Return the configuration with these values.
+    """Return the configuration with these values; None stands for what is not given.
 
     Raises:
         ConfigError: a value is out of range or of the wrong type; the message names the key.
     """
     if "protocol" in values:
         find_protocol(values["protocol"])
-    return merged(DEFAULTS, values, "evaluation.")
+    given = {name: value for name, value in values.items() if value is not None}
+    return merged(DEFAULTS, given, "evaluation.")

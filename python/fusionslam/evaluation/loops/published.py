@@ -4,13 +4,18 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
 
 CITATION = (
     "Perdomo 2019, c-M2DP: KITTI odometry, radius 10 m, window 50 frames, protocol perdomo2019; "
     "times are means over KITTI 05 on an i7 at 2.0 GHz, matching took 4 to 6 ms a query"
 )
 
-FRAMES = {"00": 4541, "05": 2761, "06": 1101, "07": 1101}
+FRAMES = {"00": 4541, "02": 4661, "05": 2761, "06": 1101, "07": 1101, "08": 4071}
 """Frames of the sequences."""
 # Recall at 100 % precision. Columns: M2DP, c-M2DP, CSHOT of LiDAR and camera, then of stereo.
 _RECALL = {
@@ -73,3 +78,60 @@ def published_figures(
     if key in PUBLISHED_SECONDS:
         figures["describe_seconds"] = PUBLISHED_SECONDS[key]
     return figures
+
+
+@dataclass(frozen=True)
+class PeerFigures:
+    """Figures that another paper prints of one method on one sequence of KITTI odometry.
+
+    Attributes:
+        protocol: under which they hold.
+        sequence: two digits.
+        method: as the paper calls it.
+        descriptor: its name here; None if it is none of ours.
+        figures: by attribute of ``PrecisionRecall``.
+        source: the paper and its table.
+    """
+
+    protocol: str
+    sequence: str
+    method: str
+    descriptor: str | None
+    figures: Mapping[str, float] = field(hash=False)
+    source: str
+
+
+def _read_peers() -> tuple[PeerFigures, ...]:
+    stored: dict[str, Any] = yaml.safe_load(
+        Path(__file__).with_name("peers.yaml").read_text(encoding="utf-8")
+    )
+    return tuple(
+        PeerFigures(
+            protocol=protocol,
+            sequence=sequence,
+            method=method,
+            descriptor=part["descriptors"].get(method),
+            figures=dict(zip(part["figures"], values, strict=True)),
+            source=part["source"],
+        )
+        for protocol, part in stored.items()
+        for method, rows in part["methods"].items()
+        for sequence, values in rows.items()
+    )
+
+
+PEERS = _read_peers()
+"""All figures of other papers, in the order of their tables."""
+
+
+def peer_figures(protocol: str, sequence: str | None, frames: int) -> tuple[PeerFigures, ...]:
+    """Return what other papers print under a protocol; none for parts of a sequence.
+
+    Args:
+        protocol: its name.
+        sequence: of KITTI odometry, two digits; None for other data.
+        frames: number of frames that are judged; the figures are of whole sequences.
+    """
+    if frames != FRAMES.get(sequence or ""):
+        return ()
+    return tuple(peer for peer in PEERS if (peer.protocol, peer.sequence) == (protocol, sequence))

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fusionslam.evaluation import CITATION, Evaluation, VerifiedRun
-from fusionslam.evaluation.loops.judge import metres_between, pose_differences
+from fusionslam.evaluation.loops.judge import pose_differences
+from fusionslam.evaluation.loops.nearest_matches import metres_between
 from fusionslam.report.loops.outcomes import judge_queries, nearest_of
 from fusionslam.storage.arrays import Floats
 
@@ -48,6 +49,7 @@ def metrics_of(evaluation: Evaluation) -> dict[str, Any]:
         },
         "accepted": {name: asdict(found) for name, found in evaluation.accepted.items()},
         "published": evaluation.published and {**evaluation.published, "citation": CITATION},
+        "peers": [asdict(peer) for peer in evaluation.peers],
         "costs": asdict(evaluation.costs),
         "config": run.config,
     }
@@ -64,7 +66,7 @@ def list_matches(evaluation: Evaluation, protocol: str) -> Iterator[tuple[object
     run, nearest = evaluation.run, nearest_of(evaluation, protocol)
     if nearest is None:
         return
-    curve = evaluation.curves.get(protocol)
+    curve = evaluation.query_curves.get(protocol)
     matches, distances = nearest
     accepted, about_poses = None, None
     if isinstance(run, VerifiedRun):

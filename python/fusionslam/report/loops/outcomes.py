@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusionslam.evaluation import DescriptorRun, Evaluation, LoopRun, PrecisionRecall, VerifiedRun
-from fusionslam.evaluation.loops.judge import metres_between
-from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
+from fusionslam.evaluation.loops.nearest_matches import metres_between, pairwise_distances
 from fusionslam.storage.arrays import Mask
 
 _OPPOSITE_DEG = 135.0
@@ -66,7 +65,7 @@ def nearest_of(
     evaluation: Evaluation, protocol: str
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
     """Nearest candidates and their distances, (N,) each; None without a search."""
-    curve = evaluation.curves.get(protocol)
+    curve = evaluation.query_curves.get(protocol)
     if curve is not None:
         return curve.matches, curve.distances
     if evaluation.matches is None:

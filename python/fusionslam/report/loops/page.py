@@ -17,7 +17,7 @@ from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, ScanReader
 from fusionslam.report.loops.labels import by_rank, winner
 from fusionslam.report.loops.sections import Context, source_part
-from fusionslam.report.loops.tables import summary_table
+from fusionslam.report.loops.tables import peers_table, summary_table
 from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import (
     about_report,
@@ -103,6 +103,8 @@ def write_report(
         rules=COMMON_RULES,
         protocols=PROTOCOLS.values(),
         citation=CITATION if any(e.published for e in evaluations) else None,
+        peers=peers_table(evaluations, protocol),
+        peer_sources=list(dict.fromkeys(p.source for e in evaluations for p in e.peers)),
         frames=counted(max(len(e.run) for e in evaluations), "frame"),
         links=links or {},
     )

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.evaluation import DescriptorRun, LoopRun, PrecisionRecall
-from fusionslam.evaluation.loops.judge import metres_between
-from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
+from fusionslam.evaluation.loops.nearest_matches import metres_between, pairwise_distances
 from fusionslam.report.loops.outcomes import judge_queries
 from fusionslam.report.page.figures import (
     CURVE_COLORS,

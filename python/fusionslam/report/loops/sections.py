@@ -81,7 +81,7 @@ def _draw_curves(
 
 
 def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> dict[str, Any]:
-    run, curve = evaluation.run, evaluation.curves.get(context.protocol)
+    run, curve = evaluation.run, evaluation.query_curves.get(context.protocol)
     # Without revisits neither picture has anything to show.
     empty = curve is not None and not curve.n_revisits
     return {
@@ -111,6 +111,12 @@ def _describe_loops(evaluation: Evaluation, curve: PrecisionRecall | None, proto
     if nearest is None:
         return "No ground truth and no search: there are no loops to show."
     listed = int((nearest[0] >= 0).sum())
+    pairs = evaluation.curves.get(protocol)
+    if pairs is not None:
+        return (
+            f"{pairs.counts}: these are judged. matches.csv lists the nearest candidates of "
+            f"{listed} frames, unjudged."
+        )
     if isinstance(evaluation.run, VerifiedRun):
         loops = counted(int(evaluation.run.accepted.sum()), "loop")
         return f"No ground truth: {loops} accepted, unjudged; matches.csv lists {listed} matches."

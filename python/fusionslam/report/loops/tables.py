@@ -2,18 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of report.html: accuracy, published figures, cost and time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import Evaluation, VerifiedRun
+from fusionslam.evaluation import Evaluation, VerifiedRun, find_protocol
 from fusionslam.report.loops.labels import short_labels, source_name
 from fusionslam.report.page.tables import Column, Table, build_table
 
 PUBLISHED_PROTOCOL = "perdomo2019"
+_FIGURES = {
+    "max_f1": ("max F1", "largest 2PR / (P + R)"),
+    "extended_precision": ("EP", "extended precision: (1 + R@100P) / 2"),
+    "top1": ("top-1", "revisits whose nearest is correct"),
+    "roc_auc": ("AUC", "area under the ROC curve: how often a correct match is nearer"),
+}
+"""Title and explanation of the figures that other papers print."""
 _PERCENTILES = {"median_ms": "median", "p95_ms": "95th percentile"}
 
 _NUMBERS = {
@@ -48,13 +55,39 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
 
 def accuracy_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: the figures that decide between them, in few columns."""
-    columns = [column for column in _accuracy_columns(protocol) if column.title != "recall@5"]
+    left_out = {"recall@5", "AP"} if find_protocol(protocol).peer else {"recall@5"}
+    columns = [each for each in _accuracy_columns(protocol) if each.title not in left_out]
     return _table_of_runs(columns, evaluations)
 
 
 def published_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per run: measured and published recall at 100 % precision."""
     return _table_of_runs(_published_columns(evaluations, protocol), evaluations)
+
+
+def peers_table(evaluations: Sequence[Evaluation], protocol: str) -> Table | None:
+    """One row per run and per published method: what the protocol's paper prints; None without.
+
+    Figures are published of whole sequences of KITTI.
+    """
+    judged = [e for e in evaluations if protocol in e.curves]
+    peers = list(dict.fromkeys(p for e in judged for p in e.peers if p.protocol == protocol))
+    if not peers:
+        return None
+
+    names = find_protocol(protocol).figures
+    rows: list[Mapping[str, float | None]] = [
+        {name: getattr(each.curves[protocol], name) for name in names} for each in judged
+    ]
+    columns: list[Column[Mapping[str, float | None]]] = [
+        Column(*_FIGURES[name], name, "{:.3f}", max) for name in names
+    ]
+    runs = [each.run for each in judged]
+    sources = {run.source for run in runs}
+    ours = zip(short_labels(runs), runs, strict=True)
+    labels = [f"{label}, {source_name(run.source, sources)}" for label, run in ours]
+    labels += [f"{peer.method}, published" for peer in peers]
+    return build_table(columns, [*rows, *(peer.figures for peer in peers)], labels)
 
 
 def cost_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -122,12 +155,23 @@ def _accuracy_columns(protocol: str) -> Columns:
     full = "largest recall at which every accepted match is correct"
     limit = "distance up to which every match is correct; of verified loops 1 - probability"
     same, opposite = (f"by_direction.{protocol}.{kind}.top1" for kind in ("same", "opposite"))
-    return [
+    rule = find_protocol(protocol)
+    columns = [
         column("R@100P", full, "recall_at_full_precision"),
         column("threshold", limit, "threshold_at_full_precision", None),
-        column("max F1", "largest 2PR / (P + R)", "max_f1"),
+        column(*_FIGURES["max_f1"], "max_f1"),
         column("AP", "average precision", "average_precision"),
-        column("top-1", "revisits whose nearest is correct", "top1"),
+    ]
+    columns += [
+        column(*_FIGURES[figure], figure)
+        for figure in rule.figures
+        if figure not in ("max_f1", "top1")
+    ]
+    if rule.pairs is not None:
+        return columns
+    return [
+        *columns,
+        column(*_FIGURES["top1"], "top1"),
         Column("same way", "top-1 of revisits in the same direction", same, "{:.3f}", max),
         Column("opposite", "top-1 of revisits head-on", opposite, "{:.3f}", max),
         Column("recall@5", "revisits with a correct one among 5", ranked, "{:.3f}", max),
@@ -144,6 +188,8 @@ def _accepted_columns(protocol: str) -> Columns:
 
 
 def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> Columns:
+    if find_protocol(protocol).peer:
+        return _peer_columns(evaluations, protocol)
     if not any(e.published for e in evaluations):
         return []
     name = PUBLISHED_PROTOCOL
@@ -153,6 +199,27 @@ def _published_columns(evaluations: Sequence[Evaluation], protocol: str) -> Colu
     hint = f"recall at 100 % precision, protocol {name}: compare with the published figure"
     ours = f"curves.{name}.recall_at_full_precision"
     return [Column(f"R@100P, {name}", hint, ours, "{:.3f}", max), found]
+
+
+def _peer_columns(evaluations: Sequence[Evaluation], protocol: str) -> Columns:
+    """Columns of what the protocol's paper prints of the same descriptors; none without."""
+
+    def read(figure: str) -> Callable[[Evaluation], float | None]:
+        return lambda evaluation: next(
+            (
+                peer.figures.get(figure)
+                for peer in evaluation.peers
+                if (peer.protocol, peer.descriptor) == (protocol, evaluation.run.descriptor)
+            ),
+            None,
+        )
+
+    found = {figure: read(figure) for figure in find_protocol(protocol).figures}
+    return [
+        Column(f"{_FIGURES[figure][0]}, published", _FIGURES[figure][1], value, "{:.3f}")
+        for figure, value in found.items()
+        if any(value(evaluation) is not None for evaluation in evaluations)
+    ]
 
 
 def _published_column(figure: str, title: str, show: str, scale: float = 1) -> Column[Evaluation]:
