@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp as cm2dp
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
+    from fusionslam._core import colorize_all_round as colorize_all_round
     from fusionslam._core import compare_descriptors as compare_descriptors
     from fusionslam._core import compare_scan_contexts as compare_scan_contexts
     from fusionslam._core import compare_solid_azimuths as compare_solid_azimuths
@@ -131,7 +132,7 @@ _HOMES = {
         "M2dpConfig NdtHistogramConfig OurCvfhConfig RingConfig ScanContextCartesianConfig "
         "ScanContextConfig ScanContextPolarConfig SolidConfig StereoConfig VfhConfig "
         "__version__ above_height bev_spectrum cloud_from_disparity cloud_resolution cm2dp "
-        "cm2dp_signature colorize compare_descriptors compare_scan_contexts "
+        "cm2dp_signature colorize colorize_all_round compare_descriptors compare_scan_contexts "
         "compare_solid_azimuths cospair cscan_context cshot cvfh demosaic depth_image "
         "drop_invalid esf estimate_normals first_singular_vectors gasd_color gestalt gfh "
         "intensity_scan_context iris iris_image m2dp m2dp_signature metric_names ndt_histogram "

@@ -183,7 +183,9 @@ def test_the_distance_of_two_is_that_of_its_definition(metric: str) -> None:
 @pytest.mark.parametrize("window", [0, 4])
 def test_the_neighbours_are_those_of_the_definition(metric: str, window: int) -> None:
     rows, distance_of = random_rows(metric, 14, seed=1), DISTANCES[metric][1]
-    everyone = np.array([[distance_of(a, b) for b in rows.astype(float)] for a in rows.astype(float)])
+    everyone = np.array(
+        [[distance_of(a, b) for b in rows.astype(float)] for a in rows.astype(float)]
+    )
     indices, distances = nearest_causal(rows, window=window, k=3, metric=metric)
     index = DescriptorIndex(rows.shape[1], window=window, metric=metric)
     for number, row in enumerate(rows):
@@ -219,7 +221,10 @@ def test_threads_files_and_pickles_change_no_byte(metric: str, tmp_path: Path) -
         index.add(row)
     index.save(tmp_path / "places.index")
     expected = index.query(rows[5], k=20)
-    for other in (DescriptorIndex.load(tmp_path / "places.index"), pickle.loads(pickle.dumps(index))):
+    for other in (
+        DescriptorIndex.load(tmp_path / "places.index"),
+        pickle.loads(pickle.dumps(index)),
+    ):
         assert other.metric == metric and other.dimension == rows.shape[1]
         for a, b in zip(expected, other.query(rows[5], k=20), strict=True):
             assert a.tobytes() == b.tobytes()
