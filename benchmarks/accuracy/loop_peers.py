@@ -41,7 +41,7 @@ from fusionslam.evaluation import (
     evaluate_verified,
 )
 from fusionslam.pipelines.cloud_frames import body_from_clouds
-from fusionslam.pipelines.verified_loops import may_be_right
+from fusionslam.pipelines.loop_record import may_be_right
 from fusionslam.storage.arrays import Floats, Integers, Mask
 from fusionslam.storage.cache import cache_folder
 

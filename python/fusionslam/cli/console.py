@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from fusionslam.doctor import Finding
     from fusionslam.evaluation import Evaluation, LoopRun
+    from fusionslam.report.loops.comparison import Compared
     from fusionslam.report.page.tables import Table
 
 OPENING = "opening the recording"
@@ -147,6 +148,7 @@ def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
 
 def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
     """Print accuracy and cost of every run, in 80 columns; the report has more."""
+    from fusionslam.report.loops.comparison import pair_up
     from fusionslam.report.loops.labels import by_rank, winner
     from fusionslam.report.loops.tables import (
         accuracy_table,
@@ -156,6 +158,10 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
     )
 
     groups = by_rank(evaluations, protocol)
+    every = [evaluation for group in groups.values() for evaluation in group]
+    compared = [each for each in pair_up(every) if each.verified is not None]
+    alone = [each.verified for each in compared]  # in a table of their own
+    groups = {name: [e for e in group if e not in alone] for name, group in groups.items()}
     ranked = [evaluation for group in groups.values() for evaluation in group]
     curves = [e.curves[protocol] for e in ranked if protocol in e.curves]
     judged = any(curve.n_revisits for curve in curves)
@@ -171,12 +177,25 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
         sources = dict.fromkeys(peer.source for each in ranked for peer in each.peers)
         print_figures(f"published: {'; '.join(sources)}", peers)
     lines = [_conditions(ranked, protocol), _COSTS, *_accepted(ranked, protocol)]
-    for line in (*lines, winner(ranked, protocol)):
+    for line in (*lines, winner(every, protocol)):
         if line:
             print(line)
+    if judged and compared:
+        print_comparison(compared, protocol)
     for line in dict.fromkeys(left_out(evaluation.run) for evaluation in ranked):
         if line:
             print(line.removeprefix(", "))
+
+
+def print_comparison(compared: "Sequence[Compared]", protocol: str) -> None:
+    """Print accuracy with and without verification, and cost, of each descriptor by itself."""
+    from fusionslam.report.loops import comparison
+
+    accuracy = comparison.accuracy_columns(protocol)
+    kept = [column for column in accuracy if column.title in ("top-1", "opposite", "R@100P")]
+    columns = [*kept, *comparison.verified_columns(protocol), *comparison.cost_columns()]
+    table = comparison.comparison_table(compared, protocol, columns)
+    print_figures("each descriptor by itself, and its candidates verified (ver.)", table)
 
 
 def _accepted(evaluations: "Sequence[Evaluation]", protocol: str) -> Iterator[str]:

@@ -44,6 +44,7 @@ def evaluate(
     path = folder / "metrics.json"
     judged = any(curve.n_revisits for each in evaluations for curve in each.curves.values())
     if judged or not path.exists():
-        print(write_stored_metrics(folder, evaluations, command=opt.command_line()))
+        command, judging = opt.command_line(), config.protocol
+        print(write_stored_metrics(folder, evaluations, command=command, protocol=judging))
     else:
         logger.warning("nothing could be judged: %s is kept as it was", path)

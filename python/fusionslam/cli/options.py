@@ -105,6 +105,7 @@ RULES = ("paper", "author", "car")
 SHAPES = ("visual", "collision")
 SOURCES = ("lidar", "stereo", "cloud")
 STAMPS = ("header", "bag")
+VERIFY = ("each", "one", "none")
 TUNED = ("warehouse_paper", "warehouse_robust")
 WORLDS = ("town", "warehouse", "house", "hospital")
 # Copies of the registries, which take too long to import for --help; a test compares them.
@@ -214,6 +215,23 @@ Protocol = Annotated[
 SceneSets = Annotated[
     list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")
 ]
+Verify = Annotated[
+    str,
+    one_of(
+        "--verify",
+        names=VERIFY,
+        help="Whose loops are proven: those that each descriptor alone proposes, by the same "
+        "verifier, those of one descriptor with its voters, or none.",
+    ),
+]
+Seeds = Annotated[
+    str | None,
+    typer.Option(
+        "--seeds",
+        metavar="SEED,...",
+        help="Make the world that DATA names with each of these seeds; mean and range of all.",
+    ),
+]
 Tuned = Annotated[
     str | None,
     one_of("--tuned", names=TUNED, check=False, help="Tuned values that come with fusionslam."),
@@ -277,7 +295,7 @@ def options_of(**functions: Callable[..., Any]) -> Callable[[Command], Command]:
 
 def _options(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Return the parameters that declare an option, by name."""
-    fixed = _filled(function)
+    fixed = filled(function)
     return {
         name: parameter
         for name, parameter in inspect.signature(function).parameters.items()
@@ -383,6 +401,20 @@ def parse_names(text: str, default_preset: str = "robust") -> list[str]:
     return list(dict.fromkeys(name.removesuffix(f":{default_preset}") for name in names))
 
 
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Return the numbers in a text such as "1,2,3", without repetition. Raises ConfigError."""
+    from fusionslam.errors import ConfigError
+
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isascii() and word.isdigit() for word in words):
+        raise ConfigError(
+            f"--seeds {text}: expected whole numbers with commas, such as 1,2,3",
+            code="choice",
+            fields=("--seeds", text),
+        )
+    return tuple(dict.fromkeys(map(int, words)))
+
+
 def check_choice(key: str, value: str | None, values: Sequence[str]) -> str | None:
     """Return the value. Raises ConfigError unless it is one of these or None."""
     if value is not None and value not in values:
@@ -431,12 +463,12 @@ def check_output(output: Path, *sources: "Path | Callable[..., Any] | None") -> 
 
     inputs: list[Path] = []
     for source in sources:
-        named = [source] if isinstance(source, Path) else _filled(source).values()
+        named = [source] if isinstance(source, Path) else filled(source).values()
         inputs += [value for value in named if isinstance(value, Path)]
     check_output(output, inputs)
 
 
-def _filled(function: "Callable[..., Any] | None") -> dict[str, Any]:
+def filled(function: "Callable[..., Any] | None") -> dict[str, Any]:
     """Return the arguments that ``functools.partial`` fixed."""
     return getattr(function, "keywords", {})
 

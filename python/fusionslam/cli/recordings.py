@@ -14,7 +14,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from fusionslam.datasets import Dataset
     from fusionslam.pipelines.recording import Recording
@@ -143,6 +143,41 @@ def _record_if_world(data: Path) -> tuple[Path, str | None]:
     with progress() as step:
         show = label_progress(step, f"driving: {path.name}")
         return record_world(path, jobs=opt.cores(None), progress=show), path.stem
+
+
+def check_seeds(build_recording: "Callable[[], Recording]") -> Path:
+    """Return DATA of a command with seeds: the name of a made world, which alone has any.
+
+    Args:
+        build_recording: of the command, with its options filled in.
+
+    Raises:
+        ConfigError: DATA is something else (code "choice"), or another option says how it is read.
+        FusionSlamError: an extra that worlds need is not installed.
+    """
+    given = opt.filled(build_recording)
+    data = given["data"]
+    opt.check_choice("DATA with --seeds", str(data), opt.WORLDS)
+    for name, value in given.items():
+        if name not in ("data", "stamps") and value:
+            raise ConfigError(
+                f"--{name.replace('_', '-')} is for recordings; --seeds makes worlds",
+                code="choice",
+                fields=(f"--{name.replace('_', '-')}", str(value)),
+            )
+    for extra in ("sim", "bags"):
+        needs_extra(extra)
+    return Path(data)
+
+
+def record_seed(name: str, seed: int, *, jobs: int, step: Step) -> "Recording":
+    """Return the recording of a drive through a made world of this seed."""
+    from fusionslam.pipelines.recording import Recording
+    from fusionslam.sim import recordings
+
+    show = label_progress(step, f"driving: {name} {seed}")
+    path = recordings.record_seed(name, seed, jobs=jobs, progress=show)
+    return Recording.at(path, simulated=name)
 
 
 def _has_world(folder: Path) -> bool:

@@ -37,7 +37,12 @@ from fusionslam.loop_closure.observation import (
     name_voter,
 )
 from fusionslam.loop_closure.sequence_gate import SequenceGate
-from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
+from fusionslam.loop_closure.verification import (
+    PairComparisons,
+    StoredFrame,
+    list_rejected,
+    verify_candidates,
+)
 from fusionslam.registration import (
     RegistrationConfig,
     has_lengths,
@@ -355,13 +360,8 @@ class LoopDetector:
         """Prove the loop of a stored frame, or take the nearest one."""
         if pending.evidence is None:
             return self._take_nearest(pending)
-        best, rejected = verify_candidates(
-            pending.number,
-            pending.evidence.cloud,
-            pending.candidates,
-            pending.stored.__getitem__,
-            self.config,
-        )
+        pairs = PairComparisons(pending.evidence.cloud, pending.stored.__getitem__)
+        best, rejected = verify_candidates(pending.number, pending.candidates, pairs, self.config)
         odometry, between = None, (0, 0)
         if best is not None:
             match = pending.stored[best.match]
@@ -370,11 +370,7 @@ class LoopDetector:
                 between = stretches[pending.number], stretches[best.match]
         with self._lock:
             best = self._gate.judge(best, pending.evidence.odometry, odometry, between)
-            if best is not None and best.reason is not None:
-                reason = best.reason
-                first = Rejected(best.match, reason.code, reason.number, reason.text)
-                rejected = [first, *rejected]
-            self.nearest, self.rejected = best, rejected
+            self.nearest, self.rejected = best, list_rejected(best, rejected)
         return best if best is not None and best.reason is None else None
 
     def _take_nearest(self, pending: "_Pending") -> Loop | None:

@@ -63,6 +63,37 @@ def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> F
     return merged(fusion, {"source": "cloud", "ground": "none"})
 
 
+def prepare_cloud(
+    whole: Cloud,
+    colored: Cloud,
+    registration: RegistrationConfig,
+    *,
+    fits_lengths: bool,
+    is_first: bool,
+) -> PreparedCloud:
+    """Prepare a cloud for registration.
+
+    Args:
+        whole: the cloud (``fusion_of_scans``).
+        colored: the part of it that is described, which may have colours.
+        registration: how clouds are registered.
+        fits_lengths: whether lengths are fitted to this cloud.
+        is_first: whether to warn of a view too narrow for certain loops.
+    """
+    lengths = fit_lengths([whole], registration) if fits_lengths else registration
+    prepared = PreparedCloud(whole, lengths, colored=colored)
+    if is_first and lengths.method != "planar":
+        _warn_of_narrow_views(prepared)
+    return prepared
+
+
+def odometry_of(frame: Frame, fusion: FusionConfig) -> Matrix | None:
+    """Return odom_from_cloud of a frame, float64 (4, 4); None if its odometry is unknown."""
+    if frame.odometry is None:
+        return None
+    return frame.odometry @ robot_from_cloud(frame, fusion)
+
+
 @dataclass(frozen=True)
 class FrameObserver:
     """Describes frames, and prepares their clouds for registration.
@@ -134,14 +165,11 @@ class FrameObserver:
             whole = fuse(frame, fusion_of_scans(self.fusion, self.registration))
         for name in self.voters:
             vectors[name_voter(name)] = self._vote(whole, name, frame)
-        lengths = self.registration
-        if self.fits_lengths:
-            lengths = fit_lengths([whole], lengths)
-        prepared = PreparedCloud(whole, lengths, colored=cloud)
-        if is_first and lengths.method != "planar":
-            _warn_of_narrow_views(prepared)
-        if odometry is None and frame is not None and frame.odometry is not None:
-            odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
+        prepared = prepare_cloud(
+            whole, cloud, self.registration, fits_lengths=self.fits_lengths, is_first=is_first
+        )
+        if odometry is None and frame is not None:
+            odometry = odometry_of(frame, self.fusion)
         return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius, len(cloud))
 
     @property

@@ -2,15 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proves loops by registration: of the candidates that descriptors propose, the one that fits."""
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.registration import (
+    Hypothesis,
     PreparedCloud,
     Refusal,
     Registration,
@@ -20,6 +22,8 @@ from fusionslam.registration import (
     search_poses,
 )
 from fusionslam.storage.arrays import Matrix
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,74 @@ class StoredFrame:
     unpack: Callable[[], PreparedCloud]
 
 
+class PairComparisons:
+    """Compares a frame's cloud with those of earlier frames, each pair once however often asked.
+
+    What it returns depends on the pair alone, so that several descriptors may share one.
+
+    Args:
+        cloud: of the frame.
+        stored: returns an earlier frame by its number.
+
+    Attributes:
+        seconds: that all answers took, those that were known already as well.
+    """
+
+    def __init__(self, cloud: PreparedCloud, stored: Callable[[int], StoredFrame]) -> None:
+        self._cloud, self._stored = cloud, stored
+        self._frames: dict[int, StoredFrame] = {}
+        self._known: dict[Hashable, tuple[object, float]] = {}
+        self.seconds = 0.0
+
+    def can_correlate(self, match: int) -> bool:
+        """Whether an earlier frame has images from above."""
+        return self._frame(match).image is not None
+
+    def correlate(self, match: int) -> float:
+        """Return the largest correlation of both images from above, coarsely."""
+        cloud, image = self._cloud, self._image(match)
+        self._once("images", lambda: cloud.coarse_images)  # which all pairs need
+        return self._once(("correlate", match), lambda: compare_images(cloud, image))
+
+    def search(self, match: int) -> list[Hypothesis]:
+        """Return the poses at which both images from above correlate most."""
+        image = self._image(match)
+        return self._once(("search", match), lambda: search_poses(self._cloud, image))
+
+    def register(self, match: int, guess: Matrix | None, *, thorough: bool) -> Registration:
+        """Register the clouds, from a guess or by a search."""
+        key = "register", match, None if guess is None else guess.tobytes(), thorough
+        return self._once(
+            key,
+            lambda: register(
+                self._cloud,
+                self._frame(match).unpack(),
+                guess,
+                search=guess is None,
+                thorough=thorough,
+            ),
+        )
+
+    def _frame(self, match: int) -> StoredFrame:
+        if match not in self._frames:
+            self._frames[match] = self._stored(match)
+        return self._frames[match]
+
+    def _image(self, match: int) -> SearchImage:
+        image = self._frame(match).image
+        assert image is not None  # as can_correlate says
+        return image
+
+    def _once(self, key: Hashable, compute: Callable[[], T]) -> T:
+        if key not in self._known:
+            started = time.perf_counter()
+            value = compute()
+            self._known[key] = value, time.perf_counter() - started
+        known, seconds = self._known[key]
+        self.seconds += seconds
+        return known  # type: ignore[return-value]
+
+
 class Verified(NamedTuple):
     """The best candidate of a frame, accepted unless it has a reason, and all others."""
 
@@ -53,9 +125,8 @@ class _Try(NamedTuple):
 
 def verify_candidates(
     query: int,
-    cloud: PreparedCloud,
     candidates: Mapping[int, float],
-    stored: Callable[[int], StoredFrame],
+    pairs: PairComparisons,
     config: LoopConfig,
 ) -> Verified:
     """Register a frame's cloud with its candidates.
@@ -65,22 +136,15 @@ def verify_candidates(
 
     Args:
         query: number of the frame.
-        cloud: its cloud.
         candidates: descriptor distances by number of the frame, in the order of trust.
-        stored: the cloud of an earlier frame.
+        pairs: of its cloud and theirs.
         config: what is tried and accepted.
     """
-    tries, left = _choose(cloud, candidates, stored, config.refined)
+    tries, left = _choose(candidates, pairs, config.refined)
     best: Loop | None = None
     rejected: list[Rejected] = []
     for done, (match, guess) in enumerate(tries):
-        found = register(
-            cloud,
-            stored(match).unpack(),
-            guess,
-            search=guess is None,
-            thorough=done < config.refined,
-        )
+        found = pairs.register(match, guess, thorough=done < config.refined)
         loop = _judge(query, match, candidates[match], found, config)
         if best is None or _rank(loop) > _rank(best):
             best, loop = loop, best
@@ -94,25 +158,19 @@ def verify_candidates(
 
 
 def _choose(
-    cloud: PreparedCloud,
-    candidates: Mapping[int, float],
-    stored: Callable[[int], StoredFrame],
-    most: int,
+    candidates: Mapping[int, float], pairs: PairComparisons, most: int
 ) -> tuple[list[_Try], list[Rejected]]:
     """Return what to register, the most promising first, and what not."""
-    images = {match: stored(match).image for match in candidates}
-    if None in images.values():
+    if not all(pairs.can_correlate(match) for match in candidates):
         return [_Try(match, None) for match in candidates], []
     likely = sorted(
-        ((compare_images(cloud, image), match) for match, image in images.items() if image),
-        key=lambda each: -each[0],
+        ((pairs.correlate(match), match) for match in candidates), key=lambda each: -each[0]
     )
     shown = [(height, match) for height, match in likely if height > 0]
     found = [
         (each.correlation, match, each.pose)
         for _, match in shown[: _SEARCHED * most]
-        if (image := images[match]) is not None
-        for each in search_poses(cloud, image)
+        for each in pairs.search(match)
     ]
     found.sort(key=lambda each: -each[0])
     left = [(height, match) for height, match, _ in found[most:]] + shown[_SEARCHED * most :]
@@ -158,6 +216,11 @@ def _rank(loop: Loop) -> tuple[bool, bool, float, float]:
     """What counts first, then by probability; a pose that is far or tilted is no place at all."""
     soft = loop.reason is None or loop.reason.code in ("improbable", "low-overlap")
     return loop.reason is None, soft, loop.probability or 0.0, loop.overlap or 0.0
+
+
+def list_rejected(best: Loop | None, others: list[Rejected]) -> list[Rejected]:
+    """Return all candidates that are no loop, the best first if it is none either."""
+    return others if best is None or best.reason is None else [_rejection(best), *others]
 
 
 def _rejection(loop: Loop) -> Rejected:

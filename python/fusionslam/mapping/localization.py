@@ -11,7 +11,7 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.verification import StoredFrame, verify_candidates
+from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
 from fusionslam.registration import PreparedCloud, Refusal, Registration, register
 from fusionslam.storage.arrays import Matrix
 
@@ -181,9 +181,8 @@ class Localizer:
 
     def _search(self, sight: Sight) -> tuple[_Guess | None, Refusal | None, int | None]:
         """Return the best pose without a guess, or the reason and the best keyframe."""
-        best, _ = verify_candidates(
-            -1, sight.cloud, sight.candidates, self._keyframes.stored, self._loops
-        )
+        pairs = PairComparisons(sight.cloud, self._keyframes.stored)
+        best, _ = verify_candidates(-1, sight.candidates, pairs, self._loops)
         if best is None:
             return None, Refusal("no-candidates", 0, "no keyframe shows a similar place"), None
         if best.match_from_query is None or best.covariance is None:

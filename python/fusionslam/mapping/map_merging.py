@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from fusionslam.errors import ConfigError
-from fusionslam.loop_closure.verification import verify_candidates
+from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.keyframe_search import KeyframeSearch
 from fusionslam.mapping.map_content import MapContent
@@ -92,8 +92,8 @@ def find_loops_between(
     for done, number in enumerate(numbers, start=1):
         row = {name: rows[done - 1] for name, (_, rows) in vectors.items()}
         cloud = PreparedCloud.from_bytes(other.search.stored_cloud(number).evidence, lengths)
-        candidates = site.search.nearest(row)
-        best, _ = verify_candidates(number, cloud, candidates, site.search.stored, loops)
+        pairs = PairComparisons(cloud, site.search.stored)
+        best, _ = verify_candidates(number, site.search.nearest(row), pairs, loops)
         if best is not None and best.reason is None and best.match_from_query is not None:
             covariance = np.asarray(best.covariance)
             edges.append(

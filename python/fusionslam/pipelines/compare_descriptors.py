@@ -12,14 +12,14 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
-from fusionslam.config import merged
+from fusionslam.config import explain_choice, merged
 from fusionslam.datasets import match_poses
 from fusionslam.descriptors import PRESETS, USUAL, find_descriptor
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import (
     DescriptorRun,
     Evaluation,
@@ -41,12 +41,16 @@ from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording, warn_of_odometry
 from fusionslam.pipelines.results import Work, load_verified, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
+from fusionslam.pipelines.shared_verification import verify_each
 from fusionslam.pipelines.verified_loops import new_detector, verify_recording
 from fusionslam.storage.progress import Step, label_progress
 
 logger = logging.getLogger(__name__)
 
 Run = TypeVar("Run", DescriptorRun, VerifiedRun)
+Verify = Literal["each", "one", "none"]
+VERIFY: tuple[str, ...] = get_args(Verify)
+"""Whose loops ``benchmark`` proves: those of each descriptor, of one with its voters, or none."""
 
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
 """Settings that the demo changes, by source: dense stereo clouds are thinned to save time."""
@@ -106,12 +110,14 @@ def benchmark(
     command: str = "",
     step: Step | None = None,
     demo: bool = False,
+    verify: Verify = "one",
 ) -> list[Evaluation]:
     """Describe a recording, find its loops and evaluate them, for every source and descriptor.
 
-    Where the extra ``map`` is installed the loops of every source are proven as well, by a detector
-    of one of its descriptors. Its window is the larger one, of ``loop_closure`` and ``evaluation``:
-    matches within the evaluation's cannot be judged.
+    Where the extra ``map`` is installed the loops of every source are proven as well: by a detector
+    of one of its descriptors with its voters ("one"), or those that each descriptor alone proposes,
+    all by one verifier ("each", ``verify_each``). The window is the larger one, of ``loop_closure``
+    and ``evaluation``: matches within the evaluation's cannot be judged.
 
     Runs are stored in ``folder/descriptors``; existing ones are reused. The time of a stage is
     that of one frame while ``jobs`` frames are processed in parallel.
@@ -127,20 +133,25 @@ def benchmark(
         command: the command line to store with the results.
         step: progress callback.
         demo: whether a later demo may replace the results.
+        verify: whose loops are proven: "one", "each" or "none".
 
     Raises:
         DataError: the data cannot be used, or the folder cannot be written or holds the results
             of other data.
-        ConfigError: an unknown descriptor, or a protocol by pose where loops are not proven, as
-            descriptors give no poses.
+        ConfigError: an unknown descriptor or value of ``verify``, or a protocol by pose where loops
+            are not proven, as descriptors give no poses.
     """
+    if verify not in VERIFY:
+        problem = f"verify is {verify!r}, {explain_choice(verify, VERIFY)}"
+        raise ConfigError(problem, code="choice", fields=("verify", verify))
     configs = configs or {source: PipelineConfig() for source in recording.sources()}
     wanted = names if isinstance(names, Mapping) else dict.fromkeys(configs, names)
     for name in (name for source in configs for name in wanted[source]):
         find_descriptor(name)
     for source, config in configs.items():
         verifies = new_detector(for_source(config, source), wanted[source][0]).verifies
-        check_bound(config.evaluation.protocol, has_poses=verifies)
+        has_poses = verifies and verify != "none"
+        check_bound(config.evaluation.protocol, has_poses=has_poses)
     evaluations = []
     for source, config in configs.items():
         own = for_source(config, source)
@@ -162,21 +173,23 @@ def benchmark(
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
         name = _proposer(usable)
         judges_pairs = find_protocol(own.evaluation.protocol).pairs is not None
-        if new_detector(own, name).verifies and not judges_pairs:
-            window = max(own.loop_closure.window, own.evaluation.window)
-            proven = verify_recording(
-                recording,
-                dataset,
-                folder,
-                name,
-                config=merged(own, {"loop_closure": {"window": window}}),
-                jobs=jobs,
-                bad_frames=bad_frames,
-                command=command,
-                step=step,
-                demo=demo,
-            )
-            evaluations.append(evaluate_verified(proven, **_rule(own.evaluation)))
+        if verify == "none" or judges_pairs or not new_detector(own, name).verifies:
+            continue
+        window = max(own.loop_closure.window, own.evaluation.window)
+        proving = merged(own, {"loop_closure": {"window": window}})
+        whole: dict[str, Any] = {
+            "config": proving,
+            "jobs": jobs,
+            "bad_frames": bad_frames,
+            "command": command,
+            "step": step,
+            "demo": demo,
+        }
+        if verify == "one":
+            proven = [verify_recording(recording, dataset, folder, name, **whole)]
+        else:
+            proven = verify_each(recording, dataset, folder, runs, **whole)
+        evaluations += [evaluate_verified(run, **_rule(own.evaluation)) for run in proven]
     _warn_of_poses(evaluations)
     return evaluations
 

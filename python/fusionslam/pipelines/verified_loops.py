@@ -6,9 +6,8 @@ import csv
 import logging
 import os
 import time
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,20 +18,18 @@ from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import edge_of_pose
-from fusionslam.descriptors import PRESETS, with_preset
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
-from fusionslam.evaluation.loops.verified_run import REJECTED
 from fusionslam.fusion import load_sensors
 from fusionslam.help_texts import counted, listed
-from fusionslam.loop_closure import Loop, LoopDetector, Observation, Rejected
-from fusionslam.pipelines.cloud_frames import body_from_clouds
+from fusionslam.loop_closure import LoopDetector, Observation
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
+from fusionslam.pipelines.loop_record import LoopRecord, bodies_of, label_of, run_values
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
 from fusionslam.pipelines.reusable_runs import differences
-from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
+from fusionslam.registration import without_lengths
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Step, label_progress
@@ -44,13 +41,7 @@ logger = logging.getLogger(__name__)
 
 POSE_COLUMNS = ("overlap", "probability", "x", "y", "z", "qx", "qy", "qz", "qw")
 _COLUMNS = ("query", "match", "distance", "query_stamp_ns", "match_stamp_ns", *POSE_COLUMNS)
-_SOFT = ("improbable", "low-overlap", "alone")
 _STAGES = ("fusion", "descriptors", "loop_closure", "registration", "fits_lengths")
-
-
-def may_be_right(candidate: Loop) -> bool:
-    """Whether a candidate is a loop, or one whose pose is only not certain enough."""
-    return candidate.reason is None or candidate.reason.code in _SOFT
 
 
 def new_detector(config: PipelineConfig, name: str) -> LoopDetector:
@@ -100,8 +91,8 @@ def verify_recording(
     values = config.model_dump(mode="json")
     claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
     config = for_descriptor(fix_radius(dataset, [name], config, bad_frames), name)
-    path = verified_path(folder, source, _label(name, config))
-    stored = _load(path, dataset, name, config, bad_frames)
+    path = verified_path(folder, source, label_of(name, config))
+    stored = load_verified_run(path, dataset, name, config, bad_frames)
     if stored is None:
         delete_page(folder, "report")
         progress = label_progress(step, f"proving loops of {source} clouds")
@@ -111,10 +102,10 @@ def verify_recording(
     return replace(stored, poses=None if poses is None else poses[stored.frames])
 
 
-def _load(
+def load_verified_run(
     path: Path, dataset: "Dataset", name: str, config: PipelineConfig, bad_frames: str
 ) -> VerifiedRun | None:
-    """Return the stored run if it is what would be made again."""
+    """Return the stored run if it is what would be made again; the log says why it is not."""
     if not path.exists():
         return None
     try:
@@ -122,7 +113,7 @@ def _load(
     except DataError as error:
         logger.warning("%s; proving loops again", error)
         return None
-    then, now = run.config, _values(config, config.registration)
+    then, now = run.config, run_values(config, config.registration)
     if then.get("fits_lengths") and now["fits_lengths"]:  # to the same recording
         now["registration"] = without_lengths(config.registration)
         kept = {k: v for k, v in then["registration"].items() if k in now["registration"]}
@@ -136,7 +127,7 @@ def _load(
         newest = max(file.stat().st_mtime for file in files)
     if (
         run.dataset == dataset.name
-        and run.descriptors[0] == _label(name, config)
+        and run.descriptors[0] == label_of(name, config)
         and not changes
         and np.array_equal(run.numbers, dataset.numbers[left])
         and np.array_equal(run.stamps_ns, dataset.stamps_ns[left])
@@ -149,31 +140,6 @@ def _load(
     return None
 
 
-def _values(config: PipelineConfig, used: RegistrationConfig) -> dict[str, Any]:
-    """Return the values of a run, with the lengths used, and whether they are fitted to clouds."""
-    fits = {"fits_lengths": not has_lengths(config.registration)}
-    return config.model_dump(mode="json") | {"registration": used.model_dump(mode="json")} | fits
-
-
-def _label(name: str, config: PipelineConfig) -> str:
-    return with_preset(name, config.descriptors).removesuffix(f":{PRESETS[0]}")
-
-
-@dataclass
-class _Record:
-    """What a detector said of each frame."""
-
-    frames: list[int] = field(default_factory=list)
-    points: list[int] = field(default_factory=list)
-    nearest: list[Loop | None] = field(default_factory=list)
-    accepted: list[bool] = field(default_factory=list)
-    candidates: list[list[int]] = field(default_factory=list)
-    rejected: list[tuple[int, Rejected]] = field(default_factory=list)
-    seconds: dict[str, list[float]] = field(
-        default_factory=lambda: {"load": [], "describe": [], "register": []}
-    )
-
-
 def _verify(
     dataset: "Dataset",
     name: str,
@@ -183,7 +149,7 @@ def _verify(
     progress: Any,
 ) -> VerifiedRun:
     detector = new_detector(config, name)
-    record = _Record()
+    record = LoopRecord()
     skipped: dict[int, str] = {}
 
     def observe(index: int) -> tuple[Observation, float, float] | DataError:
@@ -220,11 +186,18 @@ def _verify(
         )
     for number, reason in skipped.items():
         logger.warning("%s, frame %d left out: %s", dataset.name, number, reason)
-    return _run_of(record, skipped, detector, dataset, name, config)
+    return record.to_run(
+        dataset,
+        (label_of(name, config), *detector.voters),
+        config=config,
+        used=detector.registration_config,
+        body_from_cloud=bodies_of(dataset, record.frames, config),
+        skipped=skipped,
+    )
 
 
 def _take(
-    record: _Record,
+    record: LoopRecord,
     skipped: dict[int, str],
     detector: LoopDetector,
     dataset: "Dataset",
@@ -237,68 +210,10 @@ def _take(
         return
     observation, load, describe = seen
     started = time.perf_counter()
-    loop = detector.add_observation(observation)
+    detector.add_observation(observation)
     seconds = load, describe, time.perf_counter() - started
-    for values, value in zip(record.seconds.values(), seconds, strict=True):
-        values.append(value)
-    row, nearest = len(record.frames), detector.nearest
-    record.frames.append(index)
-    record.points.append(observation.points)
-    record.accepted.append(loop is not None)
-    record.nearest.append(nearest if nearest is not None and may_be_right(nearest) else None)
-    tried = [] if nearest is None else [nearest.match]
-    tried += [each.match for each in detector.rejected]
-    record.candidates.append(list(dict.fromkeys(tried)))
-    record.rejected += [(row, each) for each in detector.rejected]
-
-
-def _run_of(
-    record: _Record,
-    skipped: Mapping[int, str],
-    detector: LoopDetector,
-    dataset: "Dataset",
-    name: str,
-    config: PipelineConfig,
-) -> VerifiedRun:
-    frames = np.array(record.frames, np.int64)
-    count, best = len(frames), record.nearest
-    unknown = {"pose": np.full((4, 4), np.nan), "covariance": np.full((6, 6), np.nan)}
-
-    def column(key: str, absent: Any) -> Any:
-        values = [None if each is None else getattr(each, key) for each in best]
-        return np.array([absent if value is None else value for value in values])
-
-    widest = max(1, *(len(each) for each in record.candidates))
-    candidates = np.full((count, widest), -1, np.int64)
-    for row, matches in enumerate(record.candidates):
-        candidates[row, : len(matches)] = matches
-    rejected = [(row, each.match, each.code, each.number) for row, each in record.rejected]
-    poses = dataset.true_poses
-    only = dataset.only(frames.tolist()) if len(frames) < len(dataset) else dataset
-    return VerifiedRun(
-        source=config.fusion.source,
-        descriptors=tuple(dict.fromkeys((_label(name, config), *detector.voters))),
-        dataset=dataset.name,
-        frames=frames,
-        numbers=dataset.numbers[frames],
-        stamps_ns=dataset.stamps_ns[frames],
-        poses=None if poses is None else poses[frames],
-        body_from_cloud=body_from_clouds(only, config.fusion),
-        points=np.array(record.points, np.int64),
-        match=column("match", -1).astype(np.int64),
-        match_from_query=column("match_from_query", unknown["pose"]).reshape(-1, 4, 4),
-        covariance=column("covariance", unknown["covariance"]).reshape(-1, 6, 6),
-        overlap=column("overlap", np.nan).astype(np.float64),
-        probability=column("probability", np.nan).astype(np.float64),
-        distance=column("distance", np.inf).astype(np.float64),
-        accepted=np.array(record.accepted, np.bool_),
-        candidates=candidates,
-        rejected=np.array(rejected, REJECTED),
-        seconds={stage: np.array(values) for stage, values in record.seconds.items()},
-        config=_values(config, detector.registration_config),
-        skipped=dict(skipped),
-        recorded=dataset.recorded,
-    )
+    nearest, rejected = detector.nearest, detector.rejected
+    record.take(index, nearest, rejected, points=observation.points, seconds=seconds)
 
 
 def describe_loops(run: VerifiedRun) -> str:

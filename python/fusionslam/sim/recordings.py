@@ -9,9 +9,9 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from fusionslam.config import Section, merged, option
+from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.datasets.bags import open_writer
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.catalogue import (
     MADE,
@@ -33,7 +33,7 @@ from fusionslam.sim.simulator import (
     scan_count,
     simulate,
 )
-from fusionslam.sim.town.kitti_recorder import embedded_drive
+from fusionslam.sim.town.kitti_recorder import SimConfig, embedded_drive, record
 from fusionslam.sim.world import World, hash_world
 from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.progress import Progress
@@ -224,6 +224,30 @@ def record_world(
         place, drive = drive_through(place, config.robot, config.plan)
         write_recording(place, drive, config, path, jobs=jobs, progress=progress)
     return path
+
+
+def record_seed(name: str, seed: int, *, jobs: int = 1, progress: Progress | None = None) -> Path:
+    """Path of a recorded drive through another world of a kind, kept in the user's cache.
+
+    Args:
+        name: of a procedural world.
+        seed: of the world, its drive and the noise.
+        jobs: threads.
+        progress: called with (messages or frames written, total).
+
+    Raises:
+        ConfigError: no such kind of world, or a seed out of range.
+        DataError: the cache cannot be written.
+    """
+    if name in EMBEDDED:
+        seeds = {"seed": seed, "world": {"seed": seed}, "plan": {"seed": seed}}
+        config = merged(embedded_config(name), seeds)
+        return embedded_bag(name, config, jobs=jobs, progress=progress)
+    if name not in MADE:
+        problem = f"{name!r} has no seed, {explain_choice(name, tuple(MADE))}"
+        raise ConfigError(problem, code="choice", fields=(name, str(seed)))
+    town = merged(SimConfig(), {"seed": seed, "town": {"seed": seed}})
+    return record(town, cache_folder() / f"{name}-{seed}", jobs=jobs, progress=progress)
 
 
 def embedded_path(name: str, config: RecordingConfig) -> Path:

@@ -124,6 +124,7 @@ def test_choices_are_those_of_the_registries() -> None:
     from fusionslam.datasets.bags.index import STAMPS
     from fusionslam.datasets.kinds import KINDS
     from fusionslam.datasets.range_recording import SHAPES
+    from fusionslam.pipelines import compare_descriptors
     from fusionslam.pipelines.drives import FRAMES
     from fusionslam.pipelines.export_folder import FORMATS
     from fusionslam.pipelines.map_events import ODOMETRY
@@ -141,6 +142,7 @@ def test_choices_are_those_of_the_registries() -> None:
         (opt.ODOMETRY, ODOMETRY),
         (opt.PRESETS_OF_RATSLAM, presets),
         (opt.PROTOCOLS, evaluation.PROTOCOLS),
+        (opt.VERIFY, compare_descriptors.VERIFY),
         (opt.RECOGNISERS, RECOGNISERS),
         (opt.RULES, evaluation.VIEW_RULES),
         (opt.SHAPES, SHAPES),

@@ -362,7 +362,7 @@ def test_other_lengths_nan_and_unknown_metrics_are_refused(metric: str) -> None:
     spoilt[length // 2] = np.nan
     with pytest.raises(DataError, match="descriptor 1 is not finite"):
         compare_descriptors(row, spoilt, metric)
-    with pytest.raises(ConfigError, match="metric is 'hamming'.*iris"):
+    with pytest.raises(ConfigError, match=r"metric is 'hamming'.*iris"):
         compare_descriptors(row, row, "hamming")
 
 
@@ -379,7 +379,7 @@ def test_a_damaged_file_is_refused(metric: str, tmp_path: Path) -> None:
         changed = bytearray(content)
         changed[place] ^= 0x41
         path.write_bytes(changed)
-        with pytest.raises(DataError, match="places.index"):
+        with pytest.raises(DataError, match=r"places.index"):
             DescriptorIndex.load(path)
     path.write_bytes(content[:-20])
     with pytest.raises(DataError, match="cut off"):

@@ -13,6 +13,13 @@ from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation
 from fusionslam.evaluation.loops.evaluation import check_judged
 from fusionslam.evaluation.loops.protocols import DEFAULTS
 from fusionslam.help_texts import counted
+from fusionslam.report.loops.comparison import (
+    COSTS_CAPTION,
+    comparison_table,
+    draw_costs,
+    pair_up,
+    write_comparison,
+)
 from fusionslam.report.loops.exports import MATCH_COLUMNS, list_matches, metrics_of
 from fusionslam.report.loops.frame_pairs import CloudReader, ImageReader, ScanReader
 from fusionslam.report.loops.labels import by_rank, winner
@@ -27,7 +34,7 @@ from fusionslam.report.page.html import (
     write_figures,
     write_page,
 )
-from fusionslam.report.page.images import forgive
+from fusionslam.report.page.images import forgive, keep
 
 
 def write_report(
@@ -83,9 +90,14 @@ def write_report(
     about = about_report(dataset_name, command, config)
     with use_style():
         sources = [source_part(context, name, group) for name, group in groups.items()]
+        compared = pair_up(evaluations)
+        costs = draw_costs([compared], protocol) if len(compared) > 1 else None
+        picture = keep(target, "accuracy_cost", costs, COSTS_CAPTION)
     write_figures(target / "metrics.json", about, [metrics_of(e) for e in evaluations])
     matches = (row for e in evaluations for row in list_matches(e, protocol))
     write_csv(target / "matches.csv", MATCH_COLUMNS, matches)
+    if compared:
+        write_comparison(target, {dataset_name: compared}, protocol)
     judged_run = next((e.run for e in evaluations if e.run.poses is not None), None)
     if judged_run is not None and judged_run.poses is not None:
         write_poses_tum(target / "poses_tum.txt", judged_run.stamps_ns, judged_run.poses)
@@ -98,6 +110,8 @@ def write_report(
         winner=winner(evaluations, protocol),
         notes=[*notes, *_remarks(evaluations, [*missed])],
         summary=summary_table(evaluations, protocol),
+        compared=comparison_table(compared, protocol) if len(compared) > 1 else None,
+        costs=picture,
         sources=sources,
         judged=next((curve for curve in judged if curve), None),
         rules=COMMON_RULES,

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation import Evaluation, VerifiedRun
+from fusionslam.evaluation.loops.protocols import DEFAULTS
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.loop_closure import fusion_of_scans
 from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
 from fusionslam.registration import PreparedCloud, RegistrationConfig
+from fusionslam.report.loops.comparison import pair_up, write_comparison
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.page import write_report
 from fusionslam.report.page.html import write_figures
@@ -33,13 +35,23 @@ if TYPE_CHECKING:
 
 
 def write_stored_metrics(
-    folder: str | os.PathLike[str], evaluations: Sequence[Evaluation], *, command: str = ""
+    folder: str | os.PathLike[str],
+    evaluations: Sequence[Evaluation],
+    *,
+    command: str = "",
+    protocol: str = DEFAULTS.protocol,
 ) -> Path:
-    """Write ``folder/metrics.json``: every figure under every protocol. Raises DataError."""
+    """Write ``folder/metrics.json``, every figure under every protocol, and comparison.csv.
+
+    The latter is of one protocol. Raises DataError.
+    """
     dataset = evaluations[0].run.dataset
     about = {"dataset": dataset, "command": command, "versions": versions(), "machine": machine()}
     path = Path(folder) / "metrics.json"
     write_figures(path, about, [metrics_of(evaluation) for evaluation in evaluations])
+    compared = pair_up(evaluations)
+    if compared:
+        write_comparison(Path(folder), {dataset: compared}, protocol)
     return path
 
 
