@@ -117,6 +117,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
         fusionslam.compare_scan_contexts,
         {"query": np.ones(120, np.float32), "match": np.ones(120, np.float32)},
     ),
+    "compare_descriptors": (
+        fusionslam.compare_descriptors,
+        {"query": np.ones(120, np.float32), "match": np.ones(120, np.float32), "metric": "ring"},
+    ),
     "cloud_resolution": (fusionslam.cloud_resolution, POINTS_OF),
     "estimate_normals": (_estimate_normals, POINTS_OF | {"radius": 5.0, "threads": 1}),
     "first_singular_vectors": (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Exact L2 search among descriptors."""
+"""Exact search among descriptors: by L2, and of Scan Contexts at every turn."""
 
 from collections.abc import Callable, Iterator
 from functools import cache, partial
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fusionslam
-from benchmarks.speed.cases import Agreement, Case, agree, times_faster
+from benchmarks.speed.cases import Agreement, Bound, Case, agree, times_faster
 from benchmarks.speed.inputs import Inputs, Points, random_descriptors
 from benchmarks.speed.peers import faiss_causal, faiss_flat, native, numpy_search
 from benchmarks.speed.settings import Settings
@@ -60,6 +60,7 @@ def search_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
                 times_faster(1) if peer == FAISS else None,
             )
     yield from _batches(settings)
+    yield _every_turn()
 
 
 def _batches(settings: Settings) -> Iterator[Case]:
@@ -89,6 +90,50 @@ def _batches(settings: Settings) -> Iterator[Case]:
             times_faster(1) if peer == FAISS else None,
             work=pairs,
         )
+
+
+def _every_turn() -> Case:
+    """The distances of one Scan Context to 300, each at the best of 60 turns."""
+    rng = np.random.default_rng(2)
+    contexts = rng.uniform(0, 6, (301, 60, 20)) * (rng.uniform(size=(301, 60, 20)) < 0.4)
+    query, *rows = contexts.astype(np.float32).reshape(301, 1200)
+    index = fusionslam.DescriptorIndex(1200, metric="scan_context")
+    for row in rows:
+        index.add(row)
+    spectra = _sector_spectra(np.stack(rows))
+
+    def same() -> Agreement:
+        found, distances = index.query(query, k=300)
+        expected = _distances_of_turns(query, spectra)[found]
+        return agree(
+            "largest difference of a distance", float(abs(expected - distances).max()), 1e-6
+        )
+
+    return Case(
+        "1 Scan Context at 60 turns against 300, all distances",
+        f"{NUMPY}, FFT over azimuth",
+        timer(index.query, query, k=300),
+        timer(_distances_of_turns, query, spectra),
+        same,
+        Bound("median", "<=", 1),
+    )
+
+
+def _sector_spectra(rows: Points) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
+    """Of unit sectors, over azimuth, (N, 31, rings), and how many sectors are filled."""
+    sectors = rows.reshape(len(rows), 60, -1).astype(np.float64)
+    lengths = np.linalg.norm(sectors, axis=2, keepdims=True)
+    sectors /= np.where(lengths > 0, lengths, 1)
+    return np.fft.rfft(sectors, axis=1), (lengths > 0).sum(axis=(1, 2))
+
+
+def _distances_of_turns(
+    query: Points, rows: tuple[NDArray[np.complex128], NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    """As ``compare_scan_contexts`` has them."""
+    (spectra, filled), (one, most) = rows, _sector_spectra(query[None])
+    sums: NDArray[np.float64] = np.fft.irfft((one * spectra.conj()).sum(axis=2), 60, axis=1)
+    return 1 - sums.max(axis=1) / np.maximum(filled, most)
 
 
 def causal(rows: Points) -> Nearest:
