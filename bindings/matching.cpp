@@ -53,7 +53,8 @@ void bind_matching(py::module_& module) {
 
 A query is answered as if it were the next descriptor to be added, number len(index): candidates
 are older by more than window frames and by more than window_seconds.
-Distances are L2, or those of another of metric_names(). Equal ones go to the lowest index. Threads may share an index; processes get copies (pickle).)")
+Distances are L2, or those of another of metric_names(). Equal ones go to the lowest index.
+Threads may share an index; processes get copies (pickle).)")
       .def(py::init([](py::ssize_t dimension, py::ssize_t window, double window_seconds,
                        const std::string& metric) {
              if (dimension < 1)

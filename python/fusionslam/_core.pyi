@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'OdometryTree', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'OdometryTree', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_descriptors', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'metric_names', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -438,8 +438,8 @@ class DescriptorIndex:
     
     A query is answered as if it were the next descriptor to be added, number len(index): candidates
     are older by more than window frames and by more than window_seconds.
-    Distances are L2, or with metric="scan_context" those of compare_scan_contexts. Equal ones go to
-    the lowest index. Threads may share an index; processes get copies (pickle).
+    Distances are L2, or those of another of metric_names(). Equal ones go to the lowest index.
+    Threads may share an index; processes get copies (pickle).
     """
     @staticmethod
     def load(path: os.PathLike[str] | str | bytes) -> DescriptorIndex:
@@ -1360,6 +1360,22 @@ def colorize_all_round(points: numpy.typing.NDArray[numpy.float32], images: coll
     """
     Colours points with the pixels of several cameras, each as colorize does.
     """
+def compare_descriptors(query: numpy.typing.NDArray[numpy.float32], match: numpy.typing.NDArray[numpy.float32], metric: str) -> tuple[float, float | None]:
+    """
+    How alike two descriptors are, as an index of the metric has it.
+    
+    Args:
+        query, match: float32 (D,).
+        metric: one of metric_names().
+    
+    Returns:
+        (distance; yaw of the query's frame in the match's, radians, or None where the metric finds no
+        turn).
+    
+    Raises:
+        ShapeError, DataError: other lengths, NaN, values that have no meaning in the metric.
+        ConfigError: unknown metric.
+    """
 def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: numpy.typing.NDArray[numpy.float32]) -> tuple[float, float]:
     """
     How alike two Scan Contexts are (Kim, Kim, IROS 2018), and the turn between them.
@@ -1536,19 +1552,24 @@ def m2dp_signature(points: numpy.typing.NDArray[numpy.float32], *, preset: str =
     
     Arguments and errors as m2dp.
     """
+def metric_names() -> tuple[str, ...]:
+    """
+    The metrics by which descriptors can be compared; documented in docs/stages/matching.md.
+    """
 def nearest(queries: numpy.typing.NDArray[numpy.float32], descriptors: numpy.typing.NDArray[numpy.float32], *, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0, metric: str = 'l2') -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
     """
     The k nearest descriptors of each query, exactly; equal distances go to the lowest row.
     
     Args:
         queries, descriptors: float32 (N, D) and (M, D).
-        metric: "l2", or "scan_context" as in compare_scan_contexts.
+        metric: one of metric_names().
     
     Returns:
         (indices int64 (N, k), -1 where there is none; distances float32 (N, k), infinite there).
     
     Raises:
-        ShapeError, DataError: other lengths, NaN.
+        ShapeError, DataError: other lengths, NaN, values that have no meaning in the metric.
+        ConfigError: unknown metric.
     """
 def nearest_causal(descriptors: numpy.typing.NDArray[numpy.float32], *, window: typing.SupportsInt | typing.SupportsIndex, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0, metric: str = 'l2') -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
     """
