@@ -46,8 +46,8 @@ class AlignedColumns final : public RowMetric {
   std::size_t cache_size() const override { return unit_begin() + size(); }
 
   void prepare(std::span<const float> row, std::span<float> cache) const override {
-    cache[0] = static_cast<float>(
-        write_unit_columns(row, shifts_.columns, cache.subspan(unit_begin())));
+    cache[0] =
+        static_cast<float>(write_unit_columns(row, shifts_.columns, cache.subspan(unit_begin())));
     for (std::size_t column = 0; column < shifts_.columns; ++column) {
       const float* values = row.data() + column * bins();
       cache[column_lanes + column] = static_cast<float>(sum_in_lanes(
