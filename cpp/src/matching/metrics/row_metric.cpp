@@ -3,9 +3,8 @@
 #include "row_metric.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
+#include <iterator>
 
 #include "../../detail/interrupt.hpp"
 #include "../../detail/parallel.hpp"
@@ -20,7 +19,7 @@ namespace detail {
 namespace {
 
 /// In the order of Metric.
-constexpr std::array<MetricPointer (*)(std::size_t), ChoiceNames<Metric>::value.size()> factories{
+constexpr MetricPointer (*factories[])(std::size_t) = {
     nullptr,  // l2
     scan_context_metric,
     l1_metric,
@@ -34,7 +33,7 @@ constexpr std::array<MetricPointer (*)(std::size_t), ChoiceNames<Metric>::value.
     iris_metric,
     ring_metric,
 };
-static_assert(factories.back() != nullptr);
+static_assert(std::size(factories) == ChoiceNames<Metric>::value.size());
 
 class PlainQuery final : public RowQuery {
  public:
@@ -88,7 +87,7 @@ std::unique_ptr<RowQuery> PlainMetric::query(std::span<const float> row) const {
 
 std::unique_ptr<const RowMetric> make_row_metric(Metric metric, std::size_t dimension) {
   if (metric == Metric::l2) return nullptr;
-  return factories.at(static_cast<std::size_t>(metric))(dimension);
+  return factories[static_cast<std::size_t>(metric)](dimension);
 }
 
 void check_row(const RowMetric* metric, std::span<const float> row, std::size_t number) {

@@ -30,7 +30,7 @@ struct Distance {
   std::optional<double> yaw = std::nullopt;  ///< of TurnedMatch
 };
 
-/// One query, for one thread. The row it was made of has to outlive it.
+/// One query, for one thread. Its metric and its row have to outlive it.
 class RowQuery {
  public:
   virtual ~RowQuery() = default;
