@@ -257,5 +257,15 @@ TEST_CASE("an index of any metric answers like a batch and like pairs, also afte
   }
 }
 
+TEST_CASE("files hold the number of the metric, and one that is unknown is refused") {
+  constexpr std::size_t metric_at = 48;  // after the header
+  auto bytes = DescriptorIndex(60, {}, Metric::scan_context).to_bytes();
+  CHECK(bytes[metric_at] == 1);
+  bytes[metric_at] = 99;
+  check_refused<DataError>([&] { DescriptorIndex::from_bytes(bytes); }, "metric 99");
+  bytes[metric_at] = 10;  // iris, whose rows are longer
+  check_refused<DataError>([&] { DescriptorIndex::from_bytes(bytes); }, "metric iris");
+}
+
 }  // namespace
 }  // namespace fusionslam

@@ -187,7 +187,10 @@ void check_size(const std::string& path, const Header& header, std::uintmax_t si
 }
 
 DescriptorIndex make_index(const std::string& path, const Header& header, std::uint64_t metric) {
-  if (metric >= ChoiceNames<Metric>::value.size()) refuse(path, "damaged header");
+  const std::size_t known = ChoiceNames<Metric>::value.size();
+  if (metric >= known)
+    refuse(path, "its header names metric " + std::to_string(metric) +
+                     ", this program knows 0 to " + std::to_string(known - 1));
   try {
     return DescriptorIndex(header.dimension, {header.window_frames, header.window_nanoseconds},
                            static_cast<Metric>(metric));

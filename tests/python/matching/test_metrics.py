@@ -163,9 +163,13 @@ def random_rows(metric: str, count: int, seed: int = 0) -> Row:
     return rows.astype(np.float32)
 
 
-def test_every_metric_is_tested() -> None:
+def test_every_metric_is_tested_and_keeps_its_number() -> None:
     assert set(metric_names()) == {*DISTANCES, "votes"}
-    assert metric_names()[:2] == ("l2", "scan_context")
+    # Index files hold the number.
+    numbered = "l2 scan_context l1 chi_square regions nearest_of_set votes aligned_polar"
+    assert metric_names()[:8] == tuple(numbered.split())
+    rest = "aligned_cartesian intensity_scan_context iris ring"
+    assert metric_names()[8:12] == tuple(rest.split())
 
 
 @pytest.mark.parametrize("metric", DISTANCES)
