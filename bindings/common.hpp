@@ -283,6 +283,7 @@ Value part_of_state(const py::object& state, std::size_t i, std::size_t parts, c
                   " parts of the kinds that it has");
 }
 
+void bind_descriptor_histograms(py::module_& module);
 void bind_descriptors(py::module_& module);
 void bind_fusion(py::module_& module);
 void bind_mapping(py::module_& module);

@@ -58,6 +58,7 @@ Raises:
     ConfigError: FUSIONSLAM_SIMD names no level, or one this machine lacks.)");
   bind_fusion(module);
   bind_descriptors(module);
+  bind_descriptor_histograms(module);
   bind_mapping(module);
   bind_matching(module);
   bind_views_range_image(module);

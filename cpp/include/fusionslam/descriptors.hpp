@@ -253,3 +253,12 @@ std::vector<float> shot_at_centroid(PointsView points, PointsView normals, Color
                                     int threads = 1);
 
 }  // namespace fusionslam
+
+#include "fusionslam/descriptors/cospair.hpp"
+#include "fusionslam/descriptors/cvfh.hpp"
+#include "fusionslam/descriptors/esf.hpp"
+#include "fusionslam/descriptors/gasd_color.hpp"
+#include "fusionslam/descriptors/gestalt.hpp"
+#include "fusionslam/descriptors/gfh.hpp"
+#include "fusionslam/descriptors/our_cvfh.hpp"
+#include "fusionslam/descriptors/vfh.hpp"
