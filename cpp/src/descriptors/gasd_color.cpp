@@ -27,7 +27,7 @@ Aligned align(PointsView points) {
   const detail::OwnFrame own = detail::principal_axes(points, AxisSigns::largest_entry);
   Eigen::Vector3d x = own.axes.row(0), z = own.axes.row(2);
   if (z.z() > 0) z = -z;
-  const auto offset = [&](std::size_t i) {
+  const auto offset = [&](std::size_t i) -> Eigen::Vector3d {
     return Eigen::Vector3d(points[i][0], points[i][1], points[i][2]) - own.mean;
   };
   double third_moment = 0;
