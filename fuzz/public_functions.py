@@ -70,6 +70,23 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
     "scan_context": (fusionslam.scan_context, POINTS_OF | {"height": 2.0}),
     "cscan_context": (fusionslam.cscan_context, COLORED | {"height": 2.0}),
     "bev_spectrum": (fusionslam.bev_spectrum, POINTS_OF | {"height": 2.0}),
+    "vfh": (fusionslam.vfh, POINTS_OF | {"config": fusionslam.VfhConfig(leaf=2), "threads": 1}),
+    "cvfh": (
+        fusionslam.cvfh,
+        POINTS_OF | {"config": fusionslam.CvfhConfig(leaf=2, min_points=3), "threads": 1},
+    ),
+    "our_cvfh": (
+        fusionslam.our_cvfh,
+        POINTS_OF | {"config": fusionslam.OurCvfhConfig(leaf=2, min_points=3), "threads": 1},
+    ),
+    "esf": (fusionslam.esf, POINTS_OF),
+    "gasd_color": (fusionslam.gasd_color, COLORED),
+    "gestalt": (fusionslam.gestalt, POINTS_OF | {"threads": 1}),
+    "gfh": (fusionslam.gfh, POINTS_OF),
+    "cospair": (
+        fusionslam.cospair,
+        COLORED | {"config": fusionslam.CospairConfig(leaf=2), "threads": 1},
+    ),
     "compare_scan_contexts": (
         fusionslam.compare_scan_contexts,
         {"query": np.ones(120, np.float32), "match": np.ones(120, np.float32)},

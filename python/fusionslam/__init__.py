@@ -24,12 +24,18 @@ if TYPE_CHECKING:
     from fusionslam import registration as registration
     from fusionslam import views as views
     from fusionslam._core import BevSpectrumConfig as BevSpectrumConfig
+    from fusionslam._core import CospairConfig as CospairConfig
+    from fusionslam._core import CvfhConfig as CvfhConfig
     from fusionslam._core import DescriptorIndex as DescriptorIndex
+    from fusionslam._core import GestaltConfig as GestaltConfig
+    from fusionslam._core import GfhConfig as GfhConfig
     from fusionslam._core import GroundPlaneConfig as GroundPlaneConfig
     from fusionslam._core import GroundSegmentsConfig as GroundSegmentsConfig
     from fusionslam._core import M2dpConfig as M2dpConfig
+    from fusionslam._core import OurCvfhConfig as OurCvfhConfig
     from fusionslam._core import ScanContextConfig as ScanContextConfig
     from fusionslam._core import StereoConfig as StereoConfig
+    from fusionslam._core import VfhConfig as VfhConfig
     from fusionslam._core import __version__ as __version__
     from fusionslam._core import above_height as above_height
     from fusionslam._core import bev_spectrum as bev_spectrum
@@ -39,17 +45,24 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
     from fusionslam._core import compare_scan_contexts as compare_scan_contexts
+    from fusionslam._core import cospair as cospair
     from fusionslam._core import cscan_context as cscan_context
     from fusionslam._core import cshot as cshot
+    from fusionslam._core import cvfh as cvfh
     from fusionslam._core import demosaic as demosaic
     from fusionslam._core import depth_image as depth_image
     from fusionslam._core import drop_invalid as drop_invalid
+    from fusionslam._core import esf as esf
     from fusionslam._core import estimate_normals as estimate_normals
     from fusionslam._core import first_singular_vectors as first_singular_vectors
+    from fusionslam._core import gasd_color as gasd_color
+    from fusionslam._core import gestalt as gestalt
+    from fusionslam._core import gfh as gfh
     from fusionslam._core import m2dp as m2dp
     from fusionslam._core import m2dp_signature as m2dp_signature
     from fusionslam._core import nearest as nearest
     from fusionslam._core import nearest_causal as nearest_causal
+    from fusionslam._core import our_cvfh as our_cvfh
     from fusionslam._core import rectify_image as rectify_image
     from fusionslam._core import remove_ground_plane as remove_ground_plane
     from fusionslam._core import remove_ground_segments as remove_ground_segments
@@ -58,6 +71,7 @@ if TYPE_CHECKING:
     from fusionslam._core import shot_at_centroid as shot_at_centroid
     from fusionslam._core import simd_level as simd_level
     from fusionslam._core import stereo_disparity as stereo_disparity
+    from fusionslam._core import vfh as vfh
     from fusionslam._core import voxel_downsample as voxel_downsample
     from fusionslam.datasets import Dataset as Dataset
     from fusionslam.datasets import open_dataset as open_dataset
@@ -93,13 +107,14 @@ if TYPE_CHECKING:
 # Loaded on first use: the command line must answer --help before any of this is loaded.
 _HOMES = {
     "_core": (
-        "BevSpectrumConfig DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig "
-        "ScanContextConfig StereoConfig __version__ above_height bev_spectrum "
-        "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize "
-        "compare_scan_contexts cscan_context cshot demosaic depth_image drop_invalid "
-        "estimate_normals first_singular_vectors m2dp m2dp_signature nearest nearest_causal "
-        "rectify_image remove_ground_plane remove_ground_segments scan_context shot "
-        "shot_at_centroid simd_level stereo_disparity voxel_downsample"
+        "BevSpectrumConfig CospairConfig CvfhConfig DescriptorIndex GestaltConfig GfhConfig "
+        "GroundPlaneConfig GroundSegmentsConfig M2dpConfig OurCvfhConfig ScanContextConfig "
+        "StereoConfig VfhConfig __version__ above_height bev_spectrum cloud_from_disparity "
+        "cloud_resolution cm2dp cm2dp_signature colorize compare_scan_contexts cospair "
+        "cscan_context cshot cvfh demosaic depth_image drop_invalid esf estimate_normals "
+        "first_singular_vectors gasd_color gestalt gfh m2dp m2dp_signature nearest nearest_causal "
+        "our_cvfh rectify_image remove_ground_plane remove_ground_segments scan_context shot "
+        "shot_at_centroid simd_level stereo_disparity vfh voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

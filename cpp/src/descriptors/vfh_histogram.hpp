@@ -48,7 +48,9 @@ inline constexpr std::size_t vfh_view_begin = 4 * vfh_angle_bins;
 inline constexpr std::size_t vfh_size = vfh_view_begin + vfh_view_bins;
 
 /// The VFH of all points about a centre, as PCL bins it: theta, alpha, phi, distance over that of
-/// the farthest point, and angle to the direction from the centre to the origin.
+/// the farthest point, and angle to the direction from the centre to the origin. These are PCL's
+/// values for a given centre; where it computes the centroid itself, the fourth coordinate of that,
+/// 1, gets into the distance of the farthest point and into the direction.
 std::array<float, vfh_size> vfh_histogram(const OrientedPoints& cloud, const VfhCenter& center);
 
 }  // namespace fusionslam::detail

@@ -171,12 +171,16 @@ def _length_of(name: str, config: DescriptorConfig) -> int:
     if kind.section is not None:
         section = getattr(config, kind.section)
         # The length does not depend on these, which may leave none of this cloud.
-        free = dict.fromkeys(_LENGTHS_IN_METRES & set(type(section).model_fields))
+        free = dict.fromkeys(_WITHOUT_LENGTH & set(type(section).model_fields))
         changes[kind.section] = section.model_copy(update=free)
     return len(describe(_courtyard(), name, config.model_copy(update=changes)))
 
 
-_LENGTHS_IN_METRES = {"cell", "height", "leaf", "max_range", "normal_radius"}
+_WITHOUT_LENGTH = {
+    *("bottom", "cell", "height", "leaf", "max_range", "normal_radius", "radius", "top"),
+    *("max_angle", "max_curvature", "min_points"),
+}
+"""Options that no descriptor's length depends on."""
 
 
 def _courtyard() -> Cloud:

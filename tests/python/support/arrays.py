@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 import fusionslam
-from fusionslam import DescriptorIndex
+from fusionslam import (
+    CospairConfig,
+    CvfhConfig,
+    DescriptorIndex,
+    GestaltConfig,
+    OurCvfhConfig,
+    VfhConfig,
+)
 from fusionslam.registration import count_overlap, nearest_ranges
 
 RNG = np.random.default_rng(0)
@@ -19,6 +26,8 @@ LEFT = RNG.integers(0, 256, (48, 128), dtype=np.uint8)
 PROJECTION = np.array([[30.0, 0, 32, 0], [0, 30, 24, 0], [0, 0, 1, 1]])
 RIGHT_PROJECTION = PROJECTION - [[0, 0, 0, 15], [0, 0, 0, 0], [0, 0, 0, 0]]
 DESCRIPTORS = RNG.normal(size=(30, 8)).astype(np.float32)
+# Regions of a cloud without a surface.
+COARSE = {"leaf": 2.0, "min_points": 3, "max_curvature": 1.0, "max_angle": 0.5}
 Call = Callable[[Any], Any]
 POINT_CALLS: dict[str, Call] = {
     "m2dp": fusionslam.m2dp,
@@ -30,6 +39,14 @@ POINT_CALLS: dict[str, Call] = {
     "cscan_context": lambda points: fusionslam.cscan_context(points, COLORS),
     "shot": fusionslam.shot,
     "cshot": lambda points: fusionslam.cshot(points, COLORS),
+    "vfh": lambda points: fusionslam.vfh(points, config=VfhConfig(leaf=2.0)),
+    "cvfh": lambda points: fusionslam.cvfh(points, config=CvfhConfig(**COARSE)),
+    "our_cvfh": lambda points: fusionslam.our_cvfh(points, config=OurCvfhConfig(**COARSE)),
+    "esf": fusionslam.esf,
+    "gasd_color": lambda points: fusionslam.gasd_color(points, COLORS),
+    "gestalt": lambda points: fusionslam.gestalt(points, config=GestaltConfig(min_points=5)),
+    "gfh": fusionslam.gfh,
+    "cospair": lambda points: fusionslam.cospair(points, COLORS, config=CospairConfig(leaf=2.0)),
     "cloud_resolution": fusionslam.cloud_resolution,
     "estimate_normals": lambda points: fusionslam.estimate_normals(points, radius=5.0),
     "colorize": lambda points: fusionslam.colorize(points, IMAGE, PROJECTION),
@@ -48,6 +65,8 @@ COLOR_CALLS: dict[str, Call] = {
     "cm2dp_signature": lambda colors: fusionslam.cm2dp_signature(POINTS, colors),
     "cshot": lambda colors: fusionslam.cshot(POINTS, colors),
     "cscan_context": lambda colors: fusionslam.cscan_context(POINTS, colors),
+    "gasd_color": lambda colors: fusionslam.gasd_color(POINTS, colors),
+    "cospair": lambda colors: fusionslam.cospair(POINTS, colors, config=CospairConfig(leaf=2.0)),
     "voxel_downsample": lambda colors: fusionslam.voxel_downsample(POINTS, colors, size=2.0),
 }
 IMAGE_CALLS: dict[str, Call] = {
