@@ -1,6 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
 // GASD with colour (Lima, Teichrieb, SIBGRAPI 2016), the values of PCL's GASDColorEstimation.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>

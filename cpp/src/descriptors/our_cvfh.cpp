@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // OUR-CVFH (Aldoma, Tombari, Rusu, Vincze, DAGM 2012).
 #include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from fusionslam import CospairConfig
-from support.places import make_place, turn
+from places import make_place, turn
 
 RANGES = ((-np.pi, np.pi), (-1, 1), (-1, 1), (0, 100), (-128, 128), (-128, 128))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fusionslam
-from support.places import make_place, turn
+from places import make_place, turn
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:

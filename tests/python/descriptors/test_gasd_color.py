@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from support.places import make_place, turn
+from places import make_place, turn
 
 
 def reference(points: np.ndarray, colors: np.ndarray) -> NDArray[np.float64]:

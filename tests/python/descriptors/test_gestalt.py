@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from fusionslam import GestaltConfig
-from support.places import make_place, turn
+from places import make_place, turn
 
 RADIUS = 5.0
 CONFIG = GestaltConfig(radius=RADIUS, keypoints=40)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from fusionslam import GfhConfig
-from support.places import make_place, turn
+from places import make_place, turn
 
 
 def reference(points: np.ndarray, config: GfhConfig) -> NDArray[np.float64]:

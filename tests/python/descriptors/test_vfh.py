@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from fusionslam import CvfhConfig, OurCvfhConfig, VfhConfig
-from support.places import make_place, turn
+from places import make_place, turn
 
 Floats = NDArray[np.float32]
 Describe = Callable[[Floats], Floats]
