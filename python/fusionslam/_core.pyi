@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'OdometryTree', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'CospairConfig', 'CvfhConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GestaltConfig', 'GfhConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'OdometryTree', 'OurCvfhConfig', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'VfhConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_scan_contexts', 'cospair', 'count_overlap', 'cscan_context', 'cshot', 'cvfh', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'esf', 'estimate_normals', 'first_singular_vectors', 'gasd_color', 'gestalt', 'gfh', 'm2dp', 'm2dp_signature', 'nearest', 'nearest_causal', 'nearest_ranges', 'our_cvfh', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'vfh', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -339,6 +339,238 @@ class BevSpectrumConfig:
     def height(self) -> float:
         """
         height of the cloud's origin above the ground [m]
+        """
+class VfhConfig:
+    """
+    Parameters of vfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
+        """
+class CvfhConfig:
+    """
+    Parameters of cvfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def max_angle(self) -> float:
+        """
+        largest angle between the normals of neighbours in a region [rad]
+        """
+    @property
+    def max_curvature(self) -> float:
+        """
+        points with a larger curvature belong to no region
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        points of the smallest region
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
+        """
+    @property
+    def regions(self) -> int:
+        """
+        how many blocks of 308 there are
+        """
+class OurCvfhConfig:
+    """
+    Parameters of our_cvfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def max_angle(self) -> float:
+        """
+        largest angle between the normals of neighbours in a region [rad]
+        """
+    @property
+    def max_curvature(self) -> float:
+        """
+        points with a larger curvature belong to no region
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        points of the smallest region
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
+        """
+    @property
+    def regions(self) -> int:
+        """
+        how many blocks of 308 there are
+        """
+class GestaltConfig:
+    """
+    Parameters of gestalt.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def keypoints(self) -> int:
+        """
+        how many keypoints there are at most
+        """
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        points that a keypoint needs in its cylinder
+        """
+    @property
+    def radius(self) -> float:
+        """
+        radius of the vertical cylinder about a keypoint [m]
+        """
+class GfhConfig:
+    """
+    Parameters of gfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def bottom(self) -> float:
+        """
+        height at which the lowest layer begins; points below are left out [m]
+        """
+    @property
+    def layers(self) -> int:
+        """
+        bins of height
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        radius of the outermost ring; points beyond are left out [m]
+        """
+    @property
+    def rings(self) -> int:
+        """
+        bins of the distance from the vertical axis
+        """
+    @property
+    def sectors(self) -> int:
+        """
+        bins of azimuth
+        """
+    @property
+    def top(self) -> float:
+        """
+        height at which the highest layer ends; points above are left out [m]
+        """
+class CospairConfig:
+    """
+    Parameters of cospair.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
         """
 class DriftConfig:
     """
@@ -1375,6 +1607,24 @@ def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: num
     Raises:
         ShapeError, DataError: other lengths, NaN.
     """
+def cospair(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, config: CospairConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    CoSPAIR at the centroid (after Logoglu, Kalkan, Temizel, Robotics and Autonomous Systems 2016).
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        colors: uint8 (N, 3), RGB.
+        config: a CospairConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (378,): for each of 7 shells about the centroid, 9 bins each of theta, alpha, phi
+        between the mean normal and the points' and of CIELab L, a, b; each histogram sums to 1.
+    
+    Raises:
+        DataError: NaN or infinity, or fewer than 3 points with a normal.
+        ShapeError, ConfigError: wrong array, value out of range, or not one colour a point.
+    """
 def count_overlap(points: numpy.typing.NDArray[numpy.float32], other: numpy.typing.NDArray[numpy.float32], other_ranges: numpy.typing.NDArray[numpy.float32], other_from_points: numpy.typing.NDArray[numpy.float64], *, distance: typing.SupportsFloat | typing.SupportsIndex = 0.5) -> dict[str, int]:
     """
     Counts the points of a cloud by what another sensor saw where they are.
@@ -1425,6 +1675,23 @@ def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDAr
     
     Returns:
         float32 (1344,).
+    """
+def cvfh(points: numpy.typing.NDArray[numpy.float32], *, config: CvfhConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Clustered Viewpoint Feature Histogram (Aldoma et al., ICCV Workshops 2011).
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        config: a CvfhConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (regions * 308,): the VFH of the whole cloud about the centroid and normal of each
+        smooth region, the largest region first; blocks without a region are zero.
+    
+    Raises:
+        DataError: NaN or infinity, fewer than 3 points with a normal, no smooth region.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def dbscan(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, eps: typing.SupportsFloat | typing.SupportsIndex, min_points: typing.SupportsInt | typing.SupportsIndex, color_scale: typing.SupportsFloat | typing.SupportsIndex = 0.001, inclusive: bool = False) -> numpy.typing.NDArray[numpy.int32]:
     """
@@ -1479,6 +1746,24 @@ def drop_invalid(points: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.ND
     """
     Indices, int64 (M,), of the points without NaN or infinity.
     """
+def esf(points: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Ensemble of Shape Functions (Wohlkinger, Vincze, ROBIO 2011), with PCL's weights.
+    
+    Twenty thousand triangles of points are drawn by a generator with a fixed seed: the same array has
+    the same ESF, the same points in another order one that differs by the error of sampling.
+    
+    Args:
+        points: float32 (N, 3), metres, any frame; N >= 3.
+    
+    Returns:
+        float32 (640,), sums to 1: 64 bins each of angles, square roots of areas, and lengths, for lines
+        on the surface, off it and both; then of the share of the surface in lines that are both.
+    
+    Raises:
+        DataError: NaN or infinity, fewer than 3 points, points all equal or on one line.
+        ShapeError: wrong array.
+    """
 def estimate_normals(points: numpy.typing.NDArray[numpy.float32], *, radius: typing.SupportsFloat | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.int64]]:
     """
     Least-squares normals (PCL), turned towards the origin.
@@ -1507,6 +1792,56 @@ def first_singular_vectors(matrix: numpy.typing.NDArray[numpy.float32]) -> numpy
     Raises:
         DataError: negative, infinite or NaN entries, or all zero.
         ShapeError: wrong array.
+    """
+def gasd_color(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8]) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    GASD with colour (Lima, Teichrieb, SIBGRAPI 2016).
+    
+    Args:
+        points: float32 (N, 3), metres, any frame; N >= 4.
+        colors: uint8 (N, 3), RGB.
+    
+    Returns:
+        float32 (984,): in the frame of the principal axes, percent of the points in 6 x 6 x 6 cells,
+        then in 12 bins of hue in each of 4 x 4 x 4 cells.
+    
+    Raises:
+        DataError: fewer than 4 points, NaN or infinity, points all equal or on one line.
+        ShapeError: wrong array, or not one colour a point.
+    """
+def gestalt(points: numpy.typing.NDArray[numpy.float32], *, config: GestaltConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    3D Gestalt descriptors at keypoints (Bosse, Zlot, ICRA 2013).
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        config: a GestaltConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (keypoints * 66,): of each keypoint mean height (32, metres) and variance of the height
+        (32, square metres) in 4 rings x 8 sectors about it, then its x and y (metres); blocks without a
+        keypoint are zero.
+    
+    Raises:
+        DataError: NaN or infinity, or a cloud without a keypoint.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def gfh(points: numpy.typing.NDArray[numpy.float32], *, config: GfhConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Global Fourier Histogram (Chen et al. 2014).
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up, the sensor on its z axis.
+        config: a GfhConfig.
+    
+    Returns:
+        float32 (rings * layers * (sectors // 2 + 1),) of length 1: amplitudes of the Fourier transform,
+        over azimuth, of the number of points in each ring and layer.
+    
+    Raises:
+        DataError: NaN or infinity, or no point in the cylinder.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def m2dp(points: numpy.typing.NDArray[numpy.float32], *, preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
@@ -1571,6 +1906,23 @@ def nearest_ranges(points: numpy.typing.NDArray[numpy.float32], *, step: typing.
     
     Raises:
         ConfigError: another step. DataError: NaN or infinity in a point.
+    """
+def our_cvfh(points: numpy.typing.NDArray[numpy.float32], *, config: OurCvfhConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    OUR-CVFH (Aldoma, Tombari, Rusu, Vincze, DAGM 2012).
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        config: an OurCvfhConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (regions * 308,): for each frame of reference of each smooth region, the largest region
+        first, 135 angle bins as in cvfh, 8 x 13 distance bins in octants, 69 viewpoint bins; blocks
+        without a region are zero.
+    
+    Raises:
+        DataError, ShapeError, ConfigError: as cvfh.
     """
 def rectify_image(image: numpy.typing.NDArray[numpy.uint8], *, camera_matrix: numpy.typing.NDArray[numpy.float64], distortion: numpy.typing.NDArray[numpy.float64], model: str, rectification: numpy.typing.NDArray[numpy.float64], projection: numpy.typing.NDArray[numpy.float64], size: tuple[typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex]) -> numpy.typing.NDArray[numpy.uint8]:
     """
@@ -1706,6 +2058,24 @@ def stereo_disparity(left: numpy.typing.NDArray[numpy.uint8], right: numpy.typin
     
     Raises:
         ShapeError: images of different size. ConfigError: sizes that OpenCV refuses.
+    """
+def vfh(points: numpy.typing.NDArray[numpy.float32], *, config: VfhConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Viewpoint Feature Histogram (Rusu, Bradski, Thibaux, Hsu, IROS 2010), binned as in PCL.
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        config: a VfhConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (308,), no entry negative: 45 bins each of theta, alpha, phi and distance between the
+        centroid, with the mean normal, and the points, then 128 of the angle between normals and the
+        direction to the origin; each histogram sums to about 100.
+    
+    Raises:
+        DataError: NaN or infinity, or fewer than 3 points with a normal.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def voxel_downsample(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, size: typing.SupportsFloat | typing.SupportsIndex) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
