@@ -92,6 +92,7 @@ double main_azimuth(std::span<const Offset> offsets) {
 }
 
 std::size_t bin_of(const Offset& offset, double azimuth, double radius) {
+  if (offset.x == 0 && offset.y == 0) return 0;  // the keypoint itself has no azimuth
   const double ring = std::hypot(offset.x, offset.y) / radius * static_cast<double>(rings);
   const double turn = (std::atan2(offset.y, offset.x) - azimuth) / (2 * std::numbers::pi);
   const double sector = (turn - std::floor(turn)) * static_cast<double>(sectors);

@@ -13,7 +13,7 @@ from fusionslam import CvfhConfig, OurCvfhConfig, VfhConfig
 from places import make_place, turn
 
 Floats = NDArray[np.float32]
-Describe = Callable[[Floats], Floats]
+Describe = Callable[..., Floats]
 
 VFH, CVFH, OUR_CVFH = (
     pytest.param(function, id=function.__name__)
