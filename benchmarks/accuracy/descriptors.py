@@ -236,7 +236,7 @@ def measure(
     left: dict[str, dict[str, str]] = {}
     for name in worlds:
         for kind in (kind for kind in KINDS if kind.is_recorded(name)):
-            started, place = time.perf_counter(), f"{name}, {kind.title}"
+            place, started = f"{name}, {kind.title}", (time.perf_counter(), time.process_time())
             folder = runs / f"{name}-{kind.name}"
             step = partial(_show, place, {})
             bench = Bench(WORLDS[name], kind, names, folder, jobs, refined, step)
@@ -249,7 +249,8 @@ def measure(
             group[name] = pair_up(evaluations)
             for each, why in missing.items():
                 left.setdefault(each, {})[kind.title] = why
-            print(f"{place}: {time.perf_counter() - started:.0f} s", flush=True)
+            wall, work = time.perf_counter() - started[0], time.process_time() - started[1]
+            print(f"{place}: {wall:.0f} s, {work:.0f} s of processor time", flush=True)
     return found, left
 
 
