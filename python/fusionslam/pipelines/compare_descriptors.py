@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -48,8 +48,7 @@ from fusionslam.storage.progress import Step, label_progress
 logger = logging.getLogger(__name__)
 
 Run = TypeVar("Run", DescriptorRun, VerifiedRun)
-Verify = Literal["each", "one", "none"]
-VERIFY: tuple[str, ...] = get_args(Verify)
+VERIFY = ("each", "one", "none")
 """Whose loops ``benchmark`` proves: those of each descriptor, of one with its voters, or none."""
 
 DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
@@ -110,7 +109,7 @@ def benchmark(
     command: str = "",
     step: Step | None = None,
     demo: bool = False,
-    verify: Verify = "one",
+    verify: str = "one",
 ) -> list[Evaluation]:
     """Describe a recording, find its loops and evaluate them, for every source and descriptor.
 

@@ -117,6 +117,6 @@ def test_bench_judges_each_descriptor_with_and_without_verification(
 
 def test_only_the_known_ways_to_verify_are_taken(street: Recording, tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
-        benchmark(street, tmp_path, verify="every")  # type: ignore[arg-type]
+        benchmark(street, tmp_path, verify="every")
     assert (caught.value.code, caught.value.fields) == ("choice", ("verify", "every"))
     assert not list(tmp_path.iterdir())

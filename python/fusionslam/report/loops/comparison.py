@@ -187,11 +187,9 @@ def _values(column: Column[Compared], row: Sequence[Compared]) -> list[float]:
 
 
 def mean_and_range(values: Sequence[float], show: str = "{:.3f}") -> str:
-    """Format as ``0.31 (0.22 to 0.40)``; the value alone where there is one."""
-    if len(values) == 1:
-        return show.format(values[0])
-    mean, low, high = float(np.mean(values)), min(values), max(values)
-    return f"{show.format(mean)} ({show.format(low)} to {show.format(high)})"
+    """Format as ``0.31 (0.22 to 0.40)``; the value alone where all are equal."""
+    mean, low, high = (show.format(of(values)) for of in (np.mean, min, max))
+    return mean if low == high else f"{mean} ({low} to {high})"
 
 
 def _mark_best(column: Column[Compared], rows: Sequence[Sequence[float]]) -> list[Cell]:
@@ -236,6 +234,8 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
 
     Of several recordings, means. The area of a mark grows with the bytes of a descriptor.
     """
+    from matplotlib.ticker import LogLocator
+
     everything = [each for recording in recordings for each in recording]
     columns = {column.title: column for column in comparison_columns(everything, protocol)}
     rows = group_by(everything, lambda each: "\0".join(each.key))
@@ -255,6 +255,10 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
         ):
             _mark(axis, label, point, name, list(dict.fromkeys(sources)).index(source))
         axis.set(xlabel="ms to make and to compare", xscale="log", title=columns[name].hint)
+        axis.margins(x=0.15)
+        axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.xaxis.set_major_formatter("{x:g}")
+        axis.xaxis.set_minor_formatter("")
         axis.set_ylim(-0.03, 1.03)
         axis.grid(color="#eeeeee", zorder=0)
     if len(set(sources)) > 1:

@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""bench over worlds of several seeds, and whose loops it proves."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cli import NO_WINDOW, error_of, succeeds
+from fusionslam.errors import ConfigError
+from fusionslam.sim import recordings
+from fusionslam.sim.recordings import record_seed
+
+FAST = ("--verify", "none", "--source", "lidar", *NO_WINDOW)
+
+
+@pytest.fixture
+def made(kitti: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The seeds of the worlds that were asked for; each is the drive of the other tests."""
+    seeds: list[int] = []
+
+    def give(name: str, seed: int, **options: Any) -> Path:
+        assert name == "town"
+        seeds.append(seed)
+        return kitti
+
+    monkeypatch.setattr(recordings, "record_seed", give)
+    return seeds
+
+
+def test_bench_over_seeds_prints_and_writes_mean_and_range(made: list[int], tmp_path: Path) -> None:
+    names = ("-d", "m2dp:author,m2dp:paper")
+    result = succeeds("bench", "town", "--seeds", "1,2", *names, *FAST, "-o", tmp_path)
+    assert made == [1, 2]
+    assert "m2dp author" in result.stdout and "m2dp paper" in result.stdout
+    assert str(tmp_path / "comparison.html") in result.stdout
+    rows = list(csv.DictReader((tmp_path / "comparison.csv").open()))
+    assert [(row["recording"], row["descriptor"]) for row in rows] == [
+        (world, name) for world in ("town 1", "town 2") for name in ("m2dp:author", "m2dp:paper")
+    ]
+    figures = json.loads((tmp_path / "seed-2" / "metrics.json").read_text())
+    assert [run["preset"] for run in figures["runs"]] == ["author", "paper"]
+    assert not (tmp_path / "seed-2" / "report.html").exists()
+
+
+def test_without_a_page_the_table_is_written_alone(made: list[int], tmp_path: Path) -> None:
+    words = ("--seeds", "3", "-d", "m2dp", "--no-report", "-o", tmp_path)
+    assert "comparison.csv" in succeeds("bench", "town", *words, *FAST).stdout
+    assert not (tmp_path / "comparison.html").exists()
+
+
+@pytest.mark.parametrize("text", ["one", "1,,2", "-1", "1.5"])
+def test_seeds_are_whole_numbers(made: list[int], text: str, tmp_path: Path) -> None:
+    error = error_of(2, "bench", "town", f"--seeds={text}", "-o", tmp_path / "out")
+    assert (error.code, error.fields) == ("choice", ("--seeds", text))
+    assert not made and not (tmp_path / "out").exists()
+
+
+def test_only_made_worlds_have_seeds(kitti: Path, tmp_path: Path) -> None:
+    error = error_of(2, "bench", kitti, "--seeds", "1", "-o", tmp_path)
+    assert (error.code, error.fields[1]) == ("choice", str(kitti))
+    error = error_of(2, "bench", "town", "--seeds", "1", "--sequence", "03", "-o", tmp_path)
+    assert (error.code, error.fields) == ("choice", ("--sequence", "03"))
+
+
+def test_an_unknown_way_to_verify_or_descriptor_is_named(made: list[int], kitti: Path) -> None:
+    error = error_of(2, "bench", kitti, "--verify", "every")
+    assert (error.code, error.fields) == ("choice", ("--verify", "every"))
+    error = error_of(2, "bench", "town", "--seeds", "1", "-d", "m2dp:best")
+    assert isinstance(error, ConfigError)
+    assert not made
+
+
+def test_a_seed_is_that_of_world_drive_and_noise(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path))
+    seen: dict[str, Any] = {}
+
+    def note(kind: str, config: Any) -> Path:
+        seen[kind] = config
+        return tmp_path
+
+    monkeypatch.setattr(recordings, "record", lambda config, folder, **_: note(folder.name, config))
+    monkeypatch.setattr(recordings, "embedded_bag", lambda name, config, **_: note(name, config))
+    record_seed("town", 5)
+    record_seed("house", 6)
+    assert (seen["town-5"].seed, seen["town-5"].town.seed) == (5, 5)
+    house = seen["house"]
+    assert (house.seed, house.world.seed, house.plan.seed) == (6, 6, 6)
+    with pytest.raises(ConfigError) as caught:
+        record_seed("moon", 1)
+    assert (caught.value.code, caught.value.fields[0]) == ("choice", "moon")
