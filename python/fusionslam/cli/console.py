@@ -3,6 +3,7 @@
 """Console output: tables on stdout; progress and messages on stderr."""
 
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -174,8 +175,9 @@ def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
         _print_groups(table, sizes)
     peers = peers_table(ranked, protocol)
     if peers is not None:
-        sources = dict.fromkeys(peer.source for each in ranked for peer in each.peers)
-        print_figures(f"published: {'; '.join(sources)}", peers)
+        print_figures(f"as published under protocol {protocol}", peers)
+        for source in dict.fromkeys(peer.source for each in ranked for peer in each.peers):
+            print(textwrap.fill(f"published: {source}", 80))
     lines = [_conditions(ranked, protocol), _COSTS, *_accepted(ranked, protocol)]
     for line in (*lines, winner(every, protocol)):
         if line:

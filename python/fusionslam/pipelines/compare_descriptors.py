@@ -29,7 +29,12 @@ from fusionslam.evaluation import (
     evaluate_verified,
 )
 from fusionslam.evaluation.loops.evaluation import check_judged
-from fusionslam.evaluation.loops.protocols import check_bound, find_protocol, judged_together
+from fusionslam.evaluation.loops.protocols import (
+    check_bound,
+    check_matches,
+    find_protocol,
+    judged_together,
+)
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describable,
@@ -241,7 +246,8 @@ def evaluate_stored(
     Raises:
         DataError: no such folder, no runs in it, poses that do not fit, or verified loops that the
             window excludes.
-        ConfigError: a value out of range, or a protocol by pose without verified loops.
+        ConfigError: a value out of range, a protocol by pose without verified loops, or one that
+            judges pairs without descriptors.
     """
     if not Path(folder).is_dir():
         raise DataError(f"{folder} is no folder: expected one with descriptor runs")
@@ -254,6 +260,8 @@ def evaluate_stored(
         windows = (run.config.get("loop_closure", {}).get("window") for run in verified)
         own = min(window for window in (*windows, config.evaluation.window) if window is not None)
         config = merged(config, {"evaluation": {"window": own}})
+    if not runs:
+        check_matches(config.evaluation.protocol)
     if truth is not None:
         runs = [_with_truth(run, truth) for run in runs]
         verified = [_with_truth(run, truth) for run in verified]

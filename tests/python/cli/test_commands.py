@@ -411,15 +411,15 @@ def test_bench_judges_by_the_protocol_of_another_paper(
     out = tmp_path / "out"
     words = ("bench", recording, "-d", "m2dp,scan_context", "--source", "lidar", "-o", out)
     said = " ".join(succeeds(*words, "--protocol", "ssc", *NO_WINDOW).stdout.split())
-    assert "protocol ssc, radius 3 m, window 0: " in said and "BoW3D" in said
+    assert "protocol ssc, radius 3 m, window 2: " in said and "BoW3D" in said
     assert "Scan Context, published 0.750 0.609" in said
     (m2dp, _) = json.loads((out / "metrics.json").read_text())["runs"]
     assert list(m2dp["protocols"]) == ["ssc"] and m2dp["by_direction"] == {}
-    assert m2dp["protocols"]["ssc"]["n_revisits"] == 9  # of 20 frames out and back, 20 m apart
+    assert m2dp["protocols"]["ssc"]["n_revisits"] == 8  # out and back, frame by frame 20 m
     assert "M2DP" in [peer["method"] for peer in m2dp["peers"]]
 
-    again = " ".join(succeeds("eval", out, "--protocol", "solid", "--window", 0).stdout.split())
-    assert "protocol solid, radius 10 m, window 0: 9 revisits in 20 frames" in again
+    again = " ".join(succeeds("eval", out, "--protocol", "solid", "--window", 2).stdout.split())
+    assert "protocol solid, radius 10 m, window 2: 8 revisits in 20 frames" in again
     assert "RING++, published 0.954 0.997 0.937" in again
     succeeds("report", out, "--protocol", "scancontext", "-o", tmp_path / "page")
     runs = json.loads((tmp_path / "page/metrics.json").read_text())["runs"]

@@ -3,6 +3,7 @@
 """Commands on folders of results that hold verified loops beside descriptors."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,12 @@ def test_a_protocol_by_pose_without_verified_loops_is_refused_before_the_work(
         error = error_of(2, *words)
         assert (error.code, error.fields[0]) == ("needs-poses", "evaluation.protocol")
     assert not list((results / "bench").glob("descriptors/*"))
+
+
+def test_verified_loops_alone_are_no_pairs_to_judge(results: Path) -> None:
+    shutil.rmtree(results / "descriptors")
+    error = error_of(2, "eval", results, "--window", 0, "--protocol", "ssc")
+    assert (error.code, error.fields) == ("needs-descriptors", ("evaluation.protocol", "ssc"))
 
 
 def test_the_demo_replaces_its_verified_loops(tmp_path: Path) -> None:

@@ -228,6 +228,21 @@ def test_under_scancontext_a_place_is_less_than_4_metres_away() -> None:
     assert (curve.recall_at_full_precision, curve.max_f1, curve.roc_auc) == (1, 1, 1)
 
 
+def test_kitti_00_has_the_revisits_that_the_authors_of_scan_context_count(test_data: Path) -> None:
+    poses = np.loadtxt(test_data / "kitti" / "poses" / "00.txt").reshape(-1, 3, 4)
+    descriptors = np.arange(len(poses), dtype=np.float32)[:, None]
+    curve = precision_recall(descriptors, poses[:, :, 3], protocol="scancontext")
+    assert abs(curve.n_revisits - 790) <= 1  # "790 true loops": issue 12 of their repository
+
+
+def test_pairs_of_kitti_06_do_not_depend_on_the_draw(test_data: Path) -> None:
+    poses = np.loadtxt(test_data / "kitti" / "poses" / "06.txt").reshape(-1, 3, 4)
+    rows = np.load(test_data / "descriptors" / "kitti06_lidar_camera_m2dp.npy")
+    curves = [evaluate_pairs(rows, poses[:, :, 3], seed=seed) for seed in (0, 1)]
+    assert [curve.counts for curve in curves] == ["159277 pairs, 1577 of one place"] * 2
+    assert [curve.max_f1 for curve in curves] == pytest.approx([0.531, 0.531], abs=1e-3)
+
+
 def test_under_solid_the_last_hundred_frames_are_no_candidates() -> None:
     # Only the last two of 103 frames have candidates: frame 0, and frames 0 and 1.
     places = on_a_line(0, 30, *np.linspace(60, 400, 99), 9.5, 35)

@@ -85,7 +85,8 @@ COMMON_RULES = (
     "is the candidate whose descriptor is nearest (of equally near ones the lowest index). A "
     "threshold accepts every match whose distance is at most the threshold; equal distances make "
     "one threshold. Of verified loops the match is the candidate whose pose is most probable, and "
-    "its distance is 1 - probability. Precision is correct accepted matches / accepted matches."
+    "its distance is 1 - probability. Precision is correct accepted matches / accepted matches. "
+    "Where pairs are judged, a frame and each of its candidates take the place of a match."
 )
 
 _REVISITS = "queries that revisit a place: some candidate lies within the radius"
