@@ -44,6 +44,7 @@ Counts count(const detail::OrientedPoints& cloud, const detail::VfhCenter& cente
   float farthest = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i)
     farthest = std::max(farthest, length(offset(cloud.point(i), center)));
+  if (!(farthest > 0)) throw DataError("CoSPAIR: all points of the cloud are equal");
   Counts counts{};
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const detail::Vector3 from_center = offset(cloud.point(i), center);

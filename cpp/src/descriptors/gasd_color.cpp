@@ -21,7 +21,7 @@ constexpr std::size_t shape_size = shape_cells * shape_cells * shape_cells;
 constexpr std::size_t gasd_size = shape_size + color_cells * color_cells * color_cells * hue_bins;
 
 /// Coordinates in the frame of the cloud.
-using Aligned = std::vector<std::array<float, 3>>;
+using Aligned = std::vector<std::array<double, 3>>;
 
 /// x along the longest axis, z along the shortest one and away from the cloud's z.
 Aligned align(PointsView points) {
@@ -41,8 +41,7 @@ Aligned align(PointsView points) {
   Aligned aligned(points.size);
   for (std::size_t i = 0; i < points.size; ++i) {
     const Eigen::Vector3d p = offset(i);
-    aligned[i] = {static_cast<float>(x.dot(p)), static_cast<float>(y.dot(p)),
-                  static_cast<float>(z.dot(p))};
+    aligned[i] = {x.dot(p), y.dot(p), z.dot(p)};
   }
   return aligned;
 }
@@ -61,10 +60,10 @@ std::size_t hue_bin(ColorsView colors, std::size_t i) {
 
 /// Number of the cell of a point in a cube of `cells` a side; `outside` on the cube's far faces.
 constexpr std::size_t outside = static_cast<std::size_t>(-1);
-std::size_t cell_of(const std::array<float, 3>& point, float half_side, std::size_t cells) {
+std::size_t cell_of(const std::array<double, 3>& point, double half_side, std::size_t cells) {
   std::size_t number = 0;
-  const float half = static_cast<float>(cells) / 2;
-  for (const float value : point) {
+  const double half = static_cast<double>(cells) / 2;
+  for (const double value : point) {
     const auto place = static_cast<std::size_t>(std::floor(value / half_side * half + half));
     if (place >= cells) return outside;
     number = number * cells + place;
@@ -78,9 +77,9 @@ std::vector<float> gasd_color(PointsView points, ColorsView colors) {
   detail::check_points(points, 4, "GASD");
   detail::check_colors(points, colors);
   const Aligned aligned = align(points);
-  float half_side = 0;
+  double half_side = 0;
   for (const auto& point : aligned)
-    for (const float value : point) half_side = std::max(half_side, std::abs(value));
+    for (const double value : point) half_side = std::max(half_side, std::abs(value));
   std::vector<std::uint32_t> counts(gasd_size);
   for (std::size_t i = 0; i < points.size; ++i) {
     const std::size_t shape = cell_of(aligned[i], half_side, shape_cells);

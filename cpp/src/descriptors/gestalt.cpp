@@ -61,8 +61,11 @@ class Columns {
   using Column = std::pair<std::int64_t, std::int64_t>;
   using Entry = std::pair<Column, std::size_t>;
 
+  /// Coordinates too large for numbers of cells share the last ones.
   std::int64_t cell(float coordinate) const {
-    return static_cast<std::int64_t>(std::floor(static_cast<double>(coordinate) / width_));
+    constexpr double last = 1e15;
+    const double number = std::floor(static_cast<double>(coordinate) / width_);
+    return static_cast<std::int64_t>(std::clamp(number, -last, last));
   }
 
   PointsView points_;

@@ -42,5 +42,5 @@ def make_place(seed: int) -> Cloud:
 def turn(points: NDArray[np.floating], degrees: float) -> NDArray[np.float32]:
     """Turn points about z, to the left."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    turned = points.astype(np.float64) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    turned: NDArray[np.float64] = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     return turned.astype(np.float32)
