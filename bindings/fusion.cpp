@@ -12,6 +12,11 @@ CloudTuple to_tuple(ColoredCloud&& cloud) {
                         rows_of_three(std::move(cloud.colors)), to_numpy(std::move(cloud.indices)));
 }
 
+/// (points, colors, indices, cameras, gains)
+using AllRoundTuple =
+    py::typing::Tuple<py::array_t<float>, py::array_t<std::uint8_t>, py::array_t<std::int64_t>,
+                      py::array_t<std::uint8_t>, py::array_t<double>>;
+
 py::array_t<std::uint8_t> to_array(Image&& image) {
   std::vector<py::ssize_t> shape{image.height, image.width};
   if (image.channels == 3) shape.push_back(3);
@@ -101,6 +106,53 @@ Returns:
 
 Raises:
     DataError: singular projection, NaN or infinity in a point, empty image.)");
+  module.def(
+      "colorize_all_round",
+      [](const PointsArg& points, const std::vector<ImageArg>& images,
+         const std::vector<ProjectionArg>& projections, bool balance,
+         const std::string& interpolation) -> AllRoundTuple {
+        const auto method = choice_from_name<Interpolation>("interpolation", interpolation);
+        if (images.size() != projections.size())
+          throw ShapeError(std::to_string(images.size()) + " images and " +
+                           std::to_string(projections.size()) +
+                           " projections, expected one of each camera");
+        std::vector<CameraView> cameras;
+        for (std::size_t k = 0; k < images.size(); ++k)
+          cameras.push_back({images[k].view(), projections[k].values});
+        AllRoundCloud found = without_gil(
+            [&] { return colorize_all_round(points.view(), cameras, balance, method); });
+        std::vector<double> gains;
+        for (const auto& channels : found.gains)
+          gains.insert(gains.end(), channels.begin(), channels.end());
+        ColoredCloud& cloud = found.cloud;
+        return py::make_tuple(rows_of_three(std::move(cloud.points)),
+                              rows_of_three(std::move(cloud.colors)),
+                              to_numpy(std::move(cloud.indices)),
+                              to_numpy(std::move(found.cameras)), rows_of_three(std::move(gains)));
+      },
+      "points"_a, "images"_a, "projections"_a, py::kw_only(), "balance"_a = true,
+      "interpolation"_a = "nearest",
+      R"(Colours points with the pixels of several cameras, each as colorize does.
+
+A point that several cameras see takes the colour of the one to whose image's centre it is
+nearest, across in half widths of the image and down in half heights.
+
+Args:
+    points: float32 (N, 3), metres.
+    images: of each of 1 to 255 cameras: uint8 (H, W, 3) RGB or (H, W).
+    projections: of each camera: float64 (3, 4), maps homogeneous points to pixels.
+    balance: multiply red, green and blue of each camera by gains that give cameras the same
+        median colour where two of them see the same points, at least 30; by least squares of the
+        gains' logarithms, whose mean is 0 over linked cameras. Gains are limited to 1/2 and 2;
+        cameras that share no points keep 1.
+    interpolation: "nearest" or "bilinear".
+
+Returns:
+    (points float32 (M, 3), colors uint8 (M, 3), indices int64 (M,), cameras uint8 (M,): the
+    number of the camera of each, gains float64 (K, 3)) of the points that some camera sees.
+
+Raises:
+    DataError: as colorize, or no camera. ShapeError: not as many images as projections.)");
   module.def(
       "depth_image",
       [](const PointsArg& points, const ProjectionArg& projection, int width, int height) {

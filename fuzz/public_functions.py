@@ -84,6 +84,16 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Arguments]] = {
         fusionslam.colorize,
         {"points": POINTS, "image": IMAGE, "projection": PROJECTION, "interpolation": "nearest"},
     ),
+    "colorize_all_round": (
+        fusionslam.colorize_all_round,
+        {
+            "points": POINTS,
+            "images": [IMAGE, IMAGE],
+            "projections": [PROJECTION, PROJECTION],
+            "balance": True,
+            "interpolation": "nearest",
+        },
+    ),
     "depth_image": (
         fusionslam.depth_image,
         {"points": POINTS, "projection": PROJECTION, "width": 64, "height": 48},

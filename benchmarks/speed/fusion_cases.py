@@ -14,6 +14,9 @@ from benchmarks.speed.peers import native, numpy_colorize
 from benchmarks.speed.settings import Settings
 from benchmarks.speed.timing import timer
 
+# Of the four cameras: exposure to balance.
+GAINS = (1.0, 0.8, 0.9, 0.7)
+
 
 def colour_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
     """A scan coloured from an image."""
@@ -38,6 +41,57 @@ def colour_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
         lambda: _as_pcl(scene, cloud),
         Bound("median", "<=", 0.6),
     )
+
+
+def all_round_cases(inputs: Inputs, settings: Settings) -> Iterator[Case]:
+    """A scan coloured by four cameras, which look ahead, to the left, back and to the right."""
+    scene = inputs.scan
+    height, width = scene.image.shape[:2]
+    images, projections = _ring(scene)
+    arguments = (scene.points, images, projections)
+    yield Case(
+        f"colouring {len(scene.points):,} points by four cameras, images {width}x{height}",
+        "colorize, once a camera",
+        timer(fusionslam.colorize_all_round, *arguments),
+        timer(_colorize_each, *arguments),
+        lambda: _as_each(*arguments),
+        Bound("median", "<=", 2.0),
+    )
+
+
+def _ring(scene: Scene) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The scene's camera turned about the scan's vertical axis; every image has its own gain."""
+    turn = np.diag([0.0, 0, 1, 1])
+    turn[0, 1], turn[1, 0] = 1, -1
+    projections = [np.ascontiguousarray(scene.projection)]
+    for _ in range(3):
+        projections.append(projections[-1] @ turn)
+    images = [np.ascontiguousarray(np.rint(scene.image * gain).astype(np.uint8)) for gain in GAINS]
+    return images, projections
+
+
+def _colorize_each(
+    points: np.ndarray, images: list[np.ndarray], projections: list[np.ndarray]
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    return [
+        fusionslam.colorize(points, *camera) for camera in zip(images, projections, strict=True)
+    ]
+
+
+def _as_each(
+    points: np.ndarray, images: list[np.ndarray], projections: list[np.ndarray]
+) -> Agreement:
+    """Each point has the colour that its camera alone gives it."""
+    _, colors, indices, cameras, _ = fusionslam.colorize_all_round(
+        points, images, projections, balance=False
+    )
+    alone = _colorize_each(points, images, projections)
+    table = np.full((len(images), len(points), 3), -1)
+    for number, (_, found, kept) in enumerate(alone):
+        table[number, kept] = found
+    missing = int((table[:, :, 0] >= 0).any(axis=0).sum()) - len(indices)
+    differ = (table[cameras, indices] != colors).any(axis=1).sum()
+    return agree("points lost or coloured otherwise", abs(missing) + int(differ), 0)
 
 
 def _as_numpy(scene: Scene) -> Agreement:

@@ -39,6 +39,7 @@ ROWS: dict[str, Rows] = {
     "singular": descriptor_cases.singular_cases,
     "shot": descriptor_cases.shot_cases,
     "colour": fusion_cases.colour_cases,
+    "surround": fusion_cases.all_round_cases,
     "stereo": fusion_cases.stereo_cases,
     "search": search_cases.search_cases,
     "views": view_cases.view_cases,

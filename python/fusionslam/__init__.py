@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cm2dp as cm2dp
     from fusionslam._core import cm2dp_signature as cm2dp_signature
     from fusionslam._core import colorize as colorize
+    from fusionslam._core import colorize_all_round as colorize_all_round
     from fusionslam._core import compare_scan_contexts as compare_scan_contexts
     from fusionslam._core import cscan_context as cscan_context
     from fusionslam._core import cshot as cshot
@@ -96,10 +97,10 @@ _HOMES = {
         "BevSpectrumConfig DescriptorIndex GroundPlaneConfig GroundSegmentsConfig M2dpConfig "
         "ScanContextConfig StereoConfig __version__ above_height bev_spectrum "
         "cloud_from_disparity cloud_resolution cm2dp cm2dp_signature colorize "
-        "compare_scan_contexts cscan_context cshot demosaic depth_image drop_invalid "
-        "estimate_normals first_singular_vectors m2dp m2dp_signature nearest nearest_causal "
-        "rectify_image remove_ground_plane remove_ground_segments scan_context shot "
-        "shot_at_centroid simd_level stereo_disparity voxel_downsample"
+        "colorize_all_round compare_scan_contexts cscan_context cshot demosaic depth_image "
+        "drop_invalid estimate_normals first_singular_vectors m2dp m2dp_signature nearest "
+        "nearest_causal rectify_image remove_ground_plane remove_ground_segments scan_context "
+        "shot shot_at_centroid simd_level stereo_disparity voxel_downsample"
     ),
     "datasets": "Dataset open_dataset",
     "descriptors": "DescriptorConfig describe",

@@ -1356,6 +1356,10 @@ def colorize(points: numpy.typing.NDArray[numpy.float32], image: numpy.typing.ND
     Raises:
         DataError: singular projection, NaN or infinity in a point, empty image.
     """
+def colorize_all_round(points: numpy.typing.NDArray[numpy.float32], images: collections.abc.Sequence[numpy.typing.NDArray[numpy.uint8]], projections: collections.abc.Sequence[numpy.typing.NDArray[numpy.float64]], *, balance: bool = True, interpolation: str = 'nearest') -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
+    """
+    Colours points with the pixels of several cameras, each as colorize does.
+    """
 def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: numpy.typing.NDArray[numpy.float32]) -> tuple[float, float]:
     """
     How alike two Scan Contexts are (Kim, Kim, IROS 2018), and the turn between them.

@@ -9,6 +9,7 @@ section 4.3).
 
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from fusionslam._core import (
     above_height,
     cloud_from_disparity,
     colorize,
+    colorize_all_round,
     drop_invalid,
     remove_ground_plane,
     remove_ground_segments,
@@ -86,7 +88,8 @@ SENSORS_OF: Mapping[str, tuple[str, ...]] = {
     "stereo": ("left", "right"),
     "cloud": ("points",),
 }
-"""Sensors that a frame needs, by source of clouds."""
+"""Sensors that a frame needs, by source of clouds. Of several cameras that colour scans it needs
+any one; recordings take the further ones along (``color_cameras``)."""
 SOURCES = tuple(SENSORS_OF)
 
 
@@ -95,6 +98,15 @@ class FusionConfig(Section):
 
     source: Source = option("lidar", help_texts.SOURCE)
     interpolation: Literal["nearest", "bilinear"] = option("nearest", "how a pixel is read")
+    cameras: tuple[str, ...] | None = option(
+        None,
+        "source lidar: names of the cameras that colour the scan; null is all that there are, but "
+        "not the right one of a stereo pair, which looks the same way as the left",
+        min_length=1,
+    )
+    balance: bool = option(
+        True, "several cameras: even out their exposure by the points that two of them see"
+    )
     frame: CloudFrame = option("scan", help_texts.CLOUD_FRAME)
     ground: Literal["none", "height", "plane", "segments"] = option("none", help_texts.GROUND)
     ground_height: float | None = option(
@@ -126,7 +138,8 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
     Raises:
         DataError: the frame lacks a sensor, a calibration or a robot pose that the configuration
             needs, and the message names it; an image does not have the calibration's size; or
-            most points are farther away than any LiDAR sees.
+            most points are farther away than any LiDAR sees. One of several cameras that lacks an
+            image or calibration is left out, which is logged; it is an error if none is left.
         ShapeError: not a frame.
     """
     if not isinstance(frame, Frame):
@@ -147,6 +160,20 @@ def color_cloud(frame: Frame, config: FusionConfig) -> Cloud:
     if config.source == "cloud":
         return _scan(frame)
     return (_lidar_cloud if config.source == "lidar" else _stereo_cloud)(frame, config)
+
+
+def load_sensors(frame: Frame, config: FusionConfig) -> None:
+    """Read now what ``fuse`` needs, so that reading is timed apart from fusing.
+
+    What is missing or damaged is left to ``fuse``, which says what that means.
+    """
+    names = SENSORS_OF[config.source]
+    if config.source == "lidar":
+        names = ("points", *color_cameras(frame, config))
+    can_lack = len(names) > len(SENSORS_OF[config.source])
+    for name in names:
+        with suppress(*([DataError] if can_lack and name != "points" else [])):
+            _ = frame.points if name == "points" else frame.images.get(name)
 
 
 def remove_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
@@ -173,7 +200,7 @@ def frame_from_points(frame: Frame, name: CloudFrame) -> NDArray[np.float64]:
     if name == "scan":
         return np.eye(4)
     if name == "camera":
-        return _camera(frame, "left").rectified_from_points
+        return _camera(frame, main_camera(frame)).rectified_from_points
     needs = f"which fusion.frame={name} needs"
     if frame.robot_from_points is None:
         raise DataError(
@@ -213,7 +240,7 @@ def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
         ConfigError: clouds in another frame than the scan's or the robot's, or another axis points
             up (code "not-up").
         DataError: the scan's z axis is more than 45 degrees off the robot's, or, where the robot's
-            frame is not known, less than 45 degrees off the left camera's line of sight (code
+            frame is not known, less than 45 degrees off the main camera's line of sight (code
             "not-up").
     """
     if config.frame not in ("scan", "robot") or config.up != "z":
@@ -229,10 +256,9 @@ def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
     if frame.robot_from_points is not None:
         tilted, of = frame.robot_from_points[2, 2] < _COS_45, "robot_from_points tilts it"
         cure = "fusion.frame=robot turns it up"
-    elif "left" in frame.cameras:
-        ahead = frame.cameras["left"].points_from_rectified[:3, 2]
-        tilted = abs(ahead[2]) > _COS_45 * np.linalg.norm(ahead)
-        of = "the left camera looks along z"
+    elif (name := main_camera(frame)) in frame.cameras:
+        tilted = abs(_line_of_sight(frame.cameras[name])[2]) > _COS_45
+        of = f"the {name} camera looks along z"
         cure = "fusion.frame=robot and robot_from_points in a calib.yaml turn it up"
     else:
         return
@@ -253,12 +279,81 @@ def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
     return Cloud(cloud.points[indices], colors, intensities)
 
 
+def main_camera(frame: Frame) -> str:
+    """The camera that a frame's pictures and its camera frame are of: "left", or else the first."""
+    names = [*frame.cameras, *frame.images]
+    return "left" if "left" in names or not names else names[0]
+
+
+def color_cameras(frame: Frame, config: FusionConfig) -> tuple[str, ...]:
+    """Names of the cameras that are to colour a frame's scan, the main one first."""
+    if config.cameras is not None:
+        return config.cameras
+    names = dict.fromkeys([main_camera(frame), *frame.cameras, *frame.images])
+    if "left" in names and _is_pair(frame):
+        names.pop("right", None)
+    return tuple(names)
+
+
+def _is_pair(frame: Frame) -> bool:
+    """Whether left and right look the same way; as far as is known, they are a stereo pair."""
+    pair = [frame.cameras.get(name) for name in ("left", "right")]
+    if None in pair:
+        return True
+    left, right = (_line_of_sight(camera) for camera in pair if camera is not None)
+    return bool(left @ right > _COS_45)
+
+
+def _line_of_sight(camera: Camera) -> NDArray[np.float64]:
+    """float64 (3,), of length 1, in the scan's frame."""
+    ahead = camera.points_from_rectified[:3, 2]
+    return np.asarray(ahead / np.linalg.norm(ahead), dtype=np.float64)
+
+
 def _lidar_cloud(frame: Frame, config: FusionConfig) -> Cloud:
-    scan, image, camera = _scan(frame), _image(frame, "left"), _camera(frame, "left")
-    points, colors, kept = colorize(
-        scan.points, image, camera.projection_from_points, interpolation=config.interpolation
-    )
+    scan = _scan(frame)
+    images, projections = _usable_cameras(frame, color_cameras(frame, config))
+    if len(images) == 1:
+        points, colors, kept = colorize(
+            scan.points, images[0], projections[0], interpolation=config.interpolation
+        )
+    else:
+        points, colors, kept, _, _ = colorize_all_round(
+            scan.points,
+            images,
+            projections,
+            balance=config.balance,
+            interpolation=config.interpolation,
+        )
     return Cloud(points, colors, subset(scan, kept).intensities)
+
+
+def _usable_cameras(
+    frame: Frame, names: tuple[str, ...]
+) -> tuple[list[NDArray[np.uint8]], list[NDArray[np.float64]]]:
+    """Images and projections of cameras; one that cannot be used is left out, which is logged.
+
+    Raises:
+        DataError: none can be used: that of the first one.
+    """
+    images, projections, problems = [], [], []
+    for name in names:
+        try:
+            image, camera = _image(frame, name), _camera(frame, name)
+        except DataError as error:
+            problems.append((name, error))
+            continue
+        images.append(image)
+        projections.append(camera.projection_from_points)
+    if not images:
+        raise problems[0][1]
+    for name, error in problems:
+        logger.warning(
+            "%s; the scan is coloured without this camera",
+            error,
+            extra={PER_FRAME: f"the {name} camera is left out ({error.code})"},
+        )
+    return images, projections
 
 
 def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:

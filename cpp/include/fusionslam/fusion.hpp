@@ -28,6 +28,38 @@ struct ChoiceNames<Interpolation> {
 ColoredCloud colorize(PointsView points, ImageView image, const Projection& projection,
                       Interpolation interpolation = Interpolation::nearest);
 
+/// An image of one of several cameras, and the projection that maps the scan's points to its
+/// pixels.
+struct CameraView {
+  ImageView image;
+  Projection projection{};
+};
+
+/// A scan coloured by several cameras.
+struct AllRoundCloud {
+  ColoredCloud cloud;
+  std::vector<std::uint8_t> cameras;         ///< number of the camera that coloured each point
+  std::vector<std::array<double, 3>> gains;  ///< of red, green and blue, by camera
+};
+
+/// Colours each point that at least one camera sees (as colorize says), in the order of the scan.
+///
+/// A point that several cameras see takes the colour of the one to whose image's centre it is
+/// nearest, with the distance across measured in half widths of the image and that down in half
+/// heights, so that images of different sizes compare; of equally near ones the first.
+///
+/// `balance` multiplies each camera's colours by a gain of each channel, since exposure and white
+/// balance of cameras differ: two cameras that see at least 30 points in common, neither dark nor
+/// saturated, are given the same median colour of these points; over all pairs by least squares of
+/// the gains' logarithms, weighted by the numbers of points (Brown, Lowe 2007, section 6, has the
+/// gains themselves). The mean logarithm of cameras that are linked by such pairs is 0; cameras
+/// without pairs keep gain 1. Gains are limited to 1/2 and 2.
+///
+/// Throws as colorize, and DataError for no camera or more than 255.
+AllRoundCloud colorize_all_round(PointsView points, const std::vector<CameraView>& cameras,
+                                 bool balance = true,
+                                 Interpolation interpolation = Interpolation::nearest);
+
 /// Depth along the optical axis of the nearest point in each pixel, row-major; 0 where there is
 /// none. Throws as colorize.
 std::vector<float> depth_image(PointsView points, int width, int height,

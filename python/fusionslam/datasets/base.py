@@ -161,7 +161,10 @@ class Dataset(ABC):
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """The sensors that every frame has: some of "points", "left", "right"."""
+        """The sensors that every frame has: some of "points", "left", "right".
+
+        Further cameras are in ``cameras`` and ``counts``; a frame may lack one of them.
+        """
         return tuple(self.counts)
 
     @property
@@ -252,13 +255,15 @@ class FileDataset(Dataset):
     """A recording with one file per scan and per image.
 
     Attributes:
-        streams: the files of each sensor in use: "points", "left", "right".
+        streams: the files of each sensor in use, which every frame has: "points", "left", "right".
+        surround: the images of further cameras, which some frames may lack.
         frame_cameras: reads the calibration of one frame, for data where each has its own.
         robot_from_points: float64 (4, 4), where the scanner is on the robot; None if unknown.
         odometry: file of TUM poses by odometry, of the body of the poses; None if there is none.
     """
 
     streams: Mapping[str, Stream]
+    surround: Mapping[str, Stream] = field(default_factory=dict)
     frame_cameras: Callable[[int], Mapping[str, Camera]] | None = None
     robot_from_points: Matrix | None = None
     odometry: Path | None = None
@@ -295,19 +300,31 @@ class FileDataset(Dataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        return {sensor: len(stream.files) for sensor, stream in self.streams.items()}
+        return {sensor: len(stream.files) for sensor, stream in self._all_streams.items()}
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        return tuple(self.streams)
+
+    @property
+    def _all_streams(self) -> Mapping[str, Stream]:
+        return {**self.streams, **self.surround}
 
     def files(self) -> list[Path]:
         """The files of all frames, sensor by sensor."""
-        streams = self.streams.values()
-        return [stream.files[number] for stream in streams for number in self.numbers.tolist()]
+        return [
+            stream.files[number]
+            for stream in self._all_streams.values()
+            for number in self.numbers.tolist()
+            if number in stream.files
+        ]
 
     def file_of(self, index: int) -> Path:
         return next(iter(self.streams.values())).files[int(self.numbers[index])]
 
     def content(self, sensor: str) -> str:
         """Number and format of the files, and the size of images or why the first has none."""
-        path = next(iter(self.streams[sensor].files.values()))
+        path = next(iter(self._all_streams[sensor].files.values()))
         count = f"{counted(self.counts[sensor], 'file')} {path.suffix}"
         if sensor == "points":
             return count
@@ -318,7 +335,8 @@ class FileDataset(Dataset):
 
     def sensor_stamps(self, sensor: str) -> NDArray[np.int64] | None:
         """Stamps of a KITTI raw sensor, stored beside the folder of its files; else None."""
-        path = next(iter(self.streams[sensor].files.values())).parent.parent / "timestamps.txt"
+        first = next(iter(self._all_streams[sensor].files.values()))
+        path = first.parent.parent / "timestamps.txt"
         if self.kind != "kitti-raw" or not path.exists():
             return None
         stamps = read_timestamps(path)
@@ -358,12 +376,12 @@ class FileDataset(Dataset):
     def _images(self, number: int, cameras: Mapping[str, Camera]) -> dict[str, Callable[[], Image]]:
         return {
             name: functools.partial(self._image, name, number, cameras.get(name))
-            for name in self.streams
-            if name != "points"
+            for name, stream in self._all_streams.items()
+            if name != "points" and number in stream.files
         }
 
     def _image(self, name: str, number: int, camera: Camera | None) -> Image:
-        path = self.streams[name].files[number]
+        path = self._all_streams[name].files[number]
         image = read_image(path)
         size = (image.shape[1], image.shape[0])
         if camera and camera.size:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads calibration files: KITTI's ``key: numbers`` texts and calib.yaml of plain folders."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,15 +95,15 @@ def camera(
 
 
 def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
-    """Read a calib.yaml; returns its cameras by name.
+    """Read a calib.yaml; returns its cameras by name, in the order of the file.
 
-    ``left`` and ``right`` each have ``projection`` (12 numbers or three rows of four) and,
-    optionally, ``rectified_from_points`` (16 numbers or four rows of four; default: identity)
-    and ``size`` ([width, height]).
+    Each camera (``left``, ``right``, or any other name) has ``projection`` (12 numbers or three
+    rows of four) and, optionally, ``rectified_from_points`` (16 numbers or four rows of four;
+    default: identity) and ``size`` ([width, height]).
 
     Raises:
         DataError: the file is missing or not YAML, a key is unknown or missing, or a value has
-            the wrong shape.
+            the wrong shape; or a camera's name cannot be that of a folder.
     """
     path, entries = Path(path), _calib_yaml(Path(path))
     cameras = {name: entry for name, entry in entries.items() if name != ON_ROBOT}
@@ -127,9 +128,17 @@ def read_place_on_robot(path: PathLike) -> NDArray[np.float64] | None:
 
 
 def _calib_yaml(path: Path) -> dict[str, Any]:
-    with reading(path, f"YAML with cameras 'left' and 'right', or {ON_ROBOT}"):
+    with reading(path, f"YAML with cameras by name, such as left and right, or {ON_ROBOT}"):
         content = read_yaml(path)
-    return _mapping(path, "the file", content, ("left", "right", ON_ROBOT))
+    entries = _mapping(path, "the file", content, None)
+    for name in entries:
+        if not re.fullmatch(r"(?!points$)\w[\w.-]*", name):
+            raise DataError(
+                f"{path}: camera '{name}' cannot be called so: expected letters, digits, _ - and .",
+                code="camera-name",
+                fields=(str(path), name),
+            )
+    return entries
 
 
 def _yaml_camera(path: Path, name: str, entry: Any) -> Camera:
@@ -149,14 +158,16 @@ def _yaml_camera(path: Path, name: str, entry: Any) -> Camera:
     )
 
 
-def _mapping(path: Path, name: str, value: Any, keys: tuple[str, ...]) -> dict[str, Any]:
+def _mapping(path: Path, name: str, value: Any, keys: tuple[str, ...] | None) -> dict[str, Any]:
+    """The value if it is a mapping with no other keys than these; None allows any."""
     if not isinstance(value, dict):
-        raise DataError(f"{path}: {name} is no mapping, expected keys {', '.join(keys)}")
-    if unknown := [str(key) for key in value if key not in keys]:
+        expected = ", ".join(keys) if keys else f"left, right or other cameras, {ON_ROBOT}"
+        raise DataError(f"{path}: {name} is no mapping, expected keys {expected}")
+    if keys and (unknown := [str(key) for key in value if key not in keys]):
         raise DataError(
             f"{path}: {name} has unknown key {', '.join(unknown)}, expected {', '.join(keys)}"
         )
-    return value
+    return {str(key): entry for key, entry in value.items()}
 
 
 def _array(path: Path, key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@
 
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from fusionslam.sensors.frame import Camera
 logger = logging.getLogger(__name__)
 
 # Folders that may hold each sensor's files, and their suffixes; the first one with files is used.
+# Further cameras have folders of their names in calib.yaml.
 LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "points": (("clouds", "points", "."), CLOUD_SUFFIXES),
     "left": (("left", "images"), IMAGE_SUFFIXES),
@@ -41,8 +43,9 @@ LAYOUT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 # File names that end in this many digits or more are stamps in nanoseconds.
 STAMP_DIGITS = 16
 _BELONG = (
-    "; a folder has scans in clouds/ or points/, images in left/ or images/, and those of a second "
-    "camera in right/, under the same names"
+    "; a folder has scans in clouds/ or points/, images in left/ or images/, those of the right "
+    "camera of a pair in right/ and of further cameras in folders of their names in calib.yaml, "
+    "under the same names"
 )
 MAX_STAMP_NS = np.iinfo(np.int64).max
 
@@ -54,19 +57,25 @@ def open_folder(path: Path, request: Request) -> Dataset:
         DataError: a file is missing, too short or malformed.
     """
     root = itself(path, request.sequence)
+    calibration = request.calibration or find_existing(root / "calib.yaml")
+    calibrated = read_calib_yaml(calibration) if calibration else {}
     # Files of sensors that were not requested do not count as frames.
     wanted = request.sensors or tuple(LAYOUT)
     files = {sensor: paths for sensor, paths in _files(root).items() if sensor in wanted}
+    around = _surround_files(root, calibrated) if "left" in wanted else {}
+    if around and not files["left"]:
+        main = next(iter(around))
+        files["left"], calibrated["left"] = around.pop(main), calibrated.pop(main)
     for sensor in (sensor for sensor, paths in files.items() if not paths):
         for problem in unread_files(root, sensor):
             logger.warning("%s", problem)
-    streams, name_stamps = _number(files)
+    streams, name_stamps = _number(files | around)
+    surround = {name: stream for name in around if (stream := streams.pop(name)) is not None}
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
     poses = request.poses or find_existing(root / "poses.txt")
     stamps, recorded = _stamps(root, numbers, name_stamps, poses)
-    calibration = request.calibration or find_existing(root / "calib.yaml")
-    cameras = _cameras(calibration, chosen)
+    cameras = _cameras(calibration, calibrated, chosen, surround)
     if not cameras:
         warn_uncalibrated(chosen, f"cameras in {calibration or root / 'calib.yaml'}")
     return FileDataset(
@@ -74,6 +83,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
         name=root.name,
         root=root,
         streams=chosen,
+        surround=surround,
         numbers=numbers,
         stamps_ns=stamps,
         pose_frame="points",
@@ -152,16 +162,31 @@ def _stamps(
     return pick(pose_stamps, numbers, poses), len(pose_stamps)
 
 
-def _cameras(path: Path | None, streams: dict[str, Stream]) -> dict[str, Camera]:
+def _surround_files(root: Path, calibrated: Mapping[str, Camera]) -> dict[str, list[Path]]:
+    """The images of the cameras in calib.yaml beside "left" and "right"."""
+    found = {}
+    for name in (name for name in calibrated if name not in LAYOUT):
+        if paths := files_in(root / name, IMAGE_SUFFIXES):
+            found[name] = paths
+        else:
+            logger.warning(
+                "%s: no images of camera '%s' of the calibration in it", root / name, name
+            )
+    return found
+
+
+def _cameras(
+    path: Path | None,
+    calibrated: Mapping[str, Camera],
+    streams: Mapping[str, Stream],
+    surround: Mapping[str, Stream],
+) -> dict[str, Camera]:
     """Cameras of the calibration, if there is one; it must then have every camera in use."""
-    if path is None:
-        return {}
-    cameras = read_calib_yaml(path)
-    names = [name for name in streams if name != "points"] if cameras else []
+    names = [name for name in streams if name != "points"] if calibrated else []
     for name in names:
-        if name not in cameras:
+        if name not in calibrated:
             raise DataError(f"{path} lacks camera '{name}', of which there are images")
-    return {name: cameras[name] for name in names}
+    return {name: calibrated[name] for name in [*names, *surround]}
 
 
 def unread_files(root: Path, sensor: str) -> list[str]:

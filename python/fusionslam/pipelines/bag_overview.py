@@ -15,7 +15,7 @@ from fusionslam.datasets.bags.index import Series
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import open_indexed_bag
 from fusionslam.datasets.bags.reader import Topic
-from fusionslam.datasets.bags.topics import ROLES
+from fusionslam.datasets.bags.topics import ROLES, further_cameras
 from fusionslam.errors import DataError, one_line
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 
@@ -57,7 +57,8 @@ class Inspection:
         for topic in bag.topics.values():
             yield f"topic {topic.name}", self._topic(topic)
         roles = self.source.roles
-        yield "in use", ", ".join(f"{role} {roles[role]}" for role in ROLES if role in roles) or "-"
+        in_use = [*(role for role in ROLES if role in roles), *further_cameras(roles)]
+        yield "in use", ", ".join(f"{role} {roles[role]}" for role in in_use) or "-"
         yield "extrinsics", self._extrinsics()
         for count, first in self.source.index.refused.values():
             yield "refused", f"{_count_noun(count, 'message')}: {first}"

@@ -34,7 +34,7 @@ from fusionslam.descriptors import (
 from fusionslam.descriptors.registry import POINT_DATA, Need
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
-from fusionslam.fusion import SENSORS_OF, FusionConfig, fuse, require_up
+from fusionslam.fusion import FusionConfig, fuse, load_sensors, require_up
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
@@ -332,7 +332,7 @@ class _Work:
         watch, vectors = Stopwatch(), {}
         with watch.measure("load"):
             frame = self.dataset[index]
-            _load(frame, self.config.fusion.source)
+            load_sensors(frame, self.config.fusion)
         with watch.measure("fuse"):
             cloud = fuse(frame, self.config.fusion)
         for name in self.names:
@@ -452,12 +452,3 @@ def _state(path: Path) -> list[Any]:
         status = path.stat()
         return [str(path), status.st_size, status.st_mtime_ns]
     return [str(path)]
-
-
-def _load(frame: Any, source: str) -> None:
-    """Read the data that the source needs now, so that reading is timed apart from fusing."""
-    for sensor in SENSORS_OF[source]:
-        if sensor == "points":
-            _ = frame.points
-        elif sensor in frame.images:
-            _ = frame.images[sensor]

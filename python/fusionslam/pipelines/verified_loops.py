@@ -23,7 +23,7 @@ from fusionslam.descriptors import PRESETS, with_preset
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.evaluation.loops.verified_run import REJECTED
-from fusionslam.fusion import SENSORS_OF
+from fusionslam.fusion import load_sensors
 from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import Loop, LoopDetector, Observation, Rejected
 from fusionslam.pipelines.cloud_frames import body_from_clouds
@@ -190,8 +190,7 @@ def _verify(
         try:
             started = time.perf_counter()
             frame = dataset[index]
-            for sensor in SENSORS_OF[config.fusion.source]:
-                _ = frame.points if sensor == "points" else frame.images.get(sensor)
+            load_sensors(frame, config.fusion)
             loaded = time.perf_counter()
             seen = detector.observe(frame)
             return seen, loaded - started, time.perf_counter() - loaded

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assembles a scan and its images into a frame."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
 
+from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
@@ -23,6 +25,8 @@ def frame_from_pair(
     infos: Mapping[str, CameraInfo],
     frames: RobotFrames,
     *,
+    surround: Mapping[str, Picture] | None = None,
+    awaited: Collection[str] = (),
     index: int = 0,
     pose: Matrix | None = None,
     still: bool = False,
@@ -36,6 +40,9 @@ def frame_from_pair(
         pictures: by camera name; "left" and "right" together are a stereo pair.
         infos: calibration of each of them.
         frames: poses of sensors and robot.
+        surround: images of further cameras. One whose calibration or place is not known, or does
+            not fit its images, is no camera of the frame.
+        awaited: those of them whose transforms may yet come.
         index: number of the frame.
         pose: float64 (4, 4), ground truth, if known.
         still: do not use odometry.
@@ -48,6 +55,9 @@ def frame_from_pair(
         check_size(picture, infos[name], name)
     lead = scan or pictures["left"]
     cloud = _select_returns(scan)
+    around = surround or {}
+    cameras = _place_cameras(scan, pictures, infos, frames, still)
+    cameras |= _place_surround(scan, around, infos, frames, awaited)
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,
@@ -55,8 +65,11 @@ def frame_from_pair(
         colors=None if cloud is None else cloud.colors,
         intensities=None if cloud is None else cloud.intensities,
         pose=pose,
-        images={name: partial(rectify, p, infos[name], name) for name, p in pictures.items()},
-        cameras=_place_cameras(scan, pictures, infos, frames, still),
+        images={
+            name: partial(rectify, picture, infos[name], name) if name in cameras else picture.image
+            for name, picture in {**pictures, **around}.items()
+        },
+        cameras=cameras,
         odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
         robot_from_points=_robot_from_points(scan, pictures, infos, frames, still),
     )
@@ -121,4 +134,34 @@ def _place_cameras(
             cameras |= cameras_from({k: infos[k] for k in pictures if k in _PAIR}, place)
         else:
             cameras[name] = camera_from(infos[name], place, name)
+    return cameras
+
+
+def _place_surround(
+    scan: Scan | None,
+    pictures: Mapping[str, Picture],
+    infos: Mapping[str, CameraInfo],
+    frames: RobotFrames,
+    awaited: Collection[str],
+) -> dict[str, Camera]:
+    """The further cameras that can be placed, if need be as if the robot stood still.
+
+    Raises:
+        TransformError: the place of an awaited one may yet become known.
+    """
+    cameras: dict[str, Camera] = {}
+    for name, picture in pictures.items():
+        if name not in infos:
+            continue
+        given = scan, {name: picture}, infos, frames
+        try:
+            check_size(picture, infos[name], name)
+            cameras |= _place_cameras(*given, still=False)
+        except TransformError as error:
+            if error.may_come and name in awaited:
+                raise
+            with suppress(DataError):
+                cameras |= _place_cameras(*given, still=True)
+        except DataError:
+            continue
     return cameras

@@ -26,6 +26,7 @@ from fusionslam.sensors.messages import (
     as_nanoseconds,
 )
 from fusionslam.sensors.robot_frames import RobotFrames
+from fusionslam.sensors.surround import SurroundImages
 from fusionslam.sensors.synchronizer import (
     BUFFER_FULL,
     CLOCK_JUMP,
@@ -103,6 +104,7 @@ class FrameBuilder:
     Args:
         config: limits and names.
         cameras: cameras that every frame needs; "left" and "right" together are a stereo pair.
+        surround: further cameras, whose images frames take along if there are any.
         scans: whether frames are scans; else they are stereo pairs, in the left camera's frame.
         moving: whether frames wait for odometry even while nothing is known of it yet.
 
@@ -113,6 +115,7 @@ class FrameBuilder:
         frames: number of frames so far.
         refused: number of messages with invalid content by type: transforms that form a loop, ...
         still: number of frames without known odometry.
+        surround: images of the further cameras, and how many frames lack one.
     """
 
     def __init__(
@@ -120,6 +123,7 @@ class FrameBuilder:
         config: OnlineConfig | None = None,
         *,
         cameras: tuple[str, ...] = ("left",),
+        surround: tuple[str, ...] = (),
         scans: bool = True,
         moving: bool = False,
     ) -> None:
@@ -141,6 +145,7 @@ class FrameBuilder:
             odometry=self.config.odometry_frame,
             truth=self.config.truth_frame,
         )
+        self.surround = SurroundImages(surround, self.config.sync, self.config.wait)
         self._moving = moving
         self.frames = self.still = 0
         self.refused: Counter[str] = Counter()
@@ -197,6 +202,9 @@ class FrameBuilder:
         elif isinstance(message, Scan):
             self._scan_frame = message.frame_id
             self._synchronise("points", message)
+        elif isinstance(message, Picture) and camera in self.surround.names:
+            self.surround.add(camera, message)
+            self._advance(message.stamp_ns)
         elif isinstance(message, Picture):
             self._synchronise(camera, message)
         else:
@@ -253,6 +261,7 @@ class FrameBuilder:
     def _restart(self) -> None:
         """Give up all waiting scans after the clock jumped back."""
         self._newest_ns = None
+        self.surround.forget()
         while self._pending:
             self._pending.popleft()
             self._give_up(CLOCK_JUMP, "the clock went back")
@@ -270,11 +279,15 @@ class FrameBuilder:
             self._pending.popleft()
             if frame is not None:
                 self.frames += 1
+                self.surround.count(frame)
                 frames.append(frame)
         return frames
 
     def _frame(self, pair: Pair, late: bool) -> Frame | None:
         """Frame of a pair, or None if it had to be given up. Raises _NotYetError."""
+        newest = pair.stamp_ns if self._newest_ns is None else self._newest_ns
+        if not late and not self.surround.is_settled(pair.stamp_ns, newest):
+            raise _NotYetError
         missing = [name for name in _pictures(pair) if name not in self._infos]
         if missing and not late:
             raise _NotYetError
@@ -296,7 +309,14 @@ class FrameBuilder:
         scan = pair.item if isinstance(pair.item, Scan) else None
         pose = self._true_pose(pair.stamp_ns, late)
         given = scan, _pictures(pair), self._infos, self.robot
-        make = partial(frame_from_pair, *given, index=self.frames, pose=pose)
+        make = partial(
+            frame_from_pair,
+            *given,
+            surround=self.surround.choose(pair.stamp_ns),
+            awaited=() if late else self.surround.awaited,
+            index=self.frames,
+            pose=pose,
+        )
         try:
             frame = make()
             if self._moving and frame.odometry is None and not late:

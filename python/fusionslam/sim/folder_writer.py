@@ -29,15 +29,18 @@ from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
 
+# Folders that are not of a further camera of that name.
+_TAKEN = ("left", "right", "clouds", "points", "images")
+
 
 @contextmanager
 def folder_writer(path: str | os.PathLike[str], robot: RobotConfig) -> Iterator["FolderWriter"]:
     """Write what ``simulate`` yields as a folder that ``open_dataset`` reads.
 
     The folder holds ``clouds/NNNNNN.bin`` (float32 x y z intensity) of the robot's first LiDAR,
-    ``left/`` and, for a stereo pair, ``right/`` with PNG images, ``calib.yaml``, ``times.txt``,
-    and ``poses.txt`` with the true poses of the LiDAR. If the block ends with an error, the frames
-    written so far are kept.
+    ``left/`` with PNG images of the first camera, ``right/`` for a stereo pair, folders of their
+    names for further cameras, ``calib.yaml``, ``times.txt``, and ``poses.txt`` with the true poses
+    of the LiDAR. If the block ends with an error, the frames written so far are kept.
 
     Args:
         path: the folder, new or empty.
@@ -201,12 +204,19 @@ def first_lidar(robot: RobotConfig) -> LidarMount:
 
 
 def _chosen(robot: RobotConfig) -> Mapping[str, CameraMount]:
-    """The robot's first camera, and the right camera of its pair if there is one."""
+    """The robot's cameras by folder: the first is "left", the other one of its pair "right".
+
+    Of further pairs only the left camera is written.
+    """
     left = next((c for c in robot.cameras.values() if c.side == "left"), None)
     if left is None:
         return {}
-    pair = (camera for camera in robot.cameras.values() if camera.frame_id == left.frame_id)
-    chosen: dict[str, CameraMount] = {camera.side: camera for camera in pair}
+    chosen: dict[str, CameraMount] = {}
+    for name, camera in robot.cameras.items():
+        if camera.frame_id == left.frame_id:
+            chosen[camera.side] = camera
+        elif camera.side == "left":
+            chosen[f"{name}_camera" if name in _TAKEN else name] = camera
     for side, camera in chosen.items():
         if camera.coefficients():
             raise ConfigError(

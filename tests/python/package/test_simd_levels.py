@@ -40,6 +40,8 @@ results["cscan_context"] = fusionslam.cscan_context(points, colors)
 results["bev_spectrum"] = fusionslam.bev_spectrum(points)
 results["colorize"] = fusionslam.colorize(points, image, projection)
 results["bilinear"] = fusionslam.colorize(points, image, projection, interpolation="bilinear")
+pair = [image, image[::-1].copy()], [projection, projection @ np.diag([1.0, 1, -1, 1])]
+results["all round"] = fusionslam.colorize_all_round(points, *pair)
 results["depth"] = fusionslam.depth_image(points, projection, width=80, height=60)
 results["nearest"] = fusionslam.nearest_causal(table, window=5, k=3)
 index = fusionslam.DescriptorIndex(192)

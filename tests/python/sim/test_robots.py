@@ -24,13 +24,14 @@ from fusionslam.sim.robot import (
     robot_names,
     static_transforms,
 )
-from fusionslam.sim.town.car import StereoConfig
+from fusionslam.sim.town.car import RING, RingConfig, StereoConfig, car_from_ring_camera
 
 SENSOR = "lidars.velodyne"
 
 
-def test_the_package_brings_four_robots() -> None:
-    assert robot_names() == ["car", "car_lidar", "turtlebot3_vlp16", "turtlebot3_waffle_pi"]
+def test_the_package_brings_its_robots() -> None:
+    cars = ["car", "car_four_cameras", "car_lidar"]
+    assert robot_names() == [*cars, "turtlebot3_vlp16", "turtlebot3_waffle_pi"]
     for name in robot_names():
         robot = robot_named(name)
         assert robot.lidars and bool(robot.cameras) == (name != "car_lidar")
@@ -54,6 +55,15 @@ def test_the_car_has_the_sensors_of_the_embedded_drive() -> None:
     for mount, config, kind in zip(ours, theirs, (LidarConfig, *[LensConfig] * 2), strict=True):
         for key in kind.model_fields:
             assert getattr(mount, key) == getattr(config, key), key
+
+
+def test_the_car_with_four_cameras_has_the_ring_of_the_town() -> None:
+    car, config = robot_named("car_four_cameras"), RingConfig()
+    assert list(car.cameras) == list(RING)
+    for name, mount in car.cameras.items():
+        assert np.allclose(base_from_camera(car, mount), car_from_ring_camera(config, name))
+        assert np.array_equal(mount.matrix(), config.matrix())
+        assert (mount.width, mount.height) == (config.width, config.height)
 
 
 def test_the_car_with_a_lidar_alone_drives_as_the_car_and_measures_while_it_moves() -> None:

@@ -12,6 +12,9 @@ from PIL import Image
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
+from error_codes import has_code
+from fusionslam import FusionConfig, fuse
+from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.revisits import visits
 from fusionslam.sim import (
@@ -28,7 +31,7 @@ from fusionslam.sim.camera import camera_rays, parent_from_camera, photograph, p
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town import kitti_recorder as recorder
-from fusionslam.sim.town.car import car_from_lidar
+from fusionslam.sim.town.car import RING, RingConfig, car_from_lidar
 from fusionslam.sim.town.layout import make_town
 from fusionslam.sim.town.route import make_drive
 
@@ -351,3 +354,37 @@ def test_the_ray_caster_reports_what_it_misses(caster: RayCaster) -> None:
     assert np.isinf(hits.distance[0]) and hits.triangle[0] == -1
     down = caster.cast(np.array([0.0, 0.0, 1.5], np.float32), -2 * up)
     assert down.distance[0] == pytest.approx(0.75, abs=1e-3)
+
+
+RING_CONFIG = RingConfig(width=75, height=28, focal_px=31.5, centre_px=(37.0, 3.5))
+RINGED = SimConfig(
+    town=TOWN, drive=DRIVE, car=CarConfig(lidar=LIDAR, cameras="four", ring=RING_CONFIG)
+)
+
+
+def test_a_car_with_four_cameras_writes_a_folder_whose_scans_they_colour_all_round(
+    tmp_path: Path,
+) -> None:
+    folder = record(RINGED, tmp_path / "drive", jobs=2)
+    dataset = open_dataset(folder)
+    assert (dataset.kind, dataset.sensors) == ("folder", ("points", "left"))
+    assert list(dataset[0].images) == list(dataset.cameras) == list(RING)
+    assert [dataset.counts[name] for name in RING] == [len(dataset)] * 4
+    drive = make_drive(DRIVE, TOWN.block_m, RINGED.seed)
+    assert dataset.poses is not None
+    assert np.allclose(dataset.poses, drive.poses @ car_from_lidar(RINGED.car), atol=1e-9)
+    assert np.allclose(dataset[0].robot_from_points, car_from_lidar(RINGED.car))
+    for frame in dataset:
+        assert frame.points is not None
+        assert len(fuse(frame)) > 0.97 * len(frame.points)
+        assert len(fuse(frame, FusionConfig(cameras=("left",)))) < 0.5 * len(frame.points)
+    again = record(RINGED, folder, progress=lambda *_: pytest.fail("it was complete"))
+    assert again == folder
+    with pytest.raises(DataError, check=has_code("other-recording")):
+        record(TINY, folder)
+
+
+def test_the_identity_of_recordings_of_the_pair_is_what_it_was_before_the_ring() -> None:
+    identity = recorder._identity(SimConfig())
+    assert identity["config"]["car"].keys() == {"lidar", "camera"}
+    assert "cameras" in recorder._identity(RINGED)["config"]["car"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fusionslam.datasets.bags.topics import INFO_ROLES
+from fusionslam.datasets.bags.topics import INFO_ROLES, info_role
 from fusionslam.datasets.calibration import ON_ROBOT, read_calib_yaml, read_place_on_robot
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
@@ -48,19 +48,27 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     _check_right(path, cameras)
     roles = dict(source.roles)
     for name, camera in cameras.items():
-        roles[INFO_ROLES[name]] = f"{path}, {name}"
+        roles[info_role(name)] = f"{path}, {name}"
         source.index.infos[f"{path}, {name}"] = [_camera_info(path, name, camera)]
     if "points" in roles:
         scanner = source.series("points").frame_id
-        link = FrameTransform(
-            stamp_ns=0,
-            parent=scanner,
-            child=CALIBRATED,
-            parent_from_child=cameras["left"].points_from_rectified,
-            static=True,
-        )
-        source.index.frames.add(FrameTransforms(transforms=(link,)))
+        links = [
+            FrameTransform(
+                stamp_ns=0,
+                parent=scanner,
+                child=_frame_of(name),
+                parent_from_child=camera.points_from_rectified,
+                static=True,
+            )
+            for name, camera in cameras.items()
+            if name != "right"
+        ]
+        source.index.frames.add(FrameTransforms(transforms=tuple(links)))
     return replace(source, roles=roles)
+
+
+def _frame_of(camera: str) -> str:
+    return CALIBRATED if camera in INFO_ROLES else f"{camera} {CALIBRATED}"
 
 
 def _place_scanner(source: "IndexedBag", path: Path, place: Matrix) -> None:
@@ -94,7 +102,7 @@ def _camera_info(path: Path, name: str, camera: Camera) -> CameraInfo:
         raise DataError(f"{path}: {name} lacks size ([width, height])")
     return CameraInfo(
         stamp_ns=0,
-        frame_id=CALIBRATED,
+        frame_id=_frame_of(name),
         size=camera.size,
         camera_matrix=camera.projection[:, :3],
         projection=camera.projection,

@@ -4,9 +4,9 @@
 
 import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import Matched, match, open_indexed_bag, with_poses
 from fusionslam.datasets.bags.point_times import point_seconds
-from fusionslam.datasets.bags.topics import INFO_ROLES
+from fusionslam.datasets.bags.topics import INFO_ROLES, further_cameras, info_role
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming, one_line
 from fusionslam.help_texts import counted
-from fusionslam.sensors.camera_info import cameras_from, check_pair, rectify
+from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair, rectify
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
@@ -42,11 +42,13 @@ class BagDataset(Dataset):
     Attributes:
         source: the open bag with its roles and index.
         matched: the messages of each frame.
+        surround: index of each frame's image of further cameras, int64 (N); -1 where there is none.
         origin: origin of the poses.
     """
 
     source: IndexedBag
     matched: Matched
+    surround: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     origin: PosesOrigin
 
     @property
@@ -77,7 +79,12 @@ class BagDataset(Dataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        return {sensor: len(self.source.series(sensor).stamps) for sensor in self.matched.rows}
+        sensors = (*self.matched.rows, *self.surround)
+        return {sensor: len(self.source.series(sensor).stamps) for sensor in sensors}
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        return tuple(self.matched.rows)
 
     def files(self) -> list[Path]:
         """The files of the bag."""
@@ -136,13 +143,15 @@ class BagDataset(Dataset):
             numbers=self.matched.numbers[rows],
             cameras_from_points=None if places is None else places[rows],
         )
-        return {"matched": matched}
+        surround = {name: found[rows] for name, found in self.surround.items()}
+        return {"matched": matched, "surround": surround}
 
     def _frame(self, index: int) -> Frame:
         scan = functools.cache(functools.partial(self._scan, index))
         stamp_ns, robot = int(self.stamps_ns[index]), self.source.index.frames.robot
         has_points, places = self.has_points, self.matched.cameras_from_points
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
+        images += [name for name, rows in self.surround.items() if rows[index] >= 0]
         return Frame(
             index=index,
             number=int(self.numbers[index]),
@@ -152,13 +161,29 @@ class BagDataset(Dataset):
             intensities=(lambda: scan().intensities) if has_points else None,
             point_seconds=(lambda: point_seconds(scan())) if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
-            cameras=_cameras(self.source, self.matched, index),
+            cameras=_cameras(self.source, self.matched, index) | self._surround_cameras(index),
             pose=None if self.poses is None else self.poses[index],
             odometry=self.source.odometry_at(stamp_ns),
             robot_from_points=self.source.find_transform(robot, self.matched.points_frame, stamp_ns)
             if robot and (has_points or places is not None)
             else None,
         )
+
+    def _surround_cameras(self, index: int) -> dict[str, Camera]:
+        """The further cameras with an image, a usable calibration and a known place."""
+        cameras = {}
+        for name, rows in self.surround.items():
+            if rows[index] < 0:
+                continue
+            image_ns = int(self.source.series(name).stamps_ns[rows[index]])
+            info = self.source.info_at(image_ns, name)
+            with suppress(DataError):
+                place = self.source.camera_from_points(
+                    image_ns, self.matched.points_frame, int(self.stamps_ns[index]), name
+                )
+                if info is not None:
+                    cameras[name] = camera_from(info, place, self.source.roles[info_role(name)])
+        return cameras
 
     def _scan(self, index: int) -> Scan:
         scan = self._message("points", index)
@@ -168,16 +193,19 @@ class BagDataset(Dataset):
     def _image(self, camera: str, index: int) -> NDArray[np.uint8]:
         picture = self._message(camera, index)
         assert isinstance(picture, Picture)
-        info = self.source.info_at(int(self.sensor_stamps(camera)[index]), camera)
+        stamps_ns = self.source.series(camera).stamps_ns
+        info = self.source.info_at(int(stamps_ns[self._row_of(camera, index)]), camera)
         if info is None:
             return picture.image
         with naming(self.root):
             return rectify(picture, info, self.source.roles[camera])
 
     def _message(self, sensor: str, index: int) -> Any:
-        row = int(self.matched.rows[sensor][index])
-        place = self.source.series(sensor).place(row)
+        place = self.source.series(sensor).place(self._row_of(sensor, index))
         return self.source.bag.message(self.source.roles[sensor], *place)
+
+    def _row_of(self, sensor: str, index: int) -> int:
+        return int({**self.matched.rows, **self.surround}[sensor][index])
 
 
 def open_bag_dataset(path: Path, request: Request) -> BagDataset:
@@ -225,6 +253,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         recorded=recorded,
         source=source,
         matched=matched,
+        surround=pairing.match_surround(source, matched, request.sync),
     )
 
 
@@ -334,6 +363,7 @@ def _cameras(source: IndexedBag, matched: Matched, index: int) -> dict[str, Came
 
 def _name(source: IndexedBag) -> str:
     """Name of the bag with its topics in use, so that results from other topics differ in name."""
-    used = [source.roles[role] for role in (*SENSORS, "odometry", "truth") if role in source.roles]
+    roles = (*SENSORS, *further_cameras(source.roles), "odometry", "truth")
+    used = [source.roles[role] for role in roles if role in source.roles]
     clock = ", times of arrival" if source.stamps == "bag" else ""
     return f"{source.bag.path.name} ({', '.join(used)}{clock})"

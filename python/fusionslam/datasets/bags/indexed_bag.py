@@ -10,7 +10,7 @@ import numpy as np
 
 from fusionslam.datasets.bags.index import BagIndex, Series
 from fusionslam.datasets.bags.reader import Bag
-from fusionslam.datasets.bags.topics import INFO_ROLES
+from fusionslam.datasets.bags.topics import info_role
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import CameraInfo
 from fusionslam.sensors.transforms import TransformError
@@ -39,14 +39,14 @@ class IndexedBag:
 
     def info_at(self, stamp_ns: int, camera: str = "left") -> CameraInfo | None:
         """Calibration that is valid for an image's stamp; None if the bag has none."""
-        infos = self.index.infos.get(self.roles.get(INFO_ROLES[camera], ""), [])
+        infos = self.index.infos.get(self.roles.get(info_role(camera), ""), [])
         before = [info for info in infos if info.stamp_ns <= stamp_ns]
         return before[-1] if before else next(iter(infos), None)
 
-    def optical_frame(self) -> str:
-        """Optical frame of the camera, of a stereo pair that of the left one."""
-        info = self.info_at(0)
-        return (info.frame_id if info else "") or self.series("left").frame_id
+    def optical_frame(self, camera: str = "left") -> str:
+        """Optical frame of a camera; that of the left one also serves the right one."""
+        info = self.info_at(0, camera)
+        return (info.frame_id if info else "") or self.series(camera).frame_id
 
     def points_frame(self, sensors: Sequence[str]) -> str:
         """Frame of the points when frames have these sensors.
@@ -63,7 +63,9 @@ class IndexedBag:
                 return scanner
         return self.optical_frame()
 
-    def camera_from_points(self, image_ns: int, points_frame: str, scan_ns: int) -> Matrix:
+    def camera_from_points(
+        self, image_ns: int, points_frame: str, scan_ns: int, name: str = "left"
+    ) -> Matrix:
         """float64 (4, 4), for a scan and an image with these stamps.
 
         Without odometry the robot is assumed to stand still between the two.
@@ -71,7 +73,7 @@ class IndexedBag:
         Raises:
             TransformError: TF does not link the two frames.
         """
-        frames, camera = self.index.frames, self.optical_frame()
+        frames, camera = self.index.frames, self.optical_frame(name)
         if points_frame == camera and image_ns == scan_ns:
             return np.eye(4)
         try:

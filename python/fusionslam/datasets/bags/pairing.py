@@ -16,10 +16,11 @@ from fusionslam.datasets.bags.calibration import apply_calibration
 from fusionslam.datasets.bags.index import STAMPS, index_bag
 from fusionslam.datasets.bags.indexed_bag import IndexedBag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
-from fusionslam.datasets.bags.topics import choose_topics
+from fusionslam.datasets.bags.topics import choose_topics, further_cameras
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.sensors.messages import NANOSECONDS
+from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds
+from fusionslam.sensors.surround import choose_image
 from fusionslam.sensors.synchronizer import Pair, SyncConfig, Synchronizer, stereo_synchronizer
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.storage.arrays import Matrix
@@ -116,6 +117,37 @@ def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> M
     numbers = ranks[rows[sensors[0]]].astype(np.int64)
     gaps = np.setdiff1d(ranks, numbers).tolist()
     return Matched(rows, numbers, gaps, points_frame, places)
+
+
+def match_surround(source: IndexedBag, matched: Matched, config: SyncConfig) -> dict[str, Rows]:
+    """Index of the image of each further camera for each frame, int64 (N); -1 where none is near.
+
+    Only scans have further cameras.
+
+    Raises:
+        DataError: the clock of a camera jumps back.
+    """
+    if not {"points", "left"} <= matched.rows.keys():
+        return {}
+    scans = source.series("points").stamps_ns[matched.rows["points"]].tolist()
+    reach_ns = as_nanoseconds("max_difference", config.max_difference)
+    found = {}
+    for camera in further_cameras(source.roles):
+        _check_clock(source, camera, config)
+        stamps = source.series(camera).stamps_ns
+        order = np.argsort(stamps, kind="stable")
+        places = [choose_image(stamps[order], scan, config.policy, reach_ns) for scan in scans]
+        rows = [-1 if place is None else order[place] for place in places]
+        found[camera] = np.array(rows, dtype=np.int64)
+        if missing := rows.count(-1):
+            logger.warning(
+                "%s: %d of %d scans have no image of %s near",
+                source.bag.path,
+                missing,
+                len(scans),
+                source.roles[camera],
+            )
+    return found
 
 
 def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:

@@ -4,6 +4,7 @@
 
 import logging
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.errors import ConfigError, DataError
@@ -22,7 +23,8 @@ ROLES = {
 }
 """Roles that a topic can have in a dataset, with the message types of each."""
 INFO_ROLES = {"left": "camera_info", "right": "right_camera_info"}
-"""Role of each camera's calibration."""
+"""Role of the calibration of each camera of a stereo pair."""
+_OF_INFO = "_camera_info"
 TRANSFORM_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 
 # Parts of names that exclude a role.
@@ -43,6 +45,9 @@ def choose_topics(
     ones; their CameraInfo is named likewise, or shares more parts with the right images than with
     the left ones. Odometry with "truth" or "gt" in its name is ground truth, other odometry is not.
 
+    Any other role that is named with images is a further camera. Its CameraInfo, if not named as
+    NAME_camera_info, is the free one whose name shares most parts with that of its images.
+
     Args:
         topics: of the bag, by name.
         named: topics by role that are not to be guessed; an empty name leaves the role unfilled.
@@ -54,7 +59,7 @@ def choose_topics(
     """
     chosen = dict(named or {})
     for role, name in chosen.items():
-        _check(topics, role, name, bag)
+        _check(topics, role, name, bag, chosen)
     for role in ROLES:
         if role not in chosen and (fitting := candidates(topics, role, chosen)):
             chosen[role] = fitting[0]
@@ -67,25 +72,68 @@ def choose_topics(
                     ", ".join(fitting),
                     role,
                 )
-    used = {role: chosen[role] for role in ROLES if chosen.get(role)}
+    _choose_infos(topics, chosen)
+    roles = dict.fromkeys([*ROLES, *chosen])
+    used = {role: chosen[role] for role in roles if chosen.get(role)}
     if "right" in used and used["right"] == used.get("left"):
         message = f"{bag}: {used['right']} is left and right: expected two topics of a pair"
         raise DataError(message, code="no-pair", fields=(used["right"],))
     return used
 
 
-def _check(topics: Mapping[str, Topic], role: str, name: str, bag: str) -> None:
-    if role not in ROLES:
-        raise ConfigError(f"topics has '{role}', expected some of {', '.join(ROLES)}")
+def info_role(camera: str) -> str:
+    """Role of a camera's calibration."""
+    return INFO_ROLES.get(camera, camera + _OF_INFO)
+
+
+def further_cameras(roles: Mapping[str, str]) -> tuple[str, ...]:
+    """The cameras among roles in use beside "left" and "right"."""
+    return tuple(role for role in roles if role not in ROLES and not role.endswith(_OF_INFO))
+
+
+def _choose_infos(topics: Mapping[str, Topic], chosen: dict[str, str]) -> None:
+    """Choose the CameraInfo of each further camera, if one shares a part of its images' name."""
+    for camera in further_cameras(chosen):
+        if info_role(camera) in chosen:
+            continue
+        images = chosen[camera]
+        free = [name for name in _of_type(topics, "camera_info") if name not in chosen.values()]
+        best = max(free, key=lambda name: _shared_parts(name, images), default="")
+        if best and _shared_parts(best, images):
+            chosen[info_role(camera)] = best
+
+
+def _types(role: str) -> tuple[str, ...]:
+    return ROLES.get(role) or ROLES["camera_info" if role.endswith(_OF_INFO) else "left"]
+
+
+def _is_role(topics: Mapping[str, Topic], role: str, name: str, named: Mapping[str, str]) -> bool:
+    """Whether a role is known, or that of a further camera; a near miss is taken for an error."""
+    if role in ROLES:
+        return True
+    if role.endswith(_OF_INFO):
+        return role.removesuffix(_OF_INFO) in named
+    is_image = name in topics and topics[name].type in _IMAGES
+    return is_image and role.isidentifier() and not get_close_matches(role, ROLES, cutoff=0.8)
+
+
+def _check(
+    topics: Mapping[str, Topic], role: str, name: str, bag: str, named: Mapping[str, str]
+) -> None:
+    if not _is_role(topics, role, name, named):
+        raise ConfigError(
+            f"topics has '{role}', expected some of {', '.join(ROLES)}, or a further camera's name "
+            "with a topic of images"
+        )
     if not name:
         return
     fitting = ", ".join(_of_type(topics, role)) or "none has that type"
     if name not in topics:
         message = f"{bag} has no topic {name} for {role}; that could be: {fitting}"
         raise DataError(message, code="no-topic", fields=(name, role))
-    if topics[name].type not in ROLES[role]:
+    if topics[name].type not in _types(role):
         raise DataError(
-            f"{bag}: {name} is of type {topics[name].type}, expected {' or '.join(ROLES[role])} "
+            f"{bag}: {name} is of type {topics[name].type}, expected {' or '.join(_types(role))} "
             f"for {role}; that could be: {fitting}",
             code="topic-type",
             fields=(name, role),
@@ -93,12 +141,15 @@ def _check(topics: Mapping[str, Topic], role: str, name: str, bag: str) -> None:
 
 
 def _of_type(topics: Mapping[str, Topic], role: str) -> list[str]:
-    return [name for name, topic in topics.items() if topic.count and topic.type in ROLES[role]]
+    types = _types(role)
+    return [name for name, topic in topics.items() if topic.count and topic.type in types]
 
 
 def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]) -> list[str]:
     """List the topics that can have a role, best first, given the roles chosen already."""
-    names = sorted(_of_type(topics, role), key=lambda name: (-topics[name].count, name))
+    taken = {name for other, name in chosen.items() if other not in ROLES}
+    fitting = [name for name in _of_type(topics, role) if name not in taken]
+    names = sorted(fitting, key=lambda name: (-topics[name].count, name))
     if role == "left":
         infos = _of_type(topics, "camera_info")
         free = [name for name in names if name != chosen.get("right")]

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TypeVar
 
+from pydantic import field_validator
+
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError, cause_of
 from fusionslam.fusion import SENSORS_OF, Source
@@ -25,6 +27,8 @@ SCANS = "velodyne_points"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
 ODOM = "odom"
+# Names that would give another camera's topics.
+RESERVED = ("left", "right", "rgb", "points")
 _WENT_BACK = (
     "the clock went back, so waiting messages are dropped: this is normal for a bag that is played "
     "again; else check the sensors' clocks"
@@ -47,13 +51,47 @@ class FramesConfig(CommonConfig):
         OnlineConfig(wait=5.0),
         "pairing of images with scans; names of frames",
     )
+    cameras: tuple[str, ...] = option(
+        (),
+        "names of further cameras that colour scans (source lidar); the images of each are on "
+        "camera/NAME/image_raw, its calibration is on camera/NAME/camera_info",
+    )
+
+    @field_validator("cameras")
+    @classmethod
+    def _cameras_are_further_ones(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        for name in names:
+            if name in RESERVED or not name.isidentifier() or names.count(name) > 1:
+                raise ValueError(
+                    f"{name!r} is no name of a further camera: expected letters, digits and _, "
+                    f"none twice, and none of {', '.join(RESERVED)}"
+                )
+        return names
 
 
-def frame_builder(online: OnlineConfig, source: Source, *, moving: bool = False) -> FrameBuilder:
+def topics_of(camera: str) -> tuple[str, str]:
+    """Topics of a camera's images and of its CameraInfo."""
+    known = {"left": LEFT, "right": RIGHT}
+    return known.get(camera) or (f"camera/{camera}/image_raw", f"camera/{camera}/camera_info")
+
+
+def frame_builder(
+    online: OnlineConfig,
+    source: Source,
+    *,
+    surround: tuple[str, ...] = (),
+    moving: bool = False,
+) -> FrameBuilder:
     """Return a builder of frames from messages, with the cameras that a source of clouds needs."""
     sensors = SENSORS_OF[source]
     cameras = tuple(sensor for sensor in sensors if sensor != "points")
-    return FrameBuilder(online, cameras=cameras, scans="points" in sensors, moving=moving)
+    return FrameBuilder(
+        online,
+        cameras=cameras,
+        surround=surround if source == "lidar" else (),
+        scans="points" in sensors,
+        moving=moving,
+    )
 
 
 C = TypeVar("C", bound=FramesConfig)
@@ -78,7 +116,7 @@ class FrameNode(Node[C]):
         self._sensors = SENSORS_OF[source]
         self.lead = SCANS if "points" in self._sensors else LEFT[0]
         self._logged: set[tuple[str, str]] = set()
-        self.frames = frame_builder(config.online, source, moving=moving)
+        self.frames = frame_builder(config.online, source, surround=config.cameras, moving=moving)
 
     @abstractmethod
     def take_frame(self, frame: Frame) -> None:
@@ -94,14 +132,19 @@ class FrameNode(Node[C]):
         ]
         if "points" in self._sensors:
             found.append(Input(SCANS, [CLOUD], self._take))
-        for camera, topics in (("left", LEFT), ("right", RIGHT)):
-            if camera in self._sensors:
-                found += self._camera(camera, *topics)
+        cameras = [sensor for sensor in self._sensors if sensor != "points"]
+        for camera in cameras:
+            found += self._camera(camera)
+        for camera in self.frames.surround.names:
+            found += self._camera(camera, optional=True)
         return found
 
-    def _camera(self, camera: str, images: str, info: str) -> list[Input]:
-        take = partial(self._take, camera=camera)
-        return [Input(images, IMAGES, take), Input(info, [CAMERA_INFO], take)]
+    def _camera(self, camera: str, *, optional: bool = False) -> list[Input]:
+        take, (images, info) = partial(self._take, camera=camera), topics_of(camera)
+        return [
+            Input(images, IMAGES, take, optional=optional),
+            Input(info, [CAMERA_INFO], take, optional=optional),
+        ]
 
     def idle(self) -> None:
         """Process the waiting frames: the messages that they wait for have not come."""
@@ -112,8 +155,9 @@ class FrameNode(Node[C]):
         frames = self.frames
         dropped = {f"{sensor}: {why}": count for (sensor, why), count in frames.dropped.items()}
         refused = {f"refused {kind}": count for kind, count in frames.refused.items()}
+        lacking = {f"without {name}": count for name, count in frames.surround.missing.items()}
         more = {"frames": frames.frames, "without odometry": frames.still, "jumps": frames.jumps}
-        return {**self.counts, **more, **dropped, **refused}
+        return {**self.counts, **more, **lacking, **dropped, **refused}
 
     def went_back(self) -> None:
         """Called after the clock of the sensors went back."""

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drive the car through the town and write a folder in the layout of KITTI odometry.
 
+With four cameras (``car.cameras``) it is a plain folder instead.
+
 ``sim.json`` is written last, so a folder with it is complete. An interrupted recording leaves
 ``sim.partial.json`` and is resumed with the missing frames.
 """
@@ -9,7 +11,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +24,13 @@ from pydantic import model_validator
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.loops.revisits import visits
-from fusionslam.sim.camera import parent_from_camera, photograph, projection
+from fusionslam.sim.camera import photograph
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town.car import CarConfig, car_from_lidar
 from fusionslam.sim.town.layout import TownConfig, make_town
+from fusionslam.sim.town.recording_layout import Layout, layout_of
 from fusionslam.sim.town.route import Drive, DriveConfig, make_drive
-from fusionslam.storage.arrays import Floats
 from fusionslam.storage.cache import cache_folder
 from fusionslam.storage.files import atomic_path, reading
 from fusionslam.storage.parallel import available_cores
@@ -37,7 +39,8 @@ from fusionslam.storage.progress import Progress
 # Part of the cache key: increment when the same configuration gives different bytes.
 FORMAT = 1
 _DONE, _STARTED = "sim.json", "sim.partial.json"
-_SENSORS = {"velodyne": ".bin", "image_2": ".png", "image_3": ".png"}
+# What other recordings may have; nothing is written beside it.
+_FOREIGN = ("sequences", "poses", "clouds")
 
 
 class SimConfig(Section):
@@ -66,31 +69,35 @@ class _Recorder:
 
     config: SimConfig
     drive: Drive
-    sequence: Path
+    layout: Layout
+    root: Path
 
     def missing(self, lap: int) -> list[int]:
         """Frames of one lap that have yet to be written."""
         frames = np.flatnonzero(self.drive.lap == lap).tolist()
-        return [k for k in frames if not all(path.exists() for path in self._paths(k).values())]
+        return [k for k in frames if not all(path.exists() for path in self._paths(k))]
 
     def write(self, caster: RayCaster, frame: int) -> None:
-        """Simulate and write one frame: LiDAR sweep, left and right image."""
-        paths, car = self._paths(frame), self.config.car
+        """Simulate and write one frame: LiDAR sweep and images."""
+        (scans, *images), car = self._paths(frame), self.config.car
         world_from_car = self.drive.poses[frame]
         swept = world_from_car @ car_from_lidar(car)
         sweep = scan(caster, car.lidar, swept, self._rng(frame, 0))
         points = np.column_stack([sweep.points, sweep.intensity])
-        _write_bytes(paths["velodyne"], points.tobytes())
-        gain = car.camera.exposure[min(self.drive.lap[frame], len(car.camera.exposure) - 1)]
-        for sensor, name in enumerate(("image_2", "image_3"), start=1):
-            seen = world_from_car @ parent_from_camera(car.camera, right=sensor == 2)
+        _write_bytes(scans, points.tobytes())
+        for sensor, (path, shots) in enumerate(
+            zip(images, self.layout.shots, strict=True), start=1
+        ):
+            gain = shots.gains[min(self.drive.lap[frame], len(shots.gains) - 1)]
+            seen = world_from_car @ shots.car_from_camera
             rng = self._rng(frame, sensor)
-            _write_png(paths[name], photograph(caster, car.camera, seen, gain, rng))
+            _write_png(path, photograph(caster, shots.lens, seen, gain, rng))
 
-    def _paths(self, frame: int) -> dict[str, Path]:
-        return {
-            name: self.sequence / name / f"{frame:06d}{suffix}" for name, suffix in _SENSORS.items()
-        }
+    def _paths(self, frame: int) -> list[Path]:
+        """The scan's, then those of the images."""
+        scans, shots = self.root / self.layout.scans, self.layout.shots
+        images = [self.root / shot.folder / f"{frame:06d}.png" for shot in shots]
+        return [scans / f"{frame:06d}.bin", *images]
 
     def _rng(self, frame: int, sensor: int) -> np.random.Generator:
         return np.random.default_rng([self.config.seed, frame, sensor])
@@ -112,7 +119,7 @@ def record(
         progress: called with (frames written, total) after each frame.
 
     Returns:
-        The folder, in KITTI odometry layout (sequence 00).
+        The folder, in KITTI odometry layout (sequence 00); with four cameras a plain folder.
 
     Raises:
         DataError: the folder cannot be written, or already contains something else.
@@ -121,8 +128,10 @@ def record(
     drive = make_drive(config.drive, config.town.block_m, config.seed)
     if _claim(root, config):
         return root
-    _write_texts(root, config, drive)
-    recorder = _Recorder(config, drive, root / "sequences" / "00")
+    layout = layout_of(config.car, drive)
+    for name, text in layout.texts.items():
+        _write_bytes(root / name, text.encode())
+    recorder = _Recorder(config, drive, layout, root)
     for done in _write_frames(recorder, max(jobs, 1)):
         if progress is not None:
             progress(done, len(drive.poses))
@@ -169,7 +178,11 @@ def _write_frames(recorder: _Recorder, jobs: int) -> Iterator[int]:
 
 
 def _identity(config: SimConfig) -> dict[str, object]:
-    return {"format": FORMAT, "config": config.model_dump(mode="json")}
+    values = config.model_dump(mode="json")
+    if values["car"]["cameras"] == "stereo":
+        # Recordings of the pair keep the identity that they had before there was a ring.
+        del values["car"]["cameras"], values["car"]["ring"]
+    return {"format": FORMAT, "config": values}
 
 
 def _claim(root: Path, config: SimConfig) -> bool:
@@ -181,7 +194,7 @@ def _claim(root: Path, config: SimConfig) -> bool:
                     f"{root} holds another recording: choose another folder", code="other-recording"
                 )
             return name == _DONE
-    for name in ("sequences", "poses"):
+    for name in _FOREIGN:
         if (root / name).exists():
             raise DataError(
                 f"{root / name} was not written by the simulator: choose another folder",
@@ -203,30 +216,6 @@ def _summary(config: SimConfig, drive: Drive) -> dict[str, object]:
         for lap, visit in zip(drive.lap, visits(drive.poses), strict=True)
     ]
     return _identity(config) | {"frames": frames}
-
-
-def _write_texts(root: Path, config: SimConfig, drive: Drive) -> None:
-    sequence = root / "sequences" / "00"
-    _write_text(sequence / "times.txt", [f"{second:.6e}" for second in drive.seconds])
-    _write_text(sequence / "calib.txt", _calibration(config.car))
-    cameras = drive.poses @ parent_from_camera(config.car.camera)
-    relative = np.linalg.inv(cameras[0]) @ cameras
-    _write_text(root / "poses" / "00.txt", [_row(pose[:3]) for pose in relative])
-
-
-def _calibration(car: CarConfig) -> list[str]:
-    left, right = (projection(car.camera, right=right) for right in (False, True))
-    lidar = np.linalg.inv(parent_from_camera(car.camera)) @ car_from_lidar(car)
-    rows = {"P0": left, "P1": right, "P2": left, "P3": right, "Tr": lidar[:3]}
-    return [f"{name}: {_row(matrix)}" for name, matrix in rows.items()]
-
-
-def _row(matrix: Floats) -> str:
-    return " ".join(f"{value:.12e}" for value in matrix.ravel())
-
-
-def _write_text(path: Path, lines: Sequence[str]) -> None:
-    _write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 
 def _write_json(path: Path, value: dict[str, object]) -> None:

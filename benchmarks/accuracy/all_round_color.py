@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Does colour all round recognise places from the opposite direction? A Markdown table.
+
+python -m benchmarks.accuracy.all_round_color            # five towns that nothing was fitted to
+python -m benchmarks.accuracy.all_round_color --write    # and put the table into the docs
+
+Drives of the made car with four cameras, recorded into the user's cache where they are missing,
+and described with all four cameras, with the one ahead alone, and without colours.
+"""
+
+import argparse
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+
+from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.presets import ROOT, figures_of, mean_and_range
+from fusionslam import FusionConfig, PipelineConfig, describe_dataset
+from fusionslam.datasets import open_dataset
+from fusionslam.evaluation import DIRECTIONS, DescriptorRun, evaluate, visits
+from fusionslam.pipelines.describe import run_path
+from fusionslam.sim import CarConfig, SimConfig, TownConfig, record
+from fusionslam.storage.cache import cache_folder
+
+PAGE = ROOT / "docs" / "stages" / "descriptors.md"
+SEEDS = (1, 2, 3, 5, 7)
+COLORED = ("cm2dp:robust", "cm2dp:upright", "cshot")
+FIGURES = ("top-1", "same direction", "opposite", "recall at 100 % precision")
+CLOUDS: Mapping[str, tuple[FusionConfig, Sequence[str]]] = {
+    "four cameras": (FusionConfig(), COLORED),
+    "four cameras, exposure as it is": (FusionConfig(balance=False), COLORED[:2]),
+    "the camera ahead": (FusionConfig(cameras=("left",)), COLORED),
+    "full circle without colours": (
+        FusionConfig(source="cloud"),
+        ("m2dp:robust", "m2dp:upright", "bev_spectrum"),
+    ),
+}
+
+
+def record_ring(seed: int, folder: Path) -> Path:
+    """The drive of the car with four cameras through a town; recorded where it is missing."""
+    config = SimConfig(town=TownConfig(seed=seed), seed=seed, car=CarConfig(cameras="four"))
+    return record(config, folder, jobs=os.cpu_count() or 1)
+
+
+def describe_town(seed: int) -> dict[tuple[str, str], DescriptorRun]:
+    """Describe a town's drive by all clouds and descriptors; the cache keeps the runs."""
+    cache, runs = cache_folder(), {}
+    for number, (clouds, (fusion, names)) in enumerate(CLOUDS.items()):
+        folder = cache / "all-round-color" / f"{seed}-{number}"
+        missing = [name for name in names if not run_path(folder, fusion.source, name).exists()]
+        if missing:
+            drive = record_ring(seed, cache / f"town-{seed}-four-cameras")
+            jobs = os.cpu_count() or 1
+            config = PipelineConfig(fusion=fusion)
+            describe_dataset(open_dataset(drive), missing, folder, config=config, jobs=jobs)
+        for name in names:
+            runs[clouds, name] = DescriptorRun.load(run_path(folder, fusion.source, name))
+    return runs
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put the table into the docs")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
+    arguments = parser.parse_args()
+    towns = [describe_town(seed) for seed in arguments.seeds]
+    rows = []
+    directions: Counter[str] = Counter()
+    for clouds, name in towns[0]:
+        found = np.array([figures_of(evaluate(town[clouds, name])) for town in towns], float)
+        figures = [mean_and_range(found[:, column]) for column in range(len(FIGURES))]
+        rows.append([clouds, f"`{name}`", *figures])
+    for town in towns:
+        poses = next(iter(town.values())).poses
+        assert poses is not None  # the simulator always writes them
+        directions += Counter(visit.kind for visit in visits(poses))
+    shown = table(["clouds", "descriptor", *FIGURES], rows)
+    about = fill(
+        "`python -m benchmarks.accuracy.all_round_color`: the towns of seeds "
+        f"{', '.join(map(str, arguments.seeds))}, revisits by direction: "
+        f"{', '.join(f'{directions[kind]} {kind}' for kind in DIRECTIONS)}; protocol revisit, "
+        "10 m, 50 frames. Mean (lowest to highest) over the towns.",
+        100,
+    )
+    print(f"{about}\n\n{shown}")
+    if arguments.write:
+        write_between(PAGE, "all round", f"{about}\n\n{shown}")
+
+
+if __name__ == "__main__":
+    main()
