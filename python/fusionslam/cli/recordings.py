@@ -47,8 +47,8 @@ def build_recording(
         list[str] | None,
         typer.Option(
             metavar="WHAT=/NAME",
-            help="Topic of a bag for points, left, camera_info, right, right_camera_info, odometry "
-            "or truth; may be repeated.",
+            help="Topic of a bag for points, left, camera_info, right, right_camera_info, "
+            "odometry, truth or a further camera; may be repeated.",
         ),
     ] = None,
     stamps: Annotated[
@@ -96,8 +96,14 @@ def build_recording(
 
 
 def _parse_topics(texts: list[str]) -> dict[str, str]:
-    """Parse texts such as points=/velodyne_points; a bag checks the roles, as it has the topics."""
+    """Parse texts such as points=/velodyne_points."""
+    from fusionslam.datasets.bags.topics import ROLES, can_be_camera
+
     _check_pairs("--topic", texts, "WHAT=/NAME")
+    for text in texts:
+        what = text.partition("=")[0]
+        if not can_be_camera(what):
+            opt.check_choice(f"--topic {text}: WHAT", what, tuple(ROLES))
     return dict(text.split("=", 1) for text in texts)
 
 

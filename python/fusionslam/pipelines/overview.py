@@ -130,7 +130,7 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
     yield "folder", str(dataset.root)
     yield "frames", f"{len(dataset)}, numbers {dataset.numbers[0]} to {dataset.numbers[-1]}"
     yield "time", _time(dataset.stamps_ns)
-    for sensor in dataset.sensors:
+    for sensor in dataset.counts:
         yield f"sensor {sensor}", dataset.content(sensor)
     if isinstance(dataset, SceneRecording):
         yield from dataset.rows()

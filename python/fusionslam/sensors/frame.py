@@ -104,7 +104,8 @@ class Frame:
         colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
         intensities: float32 (N,), of the returns, in the scanner's own unit; or a loader.
         point_seconds: float64 (N,), when each point was measured, after the stamp; or a loader.
-        images: by camera name ("left", "right"): uint8 (H, W, 3) RGB or (H, W); or loaders.
+        images: by camera name: uint8 (H, W, 3) RGB or (H, W); or loaders. "left" is the main
+            camera, "right" its partner in a stereo pair; others have any name.
         cameras: calibration by camera name.
         pose: float64 (4, 4), world_from_body; the dataset says which body (``pose_frame``).
         odometry: float64 (4, 4), measured odom_from_robot at the scan's stamp.

@@ -2,16 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Images of the cameras around a robot, which frames take along but can do without."""
 
-from bisect import bisect_right, insort
+from bisect import insort
 from collections import Counter
 from collections.abc import Iterable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, Picture, as_nanoseconds
-from fusionslam.sensors.synchronizer import SyncConfig
+from fusionslam.sensors.synchronizer import SyncConfig, choose_image
 
 
 class SurroundImages:
@@ -96,26 +93,6 @@ class SurroundImages:
 
     def _chosen(self, name: str, stamp_ns: int) -> Picture | None:
         images = self._images[name]
-        stamps = np.array([image[0] for image in images], dtype=np.int64)
+        stamps = [image[0] for image in images]
         row = choose_image(stamps, stamp_ns, self._config.policy, self._reach_ns)
         return None if row is None else images[row][1]
-
-
-def choose_image(
-    stamps_ns: NDArray[np.int64], stamp_ns: int, policy: str, reach_ns: int
-) -> int | None:
-    """The image that belongs to a scan, by its place among ascending stamps; None if none is near.
-
-    Args:
-        stamps_ns: int64 (N), of the images.
-        stamp_ns: of the scan.
-        policy: "nearest" (of two equally near ones the earlier), or "last_before".
-        reach_ns: an image further away does not belong to the scan.
-    """
-    after = bisect_right(stamps_ns, stamp_ns)
-    # The earlier one comes first, so that it wins ties.
-    places = [after - 1] if after else []
-    if policy == "nearest" and after < len(stamps_ns):
-        places.append(after)
-    near = [place for place in places if abs(int(stamps_ns[place]) - stamp_ns) <= reach_ns]
-    return min(near, key=lambda place: abs(int(stamps_ns[place]) - stamp_ns), default=None)

@@ -8,7 +8,7 @@ Works as messages arrive, on a robot or from a bag, in bounded memory. Stastny 2
 
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -255,13 +255,7 @@ class Synchronizer:
     def _match(self, camera: str, stamp_ns: int) -> int | None:
         """Index of the image that belongs to a scan, among the buffered ones."""
         stamps = self._buffers[camera].stamps
-        after = bisect_right(stamps, stamp_ns)
-        # The earlier one comes first, so that it wins ties.
-        places = [after - 1] if after else []
-        if self.config.policy == "nearest" and after < len(stamps):
-            places.append(after)
-        near = [place for place in places if abs(stamps[place] - stamp_ns) <= self._reach]
-        return min(near, key=lambda place: abs(stamps[place] - stamp_ns), default=None)
+        return choose_image(stamps, stamp_ns, self.config.policy, self._reach)
 
     def _decide(self) -> Pair | None:
         """Pair the oldest scan or give it up, and discard the images no longer needed."""
@@ -295,6 +289,24 @@ class Synchronizer:
             self.unused[camera] += used.count(False)
         else:
             self._drop(camera, reason, used.count(False))
+
+
+def choose_image(stamps: Sequence[int], stamp_ns: int, policy: str, reach_ns: int) -> int | None:
+    """The image that belongs to a scan, by its place among ascending stamps; None if none is near.
+
+    Args:
+        stamps: of the images, nanoseconds.
+        stamp_ns: of the scan.
+        policy: "nearest" (of two equally near ones the earlier), or "last_before".
+        reach_ns: an image further away does not belong to the scan.
+    """
+    after = bisect_right(stamps, stamp_ns)
+    # The earlier one comes first, so that it wins ties.
+    places = [after - 1] if after else []
+    if policy == "nearest" and after < len(stamps):
+        places.append(after)
+    near = [place for place in places if abs(stamps[place] - stamp_ns) <= reach_ns]
+    return min(near, key=lambda place: abs(stamps[place] - stamp_ns), default=None)
 
 
 def stereo_synchronizer(config: SyncConfig) -> Synchronizer:

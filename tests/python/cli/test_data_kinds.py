@@ -294,7 +294,7 @@ def test_a_world_is_recorded_and_then_read_as_a_recording(
         ("describe", "--set", "fusion.bogus=1"),
         ("loops", "--source", "sonar"),
         ("bench", "--stamps", "late"),
-        ("fuse", "--topic", "nose=/x"),
+        ("fuse", "--topic", "point=/x"),
         ("views", "match", "--rule", "mine"),
         ("views", "record", "--tuned", "nobody"),
         ("ratslam", "--views", "nobody"),

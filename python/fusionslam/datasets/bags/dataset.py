@@ -236,7 +236,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         poses = match_poses(request.poses, matched.numbers, stamps_ns, recorded=recorded)
         origin = PosesOrigin.FILE
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
-    return BagDataset(
+    dataset = BagDataset(
         kind=source.bag.kind,
         name=_name(source),
         root=path,
@@ -255,6 +255,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         matched=matched,
         surround=pairing.match_surround(source, matched, request.sync),
     )
+    return replace(dataset, cameras=dataset[0].cameras) if dataset.surround else dataset
 
 
 def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...]:

@@ -20,8 +20,13 @@ from fusionslam.datasets.bags.topics import choose_topics, further_cameras
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds
-from fusionslam.sensors.surround import choose_image
-from fusionslam.sensors.synchronizer import Pair, SyncConfig, Synchronizer, stereo_synchronizer
+from fusionslam.sensors.synchronizer import (
+    Pair,
+    SyncConfig,
+    Synchronizer,
+    choose_image,
+    stereo_synchronizer,
+)
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.storage.arrays import Matrix
 
@@ -136,7 +141,8 @@ def match_surround(source: IndexedBag, matched: Matched, config: SyncConfig) -> 
         _check_clock(source, camera, config)
         stamps = source.series(camera).stamps_ns
         order = np.argsort(stamps, kind="stable")
-        places = [choose_image(stamps[order], scan, config.policy, reach_ns) for scan in scans]
+        rising = stamps[order].tolist()
+        places = [choose_image(rising, scan, config.policy, reach_ns) for scan in scans]
         rows = [-1 if place is None else order[place] for place in places]
         found[camera] = np.array(rows, dtype=np.int64)
         if missing := rows.count(-1):

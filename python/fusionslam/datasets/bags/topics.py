@@ -91,6 +91,12 @@ def further_cameras(roles: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(role for role in roles if role not in ROLES and not role.endswith(_OF_INFO))
 
 
+def can_be_camera(role: str) -> bool:
+    """Whether a role that is not known can be a further camera's; a near miss is a mistake."""
+    name = role.removesuffix(_OF_INFO)
+    return name.isidentifier() and not get_close_matches(name, ROLES, cutoff=0.8)
+
+
 def _choose_infos(topics: Mapping[str, Topic], chosen: dict[str, str]) -> None:
     """Choose the CameraInfo of each further camera, if one shares a part of its images' name."""
     for camera in further_cameras(chosen):
@@ -113,8 +119,7 @@ def _is_role(topics: Mapping[str, Topic], role: str, name: str, named: Mapping[s
         return True
     if role.endswith(_OF_INFO):
         return role.removesuffix(_OF_INFO) in named
-    is_image = name in topics and topics[name].type in _IMAGES
-    return is_image and role.isidentifier() and not get_close_matches(role, ROLES, cutoff=0.8)
+    return can_be_camera(role) and name in topics and topics[name].type in _IMAGES
 
 
 def _check(
