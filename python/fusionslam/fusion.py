@@ -286,13 +286,14 @@ def main_camera(frame: Frame) -> str:
 
 
 def color_cameras(frame: Frame, config: FusionConfig) -> tuple[str, ...]:
-    """Names of the cameras that are to colour a frame's scan, the main one first."""
+    """Names of the cameras that are to colour a frame's scan: the main one, others by name."""
     if config.cameras is not None:
         return config.cameras
-    names = dict.fromkeys([main_camera(frame), *frame.cameras, *frame.images])
-    if "left" in names and _is_pair(frame):
-        names.pop("right", None)
-    return tuple(names)
+    main = main_camera(frame)
+    others = {*frame.cameras, *frame.images} - {main}
+    if main == "left" and _is_pair(frame):
+        others.discard("right")
+    return (main, *sorted(others))
 
 
 def _is_pair(frame: Frame) -> bool:

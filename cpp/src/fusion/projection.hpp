@@ -52,26 +52,48 @@ inline Frustum frustum_of(const Projection& p, int width, int height) {
   return frustum;
 }
 
+/// What an image sees, ready to be looked for in blocks of points.
+class ImageRegion {
+ public:
+  ImageRegion(const Projection& projection, int width, int height)
+      : projection_(projection),
+        width_(width),
+        height_(height),
+        frustum_(frustum_of(projection, width, height)) {}
+
+  /// Calls work(i, pixel) for each visible one of the point_block points from `begin` on, in order.
+  /// Throws DataError at the first point that is not finite.
+  template <class Work>
+  void for_each_visible(PointsView points, std::size_t begin, Work&& work) const {
+    int list[point_block];
+    std::int32_t largest = 0;
+    const std::size_t size = std::min(point_block, points.size - begin);
+    const int count = list_inside_({points[begin], points.stride, size}, frustum_, list, largest);
+    constexpr std::int32_t infinity = 0x7f800000;
+    if (largest >= infinity) check_points(points, 0, "the projection");
+    for (int k = 0; k < count; ++k) {
+      const std::size_t i = begin + static_cast<std::size_t>(list[k]);
+      const Pixel pixel = project(points[i], projection_);
+      if (is_visible(pixel, width_, height_)) work(i, pixel);
+    }
+  }
+
+ private:
+  Projection projection_;
+  int width_, height_;
+  Frustum frustum_;
+  ListInside* list_inside_ = frustum_kernel(simd_level());
+};
+
 /// Calls work(i, pixel) for each point that is visible, in order. Throws DataError at the first
 /// point that is not finite.
 template <class Work>
 void for_each_visible(PointsView points, const Projection& projection, int width, int height,
                       Work&& work) {
-  const auto list_inside = frustum_kernel(simd_level());
-  const Frustum frustum = frustum_of(projection, width, height);
-  int list[point_block];
-  std::int32_t largest = 0;
+  const ImageRegion region(projection, width, height);
   for (std::size_t begin = 0; begin < points.size; begin += point_block) {
     check_interrupt();
-    const std::size_t size = std::min(point_block, points.size - begin);
-    const int count = list_inside({points[begin], points.stride, size}, frustum, list, largest);
-    constexpr std::int32_t infinity = 0x7f800000;
-    if (largest >= infinity) check_points(points, 0, "the projection");
-    for (int k = 0; k < count; ++k) {
-      const std::size_t i = begin + static_cast<std::size_t>(list[k]);
-      const Pixel pixel = project(points[i], projection);
-      if (is_visible(pixel, width, height)) work(i, pixel);
-    }
+    region.for_each_visible(points, begin, work);
   }
 }
 

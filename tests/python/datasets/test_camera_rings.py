@@ -76,7 +76,7 @@ def test_a_bag_has_the_further_cameras_that_are_named(tmp_path: Path, suffix: st
     pytest.importorskip("rosbags", reason="bags are an extra")
     path = write_bag(tmp_path / f"ring.{suffix}", ring_events())
     dataset = open_dataset(path, topics=TOPICS)
-    assert list(dataset[0].images) == list(dataset[0].cameras) == list(RING)
+    assert {*dataset[0].images} == {*dataset[0].cameras} == {*dataset.cameras} == {*RING}
     assert dataset.counts["rear"] == 11 and len(dataset) == 6
     assert all(all_round(frame) for frame in dataset)
     assert all_round(dataset[2:4][1])

@@ -156,7 +156,9 @@ def frame(**changes: Any) -> Frame:
 
 def test_fuse_colours_by_all_cameras_of_a_frame() -> None:
     given = frame()
-    images, projections = inputs(ring())
+    cameras = ring()
+    ordered = {name: cameras[name] for name in ("left", *sorted({*RING} - {"left"}))}
+    images, projections = inputs(ordered)
     points, colors, *_ = fusionslam.colorize_all_round(given.points, images, projections)
     made = fusionslam.fuse(given)
     assert np.array_equal(made.points, points) and np.array_equal(made.colors, colors)
@@ -182,7 +184,7 @@ def test_a_stereo_pair_still_colours_by_its_left_camera_alone() -> None:
 def test_a_right_camera_that_looks_elsewhere_is_no_stereo_partner() -> None:
     cameras = {"left": camera_at(90), "right": camera_at(-90), "front": camera_at(0)}
     given = frame(cameras=cameras, images={n: picture(c) for n, c in cameras.items()})
-    assert color_cameras(given, FusionConfig()) == ("left", "right", "front")
+    assert color_cameras(given, FusionConfig()) == ("left", "front", "right")
     assert main_camera(Frame(cameras={"front": camera_at(0), "rear": camera_at(180)})) == "front"
 
 
