@@ -12,7 +12,7 @@ two minutes of processor time each.
 import argparse
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -33,7 +33,7 @@ SEEDS = (1, 2, 3, 5, 7)
 COLORED = ("cm2dp:robust", "cm2dp:upright", "cshot")
 SHAPES = ("m2dp:robust", "m2dp:upright", "shot")
 FIGURES = ("top-1", "same direction", "opposite", "recall at 100 % precision")
-ABOVE_ROAD = {"ground": "height", "voxel": 0.5}
+ABOVE_ROAD: Mapping[str, Any] = {"ground": "height", "voxel": 0.5}
 """Chosen on the town of seed 101: on the road and near the car, points show how the LiDAR scans."""
 
 
@@ -53,9 +53,9 @@ def _clouds(name: str, descriptors: Sequence[str], space: str = "rgb", **fusion:
 KINDS = (
     _clouds("four cameras, above the road", COLORED, **ABOVE_ROAD),
     _clouds("the same, CIELab", COLORED[:2], "lab", **ABOVE_ROAD),
-    _clouds("the same, exposure as it is", COLORED[:2], "lab", balance=False, **ABOVE_ROAD),
+    _clouds("the same, exposure as it is", COLORED[:2], balance=False, **ABOVE_ROAD),
     _clouds("the same, without colours", SHAPES, source="cloud", **ABOVE_ROAD),
-    _clouds("four cameras, whole scans", COLORED),
+    _clouds("four cameras, whole scans", COLORED[:2]),
     _clouds("the camera ahead, above the road", COLORED, cameras=("left",), **ABOVE_ROAD),
 )
 
@@ -70,7 +70,7 @@ def describe_town(seed: int) -> dict[tuple[str, str], DescriptorRun]:
     """Describe a town's drive by all clouds and descriptors; the cache keeps the runs."""
     cache, runs = cache_folder(), {}
     for kind in KINDS:
-        folder = cache / "all-round-color" / f"{seed}-{kind.name.replace(' ', '-')}"
+        folder = cache / "all-round-color" / f"{seed} {kind.name}"
         source = kind.fusion.source
         missing = [name for name in kind.descriptors if not run_path(folder, source, name).exists()]
         if missing:

@@ -348,11 +348,11 @@ def _usable_cameras(
         projections.append(camera.projection_from_points)
     if not images:
         raise problems[0][1]
-    for name, error in problems:
+    for name, problem in problems:
         logger.warning(
             "%s; the scan is coloured without this camera",
-            error,
-            extra={PER_FRAME: f"the {name} camera is left out ({error.code})"},
+            problem,
+            extra={PER_FRAME: f"the {name} camera is left out ({problem.code})"},
         )
     return images, projections
 
