@@ -135,7 +135,7 @@ def test_pictures_lie_beside_the_page_and_decode(written: tuple[Path, Page]) -> 
     image = pytest.importorskip("PIL.Image")
     names = {path.name for path in written[0].iterdir() if path.suffix in (".png", ".jpg")}
     runs = ("lidar_m2dp", "lidar_cm2dp", "stereo_m2dp")
-    expected = {"pr_lidar.png", "pr_stereo.png"}
+    expected = {"accuracy_cost.png", "pr_lidar.png", "pr_stereo.png"}
     expected |= {f"{kind}_{run}.png" for kind in ("trajectory", "distances") for run in runs}
     expected |= {f"pairs_{run}_{kind}.jpg" for run in runs for kind in ("best", "worst", "missed")}
     assert names == expected
