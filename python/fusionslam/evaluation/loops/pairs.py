@@ -143,13 +143,16 @@ def pair_distances(
     """Return the descriptor distances of pairs, float64 (P,)."""
     from fusionslam._core import nearest
 
-    distances = np.empty(len(pairs.queries))
+    distances = np.full(len(pairs.queries), np.inf)
     bounds = np.searchsorted(pairs.queries, np.arange(len(descriptors) + 1))
     for query in np.flatnonzero(np.diff(bounds)):
         part = slice(bounds[query], bounds[query + 1])
         others = descriptors[pairs.matches[part]]
-        _, found = nearest(others, descriptors[query : query + 1], threads=threads, metric=metric)
-        distances[part] = found[:, 0]
+        # All of them are wanted: the later frame is the query, as in the search.
+        (order,), (found,) = nearest(
+            descriptors[query : query + 1], others, k=len(others), threads=threads, metric=metric
+        )
+        distances[part][order[order >= 0]] = found[order >= 0]
     return distances
 
 
