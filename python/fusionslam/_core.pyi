@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 import os
 import typing
-__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'M2dpConfig', 'OdometryTree', 'PoseSheet', 'RangeImage', 'ScanContextConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'StereoConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'compare_descriptors', 'compare_scan_contexts', 'count_overlap', 'cscan_context', 'cshot', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'estimate_normals', 'first_singular_vectors', 'm2dp', 'm2dp_signature', 'metric_names', 'nearest', 'nearest_causal', 'nearest_ranges', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'scan_context', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'stereo_disparity', 'voxel_downsample']
+__all__: list[str] = ['ActionKind', 'Alignment', 'AlignmentConfig', 'AlignmentIndex', 'BevSpectrumConfig', 'CospairConfig', 'CvfhConfig', 'DescriptorIndex', 'DriftConfig', 'ExperienceMap', 'ExperienceMapConfig', 'GestaltConfig', 'GfhConfig', 'GroundPlaneConfig', 'GroundSegmentsConfig', 'IntensityScanContextConfig', 'IrisConfig', 'M2dpConfig', 'NdtHistogramConfig', 'OdometryTree', 'OurCvfhConfig', 'PoseSheet', 'RangeImage', 'RingConfig', 'ScanContextCartesianConfig', 'ScanContextConfig', 'ScanContextPolarConfig', 'Scene', 'SceneConfig', 'SceneIndex', 'SimilarityConfig', 'SolidConfig', 'StereoConfig', 'VfhConfig', 'above_height', 'align_scenes', 'bev_spectrum', 'build_scene', 'ciede2000', 'cloud_from_disparity', 'cloud_resolution', 'cm2dp', 'cm2dp_signature', 'color_difference', 'colorize', 'colorize_all_round', 'compare_descriptors', 'compare_scan_contexts', 'compare_solid_azimuths', 'cospair', 'count_overlap', 'cscan_context', 'cshot', 'cvfh', 'dbscan', 'demosaic', 'depth_image', 'drift_covariance', 'drop_invalid', 'esf', 'estimate_normals', 'first_singular_vectors', 'gasd_color', 'gestalt', 'gfh', 'intensity_scan_context', 'iris', 'iris_image', 'm2dp', 'm2dp_signature', 'metric_names', 'ndt_histogram', 'nearest', 'nearest_causal', 'nearest_ranges', 'our_cvfh', 'rectify_image', 'remove_ground_plane', 'remove_ground_segments', 'ring', 'scan_context', 'scan_context_cartesian', 'scan_context_polar', 'scene_similarity', 'shot', 'shot_at_centroid', 'simd_level', 'solid', 'solid_parts', 'stereo_disparity', 'vfh', 'voxel_downsample']
 class StereoConfig:
     """
     Parameters of stereo matching.
@@ -339,6 +339,457 @@ class BevSpectrumConfig:
     def height(self) -> float:
         """
         height of the cloud's origin above the ground [m]
+        """
+class ScanContextPolarConfig:
+    """
+    Parameters of scan_context_polar.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def height(self) -> float:
+        """
+        height of the cloud's origin above the ground, added to every point [m]
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        radius of the outermost ring; points beyond are left out [m]
+        """
+class ScanContextCartesianConfig:
+    """
+    Parameters of scan_context_cartesian.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def height(self) -> float:
+        """
+        height of the cloud's origin above the ground, added to every point [m]
+        """
+    @property
+    def lateral_range(self) -> float:
+        """
+        how far to the left and to the right columns reach [m]
+        """
+    @property
+    def longitudinal_range(self) -> float:
+        """
+        how far ahead and back rows reach [m]
+        """
+class SolidConfig:
+    """
+    Parameters of solid.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def elevations(self) -> int:
+        """
+        bins of elevation
+        """
+    @property
+    def highest_elevation(self) -> float:
+        """
+        where the highest bin of elevation ends; points above are left out [degrees]
+        """
+    @property
+    def lowest_elevation(self) -> float:
+        """
+        where the lowest bin of elevation begins; points below are left out [degrees]
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        horizontal range of the farthest bin; points beyond are left out [m]
+        """
+    @property
+    def voxel(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+class IntensityScanContextConfig:
+    """
+    Parameters of intensity_scan_context.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def max_range(self) -> float:
+        """
+        radius of the outermost ring; points beyond are left out [m]
+        """
+class IrisConfig:
+    """
+    Parameters of iris.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def highest(self) -> float:
+        """
+        z where the highest slice ends; points from there on are left out [m]
+        """
+    @property
+    def lowest(self) -> float:
+        """
+        z where the lowest slice begins; points below are left out [m]
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        radius of the outermost of 80 rings; points beyond are left out [m]
+        """
+class RingConfig:
+    """
+    Parameters of ring.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def height(self) -> float:
+        """
+        height of the cloud's origin above the ground [m]
+        """
+    @property
+    def least_height(self) -> float:
+        """
+        height above the ground from which points are drawn [m]
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        half the side of the image of 120 x 120 cells; points farther from its centre are left out [m]
+        """
+class NdtHistogramConfig:
+    """
+    Parameters of ndt_histogram.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def ambiguity(self) -> float:
+        """
+        share of the most common direction of walls from which the second one is aligned too
+        """
+    @property
+    def cell(self) -> float:
+        """
+        side of the cells whose points are taken for one surface [m]
+        """
+    @property
+    def evenness(self) -> float:
+        """
+        ratio of two eigenvalues up to which the smaller one counts as none
+        """
+class VfhConfig:
+    """
+    Parameters of vfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
+        """
+class CvfhConfig:
+    """
+    Parameters of cvfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def max_angle(self) -> float:
+        """
+        largest angle between the normals of neighbours in a region [rad]
+        """
+    @property
+    def max_curvature(self) -> float:
+        """
+        points with a larger curvature belong to no region
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        points of the smallest region
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
+        """
+    @property
+    def regions(self) -> int:
+        """
+        how many blocks of 308 there are
+        """
+class OurCvfhConfig:
+    """
+    Parameters of our_cvfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def max_angle(self) -> float:
+        """
+        largest angle between the normals of neighbours in a region [rad]
+        """
+    @property
+    def max_curvature(self) -> float:
+        """
+        points with a larger curvature belong to no region
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        points of the smallest region
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
+        """
+    @property
+    def regions(self) -> int:
+        """
+        how many blocks of 308 there are
+        """
+class GestaltConfig:
+    """
+    Parameters of gestalt.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def keypoints(self) -> int:
+        """
+        how many keypoints there are at most
+        """
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def min_points(self) -> int:
+        """
+        points that a keypoint needs in its cylinder
+        """
+    @property
+    def radius(self) -> float:
+        """
+        radius of the vertical cylinder about a keypoint [m]
+        """
+class GfhConfig:
+    """
+    Parameters of gfh.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def bottom(self) -> float:
+        """
+        height at which the lowest layer begins; points below are left out [m]
+        """
+    @property
+    def layers(self) -> int:
+        """
+        bins of height
+        """
+    @property
+    def max_range(self) -> float:
+        """
+        radius of the outermost ring; points beyond are left out [m]
+        """
+    @property
+    def rings(self) -> int:
+        """
+        bins of the distance from the vertical axis
+        """
+    @property
+    def sectors(self) -> int:
+        """
+        bins of azimuth
+        """
+    @property
+    def top(self) -> float:
+        """
+        height at which the highest layer ends; points above are left out [m]
+        """
+class CospairConfig:
+    """
+    Parameters of cospair.
+    """
+    @staticmethod
+    def options() -> list[dict[str, typing.Any]]:
+        """
+        Every option: name, kind, default, help, unit, range or choices.
+        """
+    def __getstate__(self) -> dict[str, typing.Any]:
+        ...
+    def __init__(self, **kwargs: typing.Any) -> None:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, arg0: typing.Any) -> None:
+        ...
+    @property
+    def leaf(self) -> float:
+        """
+        side of the cubes whose points are replaced by their mean [m]
+        """
+    @property
+    def normal_radius(self) -> float:
+        """
+        radius of the neighbourhood of a normal; 0 is three leaves [m]
         """
 class DriftConfig:
     """
@@ -1359,6 +1810,26 @@ def colorize(points: numpy.typing.NDArray[numpy.float32], image: numpy.typing.ND
 def colorize_all_round(points: numpy.typing.NDArray[numpy.float32], images: collections.abc.Sequence[numpy.typing.NDArray[numpy.uint8]], projections: collections.abc.Sequence[numpy.typing.NDArray[numpy.float64]], *, balance: bool = True, interpolation: str = 'nearest') -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
     """
     Colours points with the pixels of several cameras, each as colorize does.
+    
+    A point that several cameras see takes the colour of the one to whose image's centre it is
+    nearest, across in half widths of the image and down in half heights.
+    
+    Args:
+        points: float32 (N, 3), metres.
+        images: of each of 1 to 255 cameras: uint8 (H, W, 3) RGB or (H, W).
+        projections: of each camera: float64 (3, 4), maps homogeneous points to pixels.
+        balance: multiply red, green and blue of each camera by gains that give cameras the same
+            median colour where two of them see the same points, at least 30; by least squares of the
+            gains' logarithms, whose mean is 0 over linked cameras. Gains are limited to 1/2 and 2;
+            cameras that share no points keep 1.
+        interpolation: "nearest" or "bilinear".
+    
+    Returns:
+        (points float32 (M, 3), colors uint8 (M, 3), indices int64 (M,), cameras uint8 (M,): the
+        number of the camera of each, gains float64 (K, 3)) of the points that some camera sees.
+    
+    Raises:
+        DataError: as colorize, or no camera. ShapeError: not as many images as projections.
     """
 def compare_descriptors(query: numpy.typing.NDArray[numpy.float32], match: numpy.typing.NDArray[numpy.float32], metric: str) -> tuple[float, float | None]:
     """
@@ -1394,6 +1865,38 @@ def compare_scan_contexts(query: numpy.typing.NDArray[numpy.float32], match: num
     
     Raises:
         ShapeError, DataError: other lengths, NaN.
+    """
+def compare_solid_azimuths(query: numpy.typing.NDArray[numpy.float32], match: numpy.typing.NDArray[numpy.float32]) -> tuple[float, float]:
+    """
+    The turn between two clouds, from the azimuths of solid_parts.
+    
+    Args:
+        query, match: float32 (60,).
+    
+    Returns:
+        (distance, yaw): the least sum of absolute differences over all shifts by 6 degrees, and the
+        turn of the query's frame in the match's, radians, above -pi to pi.
+    
+    Raises:
+        ShapeError, DataError: wrong array, NaN or infinity.
+    """
+def cospair(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8], *, config: CospairConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    CoSPAIR at the centroid (after Logoglu, Kalkan, Temizel, Robotics and Autonomous Systems 2016).
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        colors: uint8 (N, 3), RGB.
+        config: a CospairConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (378,): for each of 7 shells about the centroid, 9 bins each of theta, alpha, phi
+        between the mean normal and the points' and of CIELab L, a, b; each histogram sums to 1.
+    
+    Raises:
+        DataError: NaN or infinity, or fewer than 3 points with a normal.
+        ShapeError, ConfigError: wrong array, value out of range, or not one colour a point.
     """
 def count_overlap(points: numpy.typing.NDArray[numpy.float32], other: numpy.typing.NDArray[numpy.float32], other_ranges: numpy.typing.NDArray[numpy.float32], other_from_points: numpy.typing.NDArray[numpy.float64], *, distance: typing.SupportsFloat | typing.SupportsIndex = 0.5) -> dict[str, int]:
     """
@@ -1445,6 +1948,23 @@ def cshot(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDAr
     
     Returns:
         float32 (1344,).
+    """
+def cvfh(points: numpy.typing.NDArray[numpy.float32], *, config: CvfhConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Clustered Viewpoint Feature Histogram (Aldoma et al., ICCV Workshops 2011).
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        config: a CvfhConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (regions * 308,): the VFH of the whole cloud about the centroid and normal of each
+        smooth region, the largest region first; blocks without a region are zero.
+    
+    Raises:
+        DataError: NaN or infinity, fewer than 3 points with a normal, no smooth region.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def dbscan(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, eps: typing.SupportsFloat | typing.SupportsIndex, min_points: typing.SupportsInt | typing.SupportsIndex, color_scale: typing.SupportsFloat | typing.SupportsIndex = 0.001, inclusive: bool = False) -> numpy.typing.NDArray[numpy.int32]:
     """
@@ -1499,6 +2019,24 @@ def drop_invalid(points: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.ND
     """
     Indices, int64 (M,), of the points without NaN or infinity.
     """
+def esf(points: numpy.typing.NDArray[numpy.float32]) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Ensemble of Shape Functions (Wohlkinger, Vincze, ROBIO 2011), with PCL's weights.
+    
+    Twenty thousand triangles of points are drawn by a generator with a fixed seed: the same array has
+    the same ESF, the same points in another order one that differs by the error of sampling.
+    
+    Args:
+        points: float32 (N, 3), metres, any frame; N >= 3.
+    
+    Returns:
+        float32 (640,), sums to 1: 64 bins each of angles, square roots of areas, and lengths, for lines
+        on the surface, off it and both; then of the share of the surface in lines that are both.
+    
+    Raises:
+        DataError: NaN or infinity, fewer than 3 points, points all equal or on one line.
+        ShapeError: wrong array.
+    """
 def estimate_normals(points: numpy.typing.NDArray[numpy.float32], *, radius: typing.SupportsFloat | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.int64]]:
     """
     Least-squares normals (PCL), turned towards the origin.
@@ -1528,6 +2066,105 @@ def first_singular_vectors(matrix: numpy.typing.NDArray[numpy.float32]) -> numpy
         DataError: negative, infinite or NaN entries, or all zero.
         ShapeError: wrong array.
     """
+def gasd_color(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8]) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    GASD with colour (Lima, Teichrieb, SIBGRAPI 2016).
+    
+    Args:
+        points: float32 (N, 3), metres, any frame; N >= 4.
+        colors: uint8 (N, 3), RGB.
+    
+    Returns:
+        float32 (984,): in the frame of the principal axes, percent of the points in 6 x 6 x 6 cells,
+        then in 12 bins of hue in each of 4 x 4 x 4 cells.
+    
+    Raises:
+        DataError: fewer than 4 points, NaN or infinity, points all equal or on one line.
+        ShapeError: wrong array, or not one colour a point.
+    """
+def gestalt(points: numpy.typing.NDArray[numpy.float32], *, config: GestaltConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    3D Gestalt descriptors at keypoints (Bosse, Zlot, ICRA 2013).
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        config: a GestaltConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (keypoints * 66,): of each keypoint mean height (32, metres) and variance of the height
+        (32, square metres) in 4 rings x 8 sectors about it, then its x and y (metres); blocks without a
+        keypoint are zero.
+    
+    Raises:
+        DataError: NaN or infinity, or a cloud without a keypoint.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def gfh(points: numpy.typing.NDArray[numpy.float32], *, config: GfhConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Global Fourier Histogram (Chen et al. 2014).
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up, the sensor on its z axis.
+        config: a GfhConfig.
+    
+    Returns:
+        float32 (rings * layers * (sectors // 2 + 1),) of length 1: amplitudes of the Fourier transform,
+        over azimuth, of the number of points in each ring and layer.
+    
+    Raises:
+        DataError: NaN or infinity, or no point in the cylinder.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def intensity_scan_context(points: numpy.typing.NDArray[numpy.float32], intensities: numpy.typing.NDArray[numpy.float32], *, config: IntensityScanContextConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Intensity Scan Context of a cloud (Wang, Wang, Xie, ICRA 2020).
+    
+    The largest intensity in each bin, divided by the largest within range: 0 in bins without points, at
+    least 1 / 255 in others. A turn about z by a sector of 6 degrees moves the sectors by one. Compared
+    with metric="intensity_scan_context".
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        intensities: float32 (N,), finite and >= 0, in any unit.
+        config: an IntensityScanContextConfig.
+    
+    Returns:
+        float32 (1200,): 60 sectors from x towards y, each with 20 rings outwards to 60 m.
+    
+    Raises:
+        DataError: NaN or infinity, a negative intensity, or no intensity > 0 within range.
+        ShapeError, ConfigError: wrong array, not one intensity a point, value out of range.
+    """
+def iris(points: numpy.typing.NDArray[numpy.float32], *, config: IrisConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    LiDAR Iris of a cloud (Wang, Sun, Xu, Sarma, Yang, Kong, IROS 2020).
+    
+    Signs of the real and imaginary responses of four LoG-Gabor filters along the rings of iris_image. A
+    turn about z by a degree moves the columns by one. Compared with metric="iris".
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up and whose origin is the
+            scanner.
+        config: an IrisConfig.
+    
+    Returns:
+        float32 (28800,), whole numbers from 0 to 65535: of each of 360 columns 40 words of code, then
+        40 of mask. Bit 8 (ring % 2) + 2 filter + part (0 real, 1 imaginary) of word ring / 2 is set in
+        the code if the response is > 0, in the mask if it is strong enough to count.
+    
+    Raises:
+        DataError: NaN or infinity, or no point within range and slices.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def iris_image(points: numpy.typing.NDArray[numpy.float32], *, config: IrisConfig = ...) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    LiDAR-Iris image of a cloud; arguments and errors as iris.
+    
+    Returns:
+        uint8 (80, 360), rings outwards to 80 m and columns of a degree from x towards y: bit i is set
+        where there is a point in slice i, upwards, of the 8 from z = -3 to 5 m.
+    """
 def m2dp(points: numpy.typing.NDArray[numpy.float32], *, preset: str = 'robust', config: M2dpConfig | None = None, threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
     """
     M2DP descriptor of a cloud (He, Wang, Zhang, IROS 2016).
@@ -1555,6 +2192,26 @@ def m2dp_signature(points: numpy.typing.NDArray[numpy.float32], *, preset: str =
 def metric_names() -> tuple[str, ...]:
     """
     The metrics by which descriptors can be compared; documented in docs/stages/matching.md.
+    """
+def ndt_histogram(points: numpy.typing.NDArray[numpy.float32], *, config: NdtHistogramConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Surface-shape histograms of a cloud (Magnusson, Andreasson, Nuechter, Lilienthal, ICRA 2009).
+    
+    Cells of points are counted as lines, planes of 9 directions or round, in 5 shells of distance. The
+    set of up to four histograms, each of the cloud turned so that a common direction of walls lies
+    along x, does not change as the cloud is turned about z. Compared with metric="nearest_of_set".
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up and whose origin is the
+            scanner.
+        config: an NdtHistogramConfig.
+    
+    Returns:
+        float32 (220,): four histograms of 5 shells x 11 classes with the sum 1, unused ones 0.
+    
+    Raises:
+        DataError: NaN or infinity, or no cell with 5 points.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def nearest(queries: numpy.typing.NDArray[numpy.float32], descriptors: numpy.typing.NDArray[numpy.float32], *, k: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 0, metric: str = 'l2') -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float32]]:
     """
@@ -1596,6 +2253,23 @@ def nearest_ranges(points: numpy.typing.NDArray[numpy.float32], *, step: typing.
     
     Raises:
         ConfigError: another step. DataError: NaN or infinity in a point.
+    """
+def our_cvfh(points: numpy.typing.NDArray[numpy.float32], *, config: OurCvfhConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    OUR-CVFH (Aldoma, Tombari, Rusu, Vincze, DAGM 2012).
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        config: an OurCvfhConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (regions * 308,): for each frame of reference of each smooth region, the largest region
+        first, 135 angle bins as in cvfh, 8 x 13 distance bins in octants, 69 viewpoint bins; blocks
+        without a region are zero.
+    
+    Raises:
+        DataError, ShapeError, ConfigError: as cvfh.
     """
 def rectify_image(image: numpy.typing.NDArray[numpy.uint8], *, camera_matrix: numpy.typing.NDArray[numpy.float64], distortion: numpy.typing.NDArray[numpy.float64], model: str, rectification: numpy.typing.NDArray[numpy.float64], projection: numpy.typing.NDArray[numpy.float64], size: tuple[typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex]) -> numpy.typing.NDArray[numpy.uint8]:
     """
@@ -1645,6 +2319,26 @@ def remove_ground_segments(points: numpy.typing.NDArray[numpy.float32], *, up: s
     Raises:
         ConfigError: the driving axis points up. DataError: NaN or infinity in a point.
     """
+def ring(points: numpy.typing.NDArray[numpy.float32], *, config: RingConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    RING of a cloud (Lu, Xu, Yin, Chen, Xiong, Wang, IROS 2022): a spectrum of its sinogram.
+    
+    What rises above the ground is drawn from above, in 120 x 120 cells, and summed along lines at 120
+    angles of half a turn; the amplitudes of the sums' frequencies do not change as the sensor moves,
+    but for what enters and leaves the image and how it falls into cells. A turn about z by 1.5 degrees
+    moves the angles around by one; half a turn changes nothing. Compared with metric="ring".
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        config: a RingConfig.
+    
+    Returns:
+        float32 (7200,): 120 angles from x towards y, each with the frequencies 1 to 60.
+    
+    Raises:
+        DataError: NaN or infinity, or no point above the ground within range.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
 def scan_context(points: numpy.typing.NDArray[numpy.float32], *, height: typing.SupportsFloat | typing.SupportsIndex | None = None, config: ScanContextConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
     """
     Scan Context of a cloud (Kim, Kim, IROS 2018).
@@ -1659,6 +2353,44 @@ def scan_context(points: numpy.typing.NDArray[numpy.float32], *, height: typing.
     
     Returns:
         float32 (1200,): sector after sector, from the innermost ring outwards.
+    
+    Raises:
+        DataError: NaN or infinity, or no point above the ground within range.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def scan_context_cartesian(points: numpy.typing.NDArray[numpy.float32], *, config: ScanContextCartesianConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021).
+    
+    The height above the ground of the highest point of each of 40 x 40 cells, 0 without one. A move to
+    the side by the width of a column, 2 m, moves the columns by one; half a turn about z reverses the
+    values. Compared with metric="aligned_cartesian".
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose x axis points ahead and whose z axis points up.
+        config: a ScanContextCartesianConfig.
+    
+    Returns:
+        float32 (1600,): 40 columns along y from -40 to 40 m, each with 40 cells along x from -100 to
+        100 m.
+    
+    Raises:
+        DataError: NaN or infinity, or no point above the ground within range.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def scan_context_polar(points: numpy.typing.NDArray[numpy.float32], *, config: ScanContextPolarConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021).
+    
+    The heights of scan_context with 20 rings; what is new is how two are compared, with
+    metric="aligned_polar". A turn about z by a sector of 6 degrees moves the sectors by one.
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up.
+        config: a ScanContextPolarConfig.
+    
+    Returns:
+        float32 (1200,): 60 sectors from x towards y, each with 20 rings outwards.
     
     Raises:
         DataError: NaN or infinity, or no point above the ground within range.
@@ -1722,6 +2454,34 @@ def simd_level() -> str:
     Raises:
         ConfigError: FUSIONSLAM_SIMD names no level, or one this machine lacks.
     """
+def solid(points: numpy.typing.NDArray[numpy.float32], *, config: SolidConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    SOLiD of a cloud: its part over range (Kim, Choi, Sim, Kim, Cho, RA-L 2024).
+    
+    The mean points of voxels are counted over range and elevation; a bin of elevation weighs its count,
+    scaled to [0, 1]. Of length 1, so that L2 orders as the paper's cosine does. Turns about z change it
+    only as far as points fall into other voxels.
+    
+    Args:
+        points: float32 (N, 3), metres, in a frame whose z axis points up and whose origin is the
+            scanner.
+        config: a SolidConfig.
+    
+    Returns:
+        float32 (40,): bins of horizontal range, outwards.
+    
+    Raises:
+        DataError: NaN or infinity, or no point within range and elevations.
+        ShapeError, ConfigError: wrong array, value out of range.
+    """
+def solid_parts(points: numpy.typing.NDArray[numpy.float32], *, config: SolidConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]:
+    """
+    Both parts of SOLiD as the paper has them; arguments and errors as solid.
+    
+    Returns:
+        (R-SOLiD, float32 (40,), by horizontal range; A-SOLiD, float32 (60,), by azimuth, from x towards
+        y).
+    """
 def stereo_disparity(left: numpy.typing.NDArray[numpy.uint8], right: numpy.typing.NDArray[numpy.uint8], *, config: StereoConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
     """
     Disparity of a rectified pair by OpenCV: float32 (H, W), pixels, 0 where there is none.
@@ -1731,6 +2491,24 @@ def stereo_disparity(left: numpy.typing.NDArray[numpy.uint8], right: numpy.typin
     
     Raises:
         ShapeError: images of different size. ConfigError: sizes that OpenCV refuses.
+    """
+def vfh(points: numpy.typing.NDArray[numpy.float32], *, config: VfhConfig = ..., threads: typing.SupportsInt | typing.SupportsIndex = 1) -> numpy.typing.NDArray[numpy.float32]:
+    """
+    Viewpoint Feature Histogram (Rusu, Bradski, Thibaux, Hsu, IROS 2010), binned as in PCL.
+    
+    Args:
+        points: float32 (N, 3), metres, the sensor at the origin.
+        config: a VfhConfig.
+        threads: threads of this call; 0 is one a core. The result does not depend on it.
+    
+    Returns:
+        float32 (308,), no entry negative: 45 bins each of theta, alpha, phi and distance between the
+        centroid, with the mean normal, and the points, then 128 of the angle between normals and the
+        direction to the origin; each histogram sums to about 100.
+    
+    Raises:
+        DataError: NaN or infinity, or fewer than 3 points with a normal.
+        ShapeError, ConfigError: wrong array, value out of range.
     """
 def voxel_downsample(points: numpy.typing.NDArray[numpy.float32], colors: numpy.typing.NDArray[numpy.uint8] | None = None, *, size: typing.SupportsFloat | typing.SupportsIndex) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.int64]]:
     """
