@@ -25,7 +25,7 @@ PER_FRAME = "per_frame"
 """Attribute of a log record that holds its message without the frame: commands count these."""
 
 SOURCE = (
-    "lidar: the scan coloured by the left image; stereo: depth from both images; "
+    "lidar: the scan coloured by its cameras; stereo: depth from both images; "
     "cloud: the scan as it is, with its own colours if it has any"
 )
 CLOUD_FRAME = (
