@@ -134,7 +134,7 @@ _ROOMS: Mapping[str, Any] = {
 }
 _FLIGHT: Mapping[str, Any] = {
     "evaluation": {"radius": 1.0, "window": 22},
-    "loop_closure": {"window": 22, "candidates": 3},
+    "loop_closure": {"window": 22, "candidates": 2},
     "registration": {"gravity": False},
 }
 WORLDS = {
@@ -151,7 +151,7 @@ GROUPS = {
     "rooms": f"Three simulated interiors ({', '.join(ROOMS)}), a small robot's 16 rings, one scan "
     "a second; radius 0.8 m, window 20 frames.",
     "flight": "EuRoC V1_01, 100 stereo keyframes of a drone; radius 1 m, window 22 keyframes. No "
-    "axis points up: descriptors that need one are left out, three candidates are registered.",
+    "axis points up: descriptors that need one are left out, two candidates are registered.",
 }
 
 
@@ -279,7 +279,7 @@ def tables_of(
             "and cost."
         )
         if group == "flight":
-            how = "Verified: each descriptor's own three nearest, registered by one verifier."
+            how = "Verified: each descriptor's own two nearest, registered by one verifier."
         texts[f"{group}-{kind}"] = (
             f"{about}\n\n{alone.markdown('descriptor')}\n\n{fill(how, 100)}\n\n"
             f"{verified.markdown('descriptor')}"
