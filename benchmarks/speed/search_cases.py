@@ -133,7 +133,8 @@ def _distances_of_turns(
     """As ``compare_scan_contexts`` has them."""
     (spectra, filled), (one, most) = rows, _sector_spectra(query[None])
     sums: NDArray[np.float64] = np.fft.irfft((one * spectra.conj()).sum(axis=2), 60, axis=1)
-    return 1 - sums.max(axis=1) / np.maximum(filled, most)
+    distances: NDArray[np.float64] = 1 - sums.max(axis=1) / np.maximum(filled, most)
+    return distances
 
 
 def causal(rows: Points) -> Nearest:

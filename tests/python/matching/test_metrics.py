@@ -255,7 +255,7 @@ def count_votes(query: Row, candidates: Row) -> NDArray[np.int64]:
             votes.setdefault(place, []).append((number, other, point[64:], match[64:]))
 
     def agree(a: tuple[int, int, Wide, Wide], b: tuple[int, int, Wide, Wide]) -> bool:
-        lengths = np.linalg.norm(a[2] - b[2]), np.linalg.norm(a[3] - b[3])
+        lengths = float(np.linalg.norm(a[2] - b[2])), float(np.linalg.norm(a[3] - b[3]))
         return a[0] != b[0] and a[1] != b[1] and abs(lengths[0] - lengths[1]) <= 1
 
     counts = np.zeros(len(candidates), np.int64)
