@@ -35,6 +35,8 @@ from fusionslam.evaluation.loops.protocols import (
     find_protocol,
     judged_together,
 )
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.observation import can_verify
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describable,
@@ -47,7 +49,7 @@ from fusionslam.pipelines.recording import Recording, warn_of_odometry
 from fusionslam.pipelines.results import Work, load_verified, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.pipelines.shared_verification import verify_each
-from fusionslam.pipelines.verified_loops import new_detector, verify_recording
+from fusionslam.pipelines.verified_loops import verify_recording
 from fusionslam.storage.progress import Step, label_progress
 
 logger = logging.getLogger(__name__)
@@ -152,8 +154,8 @@ def benchmark(
     wanted = names if isinstance(names, Mapping) else dict.fromkeys(configs, names)
     for name in (name for source in configs for name in wanted[source]):
         find_descriptor(name)
-    for source, config in configs.items():
-        verifies = new_detector(for_source(config, source), wanted[source][0]).verifies
+    for config in configs.values():
+        verifies = can_verify(config.loop_closure, config.registration)
         has_poses = verifies and verify != "none"
         check_bound(config.evaluation.protocol, has_poses=has_poses)
     evaluations = []
@@ -177,7 +179,7 @@ def benchmark(
         evaluations += [time_and_evaluate(run, own, step) for run in runs]
         name = _proposer(usable)
         judges_pairs = find_protocol(own.evaluation.protocol).pairs is not None
-        if verify == "none" or judges_pairs or not new_detector(own, name).verifies:
+        if verify == "none" or judges_pairs or not can_verify(own.loop_closure, own.registration):
             continue
         window = max(own.loop_closure.window, own.evaluation.window)
         proving = merged(own, {"loop_closure": {"window": window}})
@@ -213,7 +215,9 @@ def time_and_evaluate(
     The search for each frame's nearest candidate is timed.
     """
     progress = label_progress(step, f"matching {run.source} {run.name}")
-    report = find_loops(run, config.loop_closure, progress)
+    # Any threshold: descriptors may have none that was fitted, and time alone is taken.
+    loops = merged(LoopConfig(), config.loop_closure.model_dump() | {"threshold": 1.0})
+    report = find_loops(run, loops, progress)
     timed = replace(run, seconds=run.seconds | {"match": report.seconds})
     progress = label_progress(step, f"judging {run.source} {run.name}")
     progress(0, 1)
