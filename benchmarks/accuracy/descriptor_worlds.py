@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.accuracy.all_round_color import record_ring
 from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.euroc_loops import Flight
 from benchmarks.accuracy.rooms import CIRCLE_ROBOT, LENGTH_M
@@ -24,12 +25,9 @@ _IMAGE = {"width": 320, "height": 240, "rate_hz": 1.0}
 
 
 def record_town(seed: int, drive: str, jobs: int) -> Path:
-    """The drive of a car with one camera ahead through a town.
-
-    ``drive`` is "front"; that of a car with cameras all round is to have another name.
-    """
-    if drive != "front":
-        raise ValueError(f"drive {drive!r}, expected 'front'")
+    """The drive of a car with one camera ahead ("front") or four ("ring") through a town."""
+    if drive == "ring":
+        return record_ring(seed, cache_folder() / f"town-{seed}-four-cameras")
     return record_seed("town", seed, jobs=jobs)
 
 

@@ -16,7 +16,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from textwrap import fill
@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.accuracy.all_round_color import ABOVE_ROAD
 from benchmarks.accuracy.data import ROOT, data_folder
 from benchmarks.accuracy.descriptor_pairs import pairs_table
 from benchmarks.accuracy.descriptor_worlds import record_flight, record_rooms, record_town
@@ -77,6 +78,7 @@ class CloudKind:
         takes: whether it shows a descriptor.
         is_recorded: whether a world has it.
         drive: which recording of the world it is made from.
+        fusion: changes to how clouds are made.
     """
 
     name: str
@@ -85,6 +87,7 @@ class CloudKind:
     takes: Callable[[str], bool]
     is_recorded: Callable[[str], bool] = lambda world: True
     drive: str = "front"
+    fusion: Mapping[str, Any] = field(default_factory=dict)
 
 
 def is_colored(name: str) -> bool:
@@ -103,10 +106,18 @@ KINDS = (
         lambda world: world != "flight",
     ),
     CloudKind("camera", "LiDAR-camera", "lidar", is_colored, lambda world: world != "flight"),
+    CloudKind(
+        "ring",
+        "LiDAR and four cameras, above the road",
+        "lidar",
+        lambda name: True,
+        lambda world: world.startswith("town"),
+        drive="ring",
+        fusion=ABOVE_ROAD,
+    ),
     CloudKind("stereo", "stereo", "cloud", lambda name: True, lambda world: world == "flight"),
 )
-"""One table for each, and for each group of worlds. Four cameras are a further entry, whose
-``drive`` names another recording of the towns (``descriptor_worlds.record_town``)."""
+"""One table for each, and for each group of worlds."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +182,7 @@ class Bench:
     def config(self) -> PipelineConfig:
         given = {"loop_closure": {"refined": self.refined, "voters": ()}}
         config = merged(merged(PipelineConfig(), given), self.world.changes)
-        return merged(config, {"fusion": {"source": self.kind.source}})
+        return merged(config, {"fusion": {"source": self.kind.source, **self.kind.fusion}})
 
     def evaluate(self) -> tuple[list[Evaluation], dict[str, str]]:
         """Return the evaluations, and why descriptors are left out, by name."""

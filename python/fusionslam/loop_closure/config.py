@@ -7,6 +7,7 @@ from pathlib import Path
 from fusionslam import help_texts
 from fusionslam.config import Section, option
 from fusionslam.descriptors import DescriptorConfig, with_preset
+from fusionslam.errors import ConfigError
 
 _THRESHOLDS = Path(__file__).with_name("thresholds.yaml")
 
@@ -63,6 +64,21 @@ class LoopConfig(Section):
     )
 
 
+def fitted_threshold(
+    descriptor: str, describe: DescriptorConfig | None = None, source: str = "lidar"
+) -> float | None:
+    """Return the threshold fitted to a descriptor, its preset and a source of clouds, or None.
+
+    Raises:
+        ConfigError: unknown descriptor.
+    """
+    import yaml
+
+    name = with_preset(descriptor, describe or DescriptorConfig())
+    fitted: float | None = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))[source].get(name)
+    return fitted
+
+
 def default_threshold(
     descriptor: str, describe: DescriptorConfig | None = None, source: str = "lidar"
 ) -> float:
@@ -71,10 +87,15 @@ def default_threshold(
     docs/stages/loop_closure.md says how, and how right the loops are that it accepts.
 
     Raises:
-        ConfigError: unknown descriptor.
+        ConfigError: unknown descriptor, or one that none was fitted to (code "no-threshold").
     """
-    import yaml
-
-    name = with_preset(descriptor, describe or DescriptorConfig())
-    fitted = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))
-    return float(fitted[source][name])
+    fitted = fitted_threshold(descriptor, describe, source)
+    if fitted is None:
+        raise ConfigError(
+            f"no threshold was fitted to {descriptor} and {source} clouds: give a distance "
+            "(threshold), one of a run of fusionslam bench (--threshold FOLDER), or verify loops, "
+            "which needs none",
+            code="no-threshold",
+            fields=(descriptor, source),
+        )
+    return fitted

@@ -3,6 +3,7 @@
 """Online loop detection: one ``add`` per frame says whether the place was seen before."""
 
 import logging
+import math
 import operator
 import os
 import threading
@@ -27,7 +28,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted
-from fusionslam.loop_closure.config import LoopConfig, default_threshold
+from fusionslam.loop_closure.config import LoopConfig, default_threshold, fitted_threshold
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import Evidence, FrameMemory, Kept, Vectors
 from fusionslam.loop_closure.observation import (
@@ -87,6 +88,7 @@ class LoopDetector:
 
     Attributes:
         threshold: the configured threshold, else ``default_threshold``; of loops not verified.
+            Infinity if loops are verified and none was fitted to the descriptor.
         nearest: the best candidate of the last frame, accepted or not; None without candidates.
         rejected: the candidates of the last frame that are no loop, and why not.
         unverified: number of submitted frames that were not verified, as others waited.
@@ -132,14 +134,9 @@ class LoopDetector:
             registration,
             fits_lengths=not has_lengths(registration),
         )
-        fixed, source = self.config.threshold, self.fusion_config.source
-        self.threshold = (
-            default_threshold(self.descriptor, self.describe_config, source)
-            if fixed is None
-            else fixed
-        )
         if can_verify(self.config, self.registration_config):
             self._observer = self._observer.verifying(self.config.voters)
+        self.threshold = self._find_threshold()
         self.nearest: Loop | None = None
         self.rejected: list[Rejected] = []
         self._length = length
@@ -443,6 +440,14 @@ class LoopDetector:
             self.config = merged(self.config, {"max_frames": max_frames}, "loop_closure.")
             self._memory.configure(self.config)
 
+    def _find_threshold(self) -> float:
+        if self.config.threshold is not None:
+            return self.config.threshold
+        kind = (self.descriptor, self.describe_config, self.fusion_config.source)
+        if self.verifies and fitted_threshold(*kind) is None:
+            return math.inf
+        return default_threshold(*kind)
+
     def _new_memory(self) -> FrameMemory:
         metrics: dict[str, str] = {self.descriptor: find_descriptor(self.descriptor).metric}
         metrics |= {name_voter(name): find_descriptor(name).metric for name in self.voters}
@@ -518,7 +523,8 @@ class LoopDetector:
                 "length": self._length,
                 "frames": self._added,
                 # A later version may fit another threshold.
-                "loop_closure": self.config.model_dump() | {"threshold": self.threshold},
+                "loop_closure": self.config.model_dump()
+                | {"threshold": self.threshold if math.isfinite(self.threshold) else None},
                 "verifies": self.verifies,
                 "descriptors": self.describe_config.model_dump(),
                 "fusion": self.fusion_config.model_dump(),

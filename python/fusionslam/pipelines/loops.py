@@ -18,7 +18,8 @@ from fusionslam.descriptors import PRESETS, DescriptorConfig, in_file_names
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted, listed
-from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector, default_threshold
+from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
+from fusionslam.loop_closure.config import fitted_threshold
 from fusionslam.storage.files import atomic_path
 
 _FEWEST = 20
@@ -84,8 +85,8 @@ class LoopReport:
         """Return advice for a run in which nothing is found, else an empty string."""
         queries, window = len(self.run), self.config.window
         if (nearest := self.threshold_of_nearest) is not None and not self.loops:
-            known = default_threshold(self.run.descriptor, _preset_of(self.run), self.run.source)
-            if nearest > _FAR * max(known, self.threshold):
+            known = fitted_threshold(self.run.descriptor, _preset_of(self.run), self.run.source)
+            if nearest > _FAR * max(known or 0, self.threshold):
                 return explain_nothing(window, self.run.descriptor)
             return (
                 f"; --threshold {nearest:.2g} accepts the nearest, --threshold FOLDER takes the "

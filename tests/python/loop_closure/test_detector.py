@@ -27,14 +27,14 @@ from fusionslam import (
     describe,
     nearest_causal,
 )
-from fusionslam.descriptors import DESCRIPTORS
+from fusionslam.descriptors import DESCRIPTORS, USUAL
 from fusionslam.loop_closure import default_threshold
 from refusals import refuses
 
 IMAGE = np.zeros((8, 8, 3), np.uint8)
 
 
-@pytest.mark.parametrize("descriptor", DESCRIPTORS)
+@pytest.mark.parametrize("descriptor", USUAL)
 def test_a_place_seen_again_is_a_loop(descriptor: str) -> None:
     detector = LoopDetector(descriptor, threshold=10.0, window=3)
     for cloud in DRIVE[:PLACES]:
@@ -53,11 +53,18 @@ def test_a_loop_carries_the_distance_of_the_two_descriptors() -> None:
 
 
 @pytest.mark.parametrize("source", ["lidar", "stereo", "cloud"])
-@pytest.mark.parametrize("name", [*DESCRIPTORS, "m2dp:author", "cm2dp:paper"])
-def test_every_descriptor_preset_and_source_has_a_threshold(name: str, source: str) -> None:
+@pytest.mark.parametrize("name", [*USUAL, "m2dp:author", "cm2dp:paper"])
+def test_usual_descriptors_have_a_threshold_for_every_source(name: str, source: str) -> None:
     fusion = FusionConfig.model_validate({"source": source})
     detector = LoopDetector(name, fusion=fusion)
     assert 0 < detector.threshold == default_threshold(name, source=source) < 1
+
+
+@pytest.mark.parametrize("name", [name for name in DESCRIPTORS if name not in USUAL])
+def test_others_need_a_threshold_or_verification(name: str) -> None:
+    with pytest.raises(ConfigError, check=has_code("no-threshold", name, "lidar")):
+        LoopDetector(name, verify=False)
+    assert LoopDetector(name, threshold=0.5).threshold == 0.5
     assert LoopDetector(name, fusion=fusion, threshold=0.5).threshold == 0.5
     kind, _, preset = name.partition(":")
     if preset:

@@ -53,7 +53,7 @@ def precision_recall(
         radius: positions closer than this (metres) are the same place; None for the protocol's.
         window: number of frames before the query that are not candidates; None for the protocol's.
         threads: number of threads of the search; 0 is one per core.
-        metric: "l2", or "scan_context" for descriptors of that kind.
+        metric: how descriptors are compared, one of ``fusionslam.metric_names()``.
 
     Raises:
         ShapeError: descriptors or positions of the wrong shape, length or dtype.

@@ -83,7 +83,7 @@ def find_matches(
         window: number of frames before the query that are not candidates.
         k: number of candidates to keep.
         threads: number of threads; 0 is one per core.
-        metric: "l2", or "scan_context" for descriptors of that kind.
+        metric: how descriptors are compared, one of ``fusionslam.metric_names()``.
 
     Raises:
         ShapeError: wrong shape, or not real numbers.
