@@ -5,6 +5,7 @@
     python -m benchmarks.accuracy.descriptors            # what is missing; prints the tables
     python -m benchmarks.accuracy.descriptors --write    # and puts them into the docs
     python -m benchmarks.accuracy.descriptors --worlds town-1 house -d m2dp iris  # a part
+    python -m benchmarks.accuracy.descriptors --verify town-1  # prove loops here alone
 
 Runs are kept below ``--runs``, so that an interrupted call goes on where it stopped, and only what
 a new program would compute otherwise is computed again. The flight and the pairs need the test
@@ -79,6 +80,8 @@ class CloudKind:
         is_recorded: whether a world has it.
         drive: which recording of the world it is made from.
         fusion: changes to how clouds are made.
+        verifies: whether loops are proven. Registration takes the whole scan, whatever the cameras
+            see of it: what they colour changes the candidates alone.
     """
 
     name: str
@@ -88,6 +91,7 @@ class CloudKind:
     is_recorded: Callable[[str], bool] = lambda world: True
     drive: str = "front"
     fusion: Mapping[str, Any] = field(default_factory=dict)
+    verifies: bool = True
 
 
 def is_colored(name: str) -> bool:
@@ -105,7 +109,14 @@ KINDS = (
         lambda name: not find_descriptor(name).needs_colors,
         lambda world: world != "flight",
     ),
-    CloudKind("camera", "LiDAR-camera", "lidar", is_colored, lambda world: world != "flight"),
+    CloudKind(
+        "camera",
+        "LiDAR-camera",
+        "lidar",
+        is_colored,
+        lambda world: world != "flight",
+        verifies=False,
+    ),
     CloudKind(
         "ring",
         "LiDAR and four cameras, above the road",
@@ -114,6 +125,7 @@ KINDS = (
         lambda world: world.startswith("town"),
         drive="ring",
         fusion=ABOVE_ROAD,
+        verifies=False,
     ),
     CloudKind("stereo", "stereo", "cloud", lambda name: True, lambda world: world == "flight"),
 )
@@ -176,6 +188,7 @@ class Bench:
     folder: Path
     jobs: int
     refined: int
+    verifies: bool = True
     step: Step | None = None
 
     @cached_property
@@ -195,6 +208,8 @@ class Bench:
         )
         rule = self.config.evaluation
         found = [time_and_evaluate(run, self.config) for run in runs]
+        if not self.verifies:
+            return found, left
         proven = verify_each(recording, dataset, self.folder, runs, config=self.config, **common)
         found += [evaluate_verified(run, radius=rule.radius, window=rule.window) for run in proven]
         return found, left
@@ -237,7 +252,12 @@ Tables = dict[str, str]
 
 
 def measure(
-    worlds: Sequence[str], names: Sequence[str], runs: Path, jobs: int, refined: int
+    worlds: Sequence[str],
+    names: Sequence[str],
+    runs: Path,
+    jobs: int,
+    refined: int,
+    verified: Sequence[str] = tuple(WORLDS),
 ) -> tuple[dict[tuple[str, str], dict[str, list[Compared]]], dict[str, dict[str, str]]]:
     """Evaluate worlds: (group, kind) -> world -> descriptors; and what is left out where, and why.
 
@@ -250,7 +270,8 @@ def measure(
             place, started = f"{name}, {kind.title}", (time.perf_counter(), time.process_time())
             folder = runs / f"{name}-{kind.name}"
             step = partial(_show, place, {})
-            bench = Bench(WORLDS[name], kind, names, folder, jobs, refined, step)
+            verifies = kind.verifies and name in verified
+            bench = Bench(WORLDS[name], kind, names, folder, jobs, refined, verifies, step)
             try:
                 evaluations, missing = bench.evaluate()
             except FusionSlamError as error:
@@ -280,17 +301,22 @@ def tables_of(
     for (group, kind), worlds in found.items():
         recordings = [*worlds.values()]
         alone = table_over(recordings, PROTOCOL, comparison.accuracy_columns(PROTOCOL))
-        others = [*comparison.verified_columns(PROTOCOL), *comparison.cost_columns()]
-        verified = table_over(recordings, PROTOCOL, others)
+        proven = [name for name, each in worlds.items() if any(one.verified for one in each)]
+        others = comparison.verified_columns(PROTOCOL) if proven else []
+        verified = table_over(recordings, PROTOCOL, [*others, *comparison.cost_columns()])
         title = next(each.title for each in KINDS if each.name == kind)
         about = fill(f"{title}. {GROUPS[group]} {_describe(worlds)}", 100)
         how = (
-            "Verified: the candidate" + (f"s, {refined}," if refined > 1 else "") + " that is most "
-            "alike from above, of each descriptor's own ten nearest, registered by one verifier; "
-            "and cost."
+            f"Verified in {', '.join(proven)}: the candidate"
+            f"{f's, {refined},' if refined > 1 else ''} most alike from above, of each "
+            "descriptor's own ten nearest, registered by one verifier; and cost."
         )
         if group == "flight":
-            how = "Verified: each descriptor's own two nearest, registered by one verifier."
+            how = (
+                "Verified: each descriptor's own two nearest, registered by one verifier; and cost."
+            )
+        if not proven:
+            how = "Cost."
         texts[f"{group}-{kind}"] = (
             f"{about}\n\n{alone.markdown('descriptor')}\n\n{fill(how, 100)}\n\n"
             f"{verified.markdown('descriptor')}"
@@ -384,13 +410,25 @@ def main() -> None:
         "--worlds", nargs="+", choices=[*WORLDS, "pairs"], default=[*WORLDS, "pairs"]
     )
     parser.add_argument("-d", "--descriptors", nargs="+", choices=VARIANTS, default=VARIANTS)
+    parser.add_argument(
+        "--verify",
+        nargs="*",
+        choices=WORLDS,
+        default=[*WORLDS],
+        help="worlds whose loops are proven",
+    )
     parser.add_argument("--refined", type=int, default=REFINED, help="candidates registered")
     parser.add_argument("--runs", type=Path, default=RUNS)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
     worlds = [name for name in arguments.worlds if name != "pairs"]
     found, left = measure(
-        worlds, arguments.descriptors, arguments.runs, arguments.jobs, arguments.refined
+        worlds,
+        arguments.descriptors,
+        arguments.runs,
+        arguments.jobs,
+        arguments.refined,
+        arguments.verify,
     )
     texts = tables_of(found, arguments.refined)
     if found:
