@@ -56,6 +56,9 @@ CHUNK_FORMAT = "fusionslam.described_frames.1"
 T = TypeVar("T")
 Arrays = Mapping[str, NDArray[Any]]
 
+_LONGEST = 150
+"""Characters of the names of descriptors in the name of a folder."""
+
 CHUNK = 16
 """Number of frames written together. An interruption loses at most these and those in progress."""
 
@@ -267,9 +270,13 @@ class _Work:
             self.bad_frames,
         ]
         key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:12]
-        source = self.config.fusion.source
+        return self.folder / f".partial-{self.config.fusion.source}-{self._label}-{key}"
+
+    @property
+    def _label(self) -> str:
+        """The descriptors as a part of a folder's name, which has at most 255 bytes."""
         names = "+".join(map(in_file_names, self.names))
-        return self.folder / f".partial-{source}-{names}-{key}"
+        return names if len(names) <= _LONGEST else hashlib.sha256(names.encode()).hexdigest()[:12]
 
     def run(self, jobs: int) -> Iterator[int]:
         """Process the missing chunks; yield the number of frames in each chunk."""
@@ -316,7 +323,8 @@ class _Work:
         prefix = f".partial-{self.config.fusion.source}-"
         names = {in_file_names(name) for name in self.names}
         for path in self.folder.glob(f"{prefix}*-*"):
-            if set(path.name.removeprefix(prefix).rpartition("-")[0].split("+")) <= names:
+            label = path.name.removeprefix(prefix).rpartition("-")[0]
+            if label == self._label or set(label.split("+")) <= names:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _frame(self, index: int) -> "_Described":

@@ -58,13 +58,6 @@ def test_usual_descriptors_have_a_threshold_for_every_source(name: str, source: 
     fusion = FusionConfig.model_validate({"source": source})
     detector = LoopDetector(name, fusion=fusion)
     assert 0 < detector.threshold == default_threshold(name, source=source) < 1
-
-
-@pytest.mark.parametrize("name", [name for name in DESCRIPTORS if name not in USUAL])
-def test_others_need_a_threshold_or_verification(name: str) -> None:
-    with pytest.raises(ConfigError, check=has_code("no-threshold", name, "lidar")):
-        LoopDetector(name, verify=False)
-    assert LoopDetector(name, threshold=0.5).threshold == 0.5
     assert LoopDetector(name, fusion=fusion, threshold=0.5).threshold == 0.5
     kind, _, preset = name.partition(":")
     if preset:
@@ -72,6 +65,13 @@ def test_others_need_a_threshold_or_verification(name: str) -> None:
         same = LoopDetector(kind, describe=describe_config, fusion=fusion)
         assert same.threshold == detector.threshold
         assert detector.describe_config.preset == preset
+
+
+@pytest.mark.parametrize("name", [name for name in DESCRIPTORS if name not in USUAL])
+def test_others_need_a_threshold_or_verification(name: str) -> None:
+    with pytest.raises(ConfigError, check=has_code("no-threshold", name, "lidar")):
+        LoopDetector(name, verify=False)
+    assert LoopDetector(name, threshold=0.5).threshold == 0.5
 
 
 def test_a_stored_detector_keeps_the_threshold_that_it_was_made_with(

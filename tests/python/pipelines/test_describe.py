@@ -15,6 +15,7 @@ from error_codes import has_code
 from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset, open_dataset
 from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
+from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import CHUNK, describable, load_runs, run_path
 from fusionslam.pipelines.recording import Recording
@@ -356,6 +357,18 @@ def test_what_was_left_of_other_settings_goes_when_a_run_is_finished(
     assert len(list(out.glob(".partial-*"))) == 1, "work on two descriptors may be taken up"
     config = with_settings(PipelineConfig(), ["descriptors.preset=author"])
     describe_dataset(dataset, ("m2dp", "cm2dp"), out, config=config)
+    assert not list(out.glob(".partial-*"))
+
+
+def test_every_descriptor_at_once_fits_into_the_names_of_files(
+    recording: Path, tmp_path: Path
+) -> None:
+    dataset, out = open_dataset(recording), tmp_path / "out"
+    config = PipelineConfig(fusion=fusionslam.FusionConfig(source="cloud"))
+    every = tuple(name for name in NAMES if DESCRIPTORS[name].metric != "regions")
+    names = describable(dataset, every, config)
+    runs = describe_dataset(dataset, names, out, config=config)
+    assert [run.descriptor for run in runs] == names
     assert not list(out.glob(".partial-*"))
 
 
