@@ -92,13 +92,14 @@ def test_precision_recall_has_the_promised_signature_and_fields() -> None:
     parameters = inspect.signature(function).parameters
     assert list(parameters)[:2] == ["descriptors", "positions"]
     defaults = {name: parameters[name].default for name in ("protocol", "radius", "window")}
-    assert defaults == {"protocol": "revisit", "radius": 10.0, "window": 50}
+    assert defaults == {"protocol": "revisit", "radius": None, "window": None}
     for name in defaults:
         assert parameters[name].kind is inspect.Parameter.KEYWORD_ONLY
     lap = np.r_[np.arange(60), np.arange(60)]
     descriptors = RNG.normal(size=(60, 8)).astype(np.float32)[lap]
     positions = np.c_[20.0 * lap, 0 * lap, 0 * lap]
     curve = function(descriptors, positions)
+    assert (curve.radius, curve.window) == (10.0, 50)  # the protocol's
     for name in ("thresholds", "precision", "recall"):
         assert len(getattr(curve, name)) == len(curve.thresholds)
     for name in ("recall_at_full_precision", "max_f1", "average_precision", "top1"):
