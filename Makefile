@@ -6,7 +6,7 @@
 export PYTHON ?= python3
 export VENV ?= .venv
 BIN := $(VENV)/bin
-SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/include/fusionslam/*/*.hpp cpp/src/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp fuzz/core/*.cpp benchmarks/peers/*.?pp)
+SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/include/fusionslam/*/*.hpp cpp/src/*/*.?pp cpp/src/*/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp fuzz/core/*.cpp benchmarks/peers/*.?pp)
 
 demo: setup
 	$(BIN)/fusionslam demo -o out/demo

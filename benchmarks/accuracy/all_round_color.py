@@ -11,19 +11,16 @@ two minutes of processor time each.
 
 import argparse
 import os
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from textwrap import fill
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from benchmarks.accuracy.markdown import table, write_between
-from benchmarks.accuracy.presets import ROOT, figures_of, mean_and_range
+from benchmarks.accuracy.markdown import write_between
+from benchmarks.accuracy.presets import ROOT
+from benchmarks.accuracy.towns import compare_towns
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
 from fusionslam.datasets import open_dataset
-from fusionslam.evaluation import DIRECTIONS, DescriptorRun, evaluate, visits
+from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import run_path
 from fusionslam.sim import CarConfig, SimConfig, TownConfig, record
 from fusionslam.storage.cache import cache_folder
@@ -32,7 +29,6 @@ PAGE = ROOT / "docs" / "stages" / "descriptors.md"
 SEEDS = (1, 2, 3, 5, 7)
 COLORED = ("cm2dp:robust", "cm2dp:upright", "cshot")
 SHAPES = ("m2dp:robust", "m2dp:upright", "shot")
-FIGURES = ("top-1", "same direction", "opposite", "recall at 100 % precision")
 ABOVE_ROAD: Mapping[str, Any] = {"ground": "height", "voxel": 0.5}
 """Chosen on the town of seed 101: on the road and near the car, points show how the LiDAR scans."""
 
@@ -92,27 +88,11 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
     arguments = parser.parse_args()
     towns = [describe_town(seed) for seed in arguments.seeds]
-    rows = []
-    directions: Counter[str] = Counter()
-    for clouds, name in towns[0]:
-        found = np.array([figures_of(evaluate(town[clouds, name])) for town in towns], float)
-        figures = [mean_and_range(found[:, column]) for column in range(len(FIGURES))]
-        rows.append([clouds, f"`{name}`", *figures])
-    for town in towns:
-        poses = next(iter(town.values())).poses
-        assert poses is not None  # the simulator always writes them
-        directions += Counter(visit.kind for visit in visits(poses))
-    shown = table(["clouds", "descriptor", *FIGURES], rows)
-    about = fill(
-        "`python -m benchmarks.accuracy.all_round_color`: the towns of seeds "
-        f"{', '.join(map(str, arguments.seeds))}, revisits by direction: "
-        f"{', '.join(f'{directions[kind]} {kind}' for kind in DIRECTIONS)}; protocol revisit, "
-        "10 m, 50 frames. Mean (lowest to highest) over the towns.",
-        100,
-    )
-    print(f"{about}\n\n{shown}")
+    keys = ((clouds, name, clouds) for clouds, name in towns[0])
+    text = compare_towns("all_round_color", arguments.seeds, towns, keys)
+    print(text)
     if arguments.write:
-        write_between(PAGE, "all round", f"{about}\n\n{shown}")
+        write_between(PAGE, "all round", text)
 
 
 if __name__ == "__main__":
