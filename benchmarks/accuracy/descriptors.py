@@ -16,7 +16,7 @@ import argparse
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -356,6 +356,17 @@ def verdict(found: Mapping[tuple[str, str], Mapping[str, Sequence[Compared]]]) -
     return "\n".join(lines)
 
 
+def with_other_groups(verdicts: str, groups: Collection[str]) -> str:
+    """Add the lines of the page's verdict on groups of worlds that were not measured now."""
+    shown = PAGE.read_text(encoding="utf-8").partition("<!-- verdict: ")[2].partition("<!-- end")[0]
+    kept = [
+        line
+        for line in shown.splitlines()
+        if any(f", {group}, " in line for group in set(GROUPS) - set(groups))
+    ]
+    return "\n".join([*verdicts.splitlines(), *kept])
+
+
 def is_ours(name: str) -> bool:
     """Whether a descriptor, or the preset that it has, is this project's own."""
     kind, preset = find_descriptor(name), name.partition(":")[2]
@@ -438,6 +449,10 @@ def main() -> None:
         texts["pairs"] = pairs_table(data_folder(), arguments.descriptors)
     print("\n\n".join(texts.values()))
     if arguments.write:
+        if "verdict" in texts:
+            texts["verdict"] = with_other_groups(texts["verdict"], {group for group, _ in found})
+        if set(worlds) < set(WORLDS):
+            texts.pop("left-out", None)
         for name, text in texts.items():
             write_between(PAGE, name, text)
         draw(found)

@@ -77,6 +77,9 @@ class Descriptor:
         return "normal_radius" in self.options
 
 
+# In rooms, a small robot's scans have no smooth regions of 50 cubes of 0.3 m.
+_ROOMS = {"leaf": 0.15}
+
 DESCRIPTORS: Mapping[str, Descriptor] = {
     kind.name: kind
     for kind in (
@@ -231,6 +234,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("rotation",),
             metric="chi_square",
             section="vfh",
+            in_robot_frame=_ROOMS,
             threads=True,
         ),
         Descriptor(
@@ -241,6 +245,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("rotation",),
             metric="regions",
             section="cvfh",
+            in_robot_frame=_ROOMS,
             threads=True,
         ),
         Descriptor(
@@ -251,6 +256,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("rotation",),
             metric="regions",
             section="our_cvfh",
+            in_robot_frame=_ROOMS,
             threads=True,
         ),
         Descriptor(
@@ -294,6 +300,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             needs=("colors", "normals"),
             invariant_to=("rotation",),
             section="cospair",
+            in_robot_frame=_ROOMS,
             threads=True,
         ),
     )
