@@ -209,11 +209,10 @@ def for_clouds(
     Raises:
         ConfigError, DataError: as ``require_up``, for a descriptor that needs z to point up.
     """
-    if not needs_up(name, config):
-        return config
-    require_up(fusion, frame)
+    if needs_up(name, config):
+        require_up(fusion, frame)
     kind = find_descriptor(name)
-    if fusion.frame == "scan" or kind.section is None:
+    if fusion.frame != "robot" or kind.section is None or not kind.in_robot_frame:
         return config
     given: Section = getattr(config, kind.section)
     values = {**kind.in_robot_frame, **given.model_dump(exclude_none=True)}

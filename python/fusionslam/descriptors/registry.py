@@ -77,9 +77,6 @@ class Descriptor:
         return "normal_radius" in self.options
 
 
-# In rooms, a small robot's scans have no smooth regions of 50 cubes of 0.3 m.
-_ROOMS = {"leaf": 0.15}
-
 DESCRIPTORS: Mapping[str, Descriptor] = {
     kind.name: kind
     for kind in (
@@ -234,7 +231,6 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("rotation",),
             metric="chi_square",
             section="vfh",
-            in_robot_frame=_ROOMS,
             threads=True,
         ),
         Descriptor(
@@ -245,7 +241,6 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("rotation",),
             metric="regions",
             section="cvfh",
-            in_robot_frame=_ROOMS,
             threads=True,
         ),
         Descriptor(
@@ -256,7 +251,6 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             invariant_to=("rotation",),
             metric="regions",
             section="our_cvfh",
-            in_robot_frame=_ROOMS,
             threads=True,
         ),
         Descriptor(
@@ -300,7 +294,6 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
             needs=("colors", "normals"),
             invariant_to=("rotation",),
             section="cospair",
-            in_robot_frame=_ROOMS,
             threads=True,
         ),
     )
