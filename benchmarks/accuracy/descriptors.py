@@ -132,6 +132,7 @@ KINDS = (
     CloudKind("stereo", "stereo", "cloud", lambda name: True, lambda world: world == "flight"),
 )
 """One table for each, and for each group of worlds."""
+KIND_NAMES = tuple(each.name for each in KINDS)
 
 
 @dataclass(frozen=True)
@@ -262,7 +263,7 @@ def measure(
     jobs: int,
     refined: int,
     verified: Sequence[str] = tuple(WORLDS),
-    kinds: Sequence[str] = tuple(kind.name for kind in KINDS),
+    kinds: Sequence[str] = KIND_NAMES,
 ) -> tuple[dict[tuple[str, str], dict[str, list[Compared]]], dict[str, dict[str, str]]]:
     """Evaluate worlds: (group, kind) -> world -> descriptors; and what is left out where, and why.
 
@@ -424,8 +425,9 @@ def main() -> None:
         "--worlds", nargs="+", choices=[*WORLDS, "pairs"], default=[*WORLDS, "pairs"]
     )
     parser.add_argument("-d", "--descriptors", nargs="+", choices=VARIANTS, default=VARIANTS)
-    every = [kind.name for kind in KINDS]
-    parser.add_argument("--kinds", nargs="+", choices=every, default=every, help="of clouds")
+    parser.add_argument(
+        "--kinds", nargs="+", choices=KIND_NAMES, default=KIND_NAMES, help="of clouds"
+    )
     parser.add_argument(
         "--verify",
         nargs="*",
@@ -457,7 +459,7 @@ def main() -> None:
     if arguments.write:
         if "verdict" in texts:
             texts["verdict"] = with_other_tables(texts["verdict"], found)
-        if set(worlds) < set(WORLDS) or len(arguments.kinds) < len(every):
+        if set(worlds) < set(WORLDS) or set(arguments.kinds) < set(KIND_NAMES):
             texts.pop("left-out", None)
         for name, text in texts.items():
             write_between(PAGE, name, text)
