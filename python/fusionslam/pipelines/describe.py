@@ -28,6 +28,7 @@ from fusionslam.descriptors import (
     for_preset,
     for_sequence,
     in_file_names,
+    length_of,
     needs_up,
     without_colors,
 )
@@ -35,6 +36,7 @@ from fusionslam.descriptors.registry import POINT_DATA, Need
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import FusionConfig, fuse, load_sensors, require_up
+from fusionslam.help_texts import PER_FRAME
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
@@ -94,7 +96,8 @@ def describe_dataset(
         folder: runs are written to ``run_path(folder, source, name)``.
         jobs: number of frames processed in parallel (threads; the work is done outside the GIL).
         bad_frames: "error" fails on a frame that cannot be read, fused or described; "skip"
-            leaves it out and logs and stores its number and the reason with the run.
+            leaves it out and logs and stores its number and the reason with the run. Of several
+            descriptors, one that cannot describe a frame that others can gets zeros there.
         progress: called with (frames done, total frames).
 
     Raises:
@@ -343,9 +346,27 @@ class _Work:
             load_sensors(frame, self.config.fusion)
         with watch.measure("fuse"):
             cloud = fuse(frame, self.config.fusion)
+        problems: dict[str, DataError] = {}
         for name in self.names:
-            with watch.measure(name):
-                vectors[name] = describe(cloud, name, self._config_of(name, frame))
+            config = self._config_of(name, frame)
+            try:
+                with watch.measure(name):
+                    vectors[name] = describe(cloud, name, config)
+            except DataError as error:
+                if self.bad_frames == "error":
+                    raise
+                problems[name] = error
+                vectors[name] = np.zeros(length_of(name, config), np.float32)
+        if len(problems) == len(self.names):
+            raise problems[self.names[0]]
+        for name, problem in problems.items():
+            logger.warning(
+                "%s, frame %d: %s",
+                self.dataset.name,
+                self.dataset.numbers[index],
+                problem,
+                extra={PER_FRAME: f"{name} cannot describe it and has zeros"},
+            )
         seconds = {part: watch.total(part) for part in ("load", "fuse", *self.names)}
         return _Described(index, vectors, len(cloud), seconds)
 
@@ -365,6 +386,8 @@ class _Work:
 
     def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
         rows, poses = joined["rows"], self.dataset.true_poses
+        points, described = joined["points"], joined[f"vectors.{name}"].any(axis=1)
+        largest = int(rows[np.where(described, points, -1).argmax()])
         return DescriptorRun(
             source=self.config.fusion.source,
             descriptor=find_descriptor(name).name,
@@ -378,8 +401,8 @@ class _Work:
                 "fuse": joined["seconds.fuse"],
                 "describe": joined[f"seconds.{name}"],
             },
-            peak_memory_bytes=self._working_memory(name, int(rows[joined["points"].argmax()])),
-            points=joined["points"],
+            peak_memory_bytes=self._working_memory(name, largest) if described.any() else 0,
+            points=points,
             config=for_descriptor(self.config, name).model_dump(mode="json"),
             numbers=self.dataset.numbers[rows],
             skipped=skipped,

@@ -22,6 +22,7 @@ from fusionslam import (
     nearest,
     nearest_causal,
 )
+from fusionslam.evaluation.loops.nearest_matches import match_described, pairwise_distances
 
 Row = NDArray[np.float32]
 Wide = NDArray[np.float64]
@@ -392,3 +393,23 @@ def test_a_damaged_file_is_refused(metric: str, tmp_path: Path) -> None:
     path.write_bytes(content[:-20])
     with pytest.raises(DataError, match="cut off"):
         DescriptorIndex.load(path)
+
+
+@pytest.mark.parametrize("metric", ["l2", "regions"])
+@pytest.mark.parametrize("window", [0, 2])
+def test_descriptors_of_zeros_have_no_candidates_and_are_none(metric: str, window: int) -> None:
+    rng = np.random.default_rng(3)
+    rows = rng.uniform(0.1, 1, (9, 308)).astype(np.float32)
+    rows[[2, 5]] = 0
+    found = match_described(rows, window, 3, metric)
+    for query in range(len(rows)):
+        candidates = [j for j in range(query - window) if j not in (2, 5)]
+        if query in (2, 5):
+            candidates = []
+        apart = [compare_descriptors(rows[query], rows[j], metric)[0] for j in candidates]
+        expected = [candidates[place] for place in np.argsort(apart, kind="stable")[:3]]
+        assert found.indices[query, : len(expected)].tolist() == expected
+        assert (found.indices[query, len(expected) :] == -1).all()
+    apart = pairwise_distances(rows, metric)
+    assert np.isnan(apart[[2, 5]]).all() and np.isnan(apart[:, [2, 5]]).all()
+    assert np.isfinite(np.delete(np.delete(apart, [2, 5], 0), [2, 5], 1)).all()

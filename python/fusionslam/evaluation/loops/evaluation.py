@@ -12,7 +12,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.judge import evaluate_matches
-from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
+from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches, match_described
 from fusionslam.evaluation.loops.pairs import evaluate_pairs
 from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
 from fusionslam.evaluation.loops.protocols import (
@@ -197,13 +197,10 @@ def _configs(
 
 
 def _search(run: DescriptorRun, window: int, threads: int) -> Matches:
-    """Find the nearest candidates; frames with a descriptor of zeros have none."""
-    matches = find_matches(
-        run.descriptors, window=window, k=max(RANKS), threads=threads, metric=run.metric
-    )
-    blank = ~run.descriptors.any(axis=1)
-    matches.indices[blank], matches.distances[blank] = -1, np.inf
-    return matches
+    rows, count = run.descriptors, max(RANKS)
+    if not rows.any(axis=1).all():
+        return match_described(rows, window, count, run.metric)
+    return find_matches(rows, window=window, k=count, threads=threads, metric=run.metric)
 
 
 def evaluate_verified(

@@ -96,14 +96,40 @@ def find_matches(
     return Matches(*nearest_causal(rows, window=window, k=k, threads=threads, metric=metric))
 
 
+def match_described(rows: NDArray[np.float32], window: int, k: int, metric: str) -> Matches:
+    """``find_matches`` among rows that are not zeros, which describe nothing but count in windows.
+
+    Zeros have no candidates and are none: to metrics of sets they are a set of length zero.
+    """
+    from fusionslam._core import DescriptorIndex
+
+    index, stored = DescriptorIndex(rows.shape[1], metric=metric), np.empty(0, np.int64)
+    indices = np.full((len(rows), k), -1)
+    distances = np.full((len(rows), k), np.inf, np.float32)
+    for query, row in enumerate(rows):
+        newest = query - window - 1
+        if newest >= 0 and rows[newest].any():
+            index.add(rows[newest])
+            stored = np.append(stored, newest)
+        if row.any():
+            found, apart = index.query(row, k=k)
+            indices[query, : len(found)], distances[query, : len(found)] = stored[found], apart
+    return Matches(indices, distances)
+
+
 def pairwise_distances(descriptors: NDArray[np.float32], metric: str = "l2") -> NDArray[np.float64]:
-    """Return the distances of all pairs, float64 (N, N), of descriptors, float32 (N, D)."""
+    """Return the distances of all pairs, float64 (N, N), of descriptors, float32 (N, D).
+
+    Those of descriptors of zeros, which describe nothing, are NaN.
+    """
     from fusionslam._core import nearest
 
-    distances = np.empty((len(descriptors), len(descriptors)))
-    if len(descriptors):
-        others, found = nearest(descriptors, descriptors, k=len(descriptors), metric=metric)
-        np.put_along_axis(distances, others, found, axis=1)
+    distances = np.full((len(descriptors), len(descriptors)), np.nan)
+    described = np.flatnonzero(descriptors.any(axis=1))
+    if len(described):
+        rows = descriptors[described]
+        others, found = nearest(rows, rows, k=len(rows), metric=metric)
+        distances[described[:, None], described[others]] = found
     return distances
 
 

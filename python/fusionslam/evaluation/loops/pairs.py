@@ -77,8 +77,6 @@ def evaluate_pairs(
     places = validate_positions(positions, len(rows))
     pairs = sample_pairs(places, find_protocol(config.protocol), config, seed)
     distances = pair_distances(rows, pairs, metric=metric, threads=threads)
-    blank = np.logical_not(rows.any(axis=1))
-    distances[blank[pairs.queries] | blank[pairs.matches]] = np.inf
     count = int(pairs.same.sum())
     return PrecisionRecall(
         **sweep_thresholds(distances, pairs.same, pairs.same),
@@ -140,19 +138,22 @@ def sample_pairs(
 def pair_distances(
     descriptors: NDArray[np.float32], pairs: Pairs, *, metric: str = "l2", threads: int = 0
 ) -> Floats:
-    """Return the descriptor distances of pairs, float64 (P,)."""
+    """Return the distances of pairs, float64 (P,); infinity if a descriptor is of zeros."""
     from fusionslam._core import nearest
 
-    distances = np.full(len(pairs.queries), np.inf)
+    distances, described = np.full(len(pairs.queries), np.inf), (descriptors != 0).any(axis=1)
     bounds = np.searchsorted(pairs.queries, np.arange(len(descriptors) + 1))
-    for query in np.flatnonzero(np.diff(bounds)):
-        part = slice(bounds[query], bounds[query + 1])
+    for query in np.flatnonzero(np.diff(bounds).astype(bool) & described):
+        part = np.arange(bounds[query], bounds[query + 1])
+        part = part[described[pairs.matches[part]]]
+        if not len(part):
+            continue
         others = descriptors[pairs.matches[part]]
         # All of them are wanted: the later frame is the query, as in the search.
         (order,), (found,) = nearest(
             descriptors[query : query + 1], others, k=len(others), threads=threads, metric=metric
         )
-        distances[part][order[order >= 0]] = found[order >= 0]
+        distances[part[order]] = found
     return distances
 
 
