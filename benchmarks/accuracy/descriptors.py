@@ -32,12 +32,11 @@ from benchmarks.accuracy.descriptor_worlds import record_flight, record_rooms, r
 from benchmarks.accuracy.markdown import write_between
 from fusionslam import PipelineConfig
 from fusionslam.config import merged
-from fusionslam.descriptors import DESCRIPTORS, describe, find_descriptor, for_clouds, needs_up
+from fusionslam.descriptors import DESCRIPTORS, find_descriptor, needs_up
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import Evaluation, evaluate_verified
-from fusionslam.fusion import fuse
 from fusionslam.pipelines.compare_descriptors import time_and_evaluate
-from fusionslam.pipelines.describe import describable, fix_radius
+from fusionslam.pipelines.describe import describable
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.pipelines.shared_verification import verify_each
@@ -60,10 +59,6 @@ VARIANTS = tuple(
 )
 REFINED = 1
 """Candidates that are registered: of each descriptor's ten the one whose image correlates most."""
-SAMPLE = 20
-"""Frames on which it is tried whether a descriptor describes a recording."""
-MOST_FAILED = 2
-"""Of these frames: a frame that one descriptor cannot describe is left out for all."""
 ROOM_M = 20.0
 """Cells around a robot indoors."""
 
@@ -201,7 +196,7 @@ class Bench:
         return merged(config, {"fusion": {"source": self.kind.source, **self.kind.fusion}})
 
     def evaluate(self) -> tuple[list[Evaluation], dict[str, str]]:
-        """Return the evaluations, and why descriptors are left out, by name."""
+        """Return the evaluations, and why descriptors are left out or describe a part, by name."""
         recording = Recording.at(self.world.record(self.kind.drive, self.jobs))
         dataset = recording.open(self.kind.source)
         names, left = self._usable(dataset)
@@ -209,6 +204,9 @@ class Bench:
         runs = describe_recording(
             recording, dataset, self.folder, names, config=self.config, **common
         )
+        for run in runs:
+            if lacking := int((~run.descriptors.any(axis=1)).sum()):
+                left[run.name] = f"{lacking} of {len(run.descriptors)} frames match nothing"
         rule = self.config.evaluation
         found = [time_and_evaluate(run, self.config) for run in runs]
         if not self.verifies:
@@ -218,7 +216,7 @@ class Bench:
         return found, left
 
     def _usable(self, dataset: Any) -> tuple[list[str], dict[str, str]]:
-        """Return the descriptors that describe some frames, and why the others do not."""
+        """Return the descriptors that take the clouds, and why the others do not."""
         left: dict[str, str] = {}
         names = [name for name in self.names if self.kind.takes(name)]
         if not self.config.registration.gravity:
@@ -227,29 +225,7 @@ class Bench:
             names = [name for name in names if name not in left]
         allowed = describable(dataset, names, self.config, "skip")
         missing = [name for name in names if name not in allowed]
-        left |= dict.fromkeys(missing, "needs what the clouds do not have")
-        for name in allowed:
-            reason = self._try(dataset, name)
-            if reason is not None:
-                left[name] = reason
-        return [name for name in allowed if name not in left], left
-
-    def _try(self, dataset: Any, name: str) -> str | None:
-        """Return why too many of some frames cannot be described; None if they can."""
-        if name.startswith(("shot", "cshot")):  # slow, and describes whatever has normals
-            return None
-        config = fix_radius(dataset, [name], self.config, "skip")
-        reasons = []
-        for index in np.linspace(0, len(dataset) - 1, SAMPLE).astype(int).tolist():
-            frame = dataset[index]
-            try:
-                own = for_clouds(config.descriptors, name, config.fusion, frame)
-                describe(fuse(frame, config.fusion), name, own)
-            except FusionSlamError as error:
-                reasons.append(str(error))
-        if len(reasons) <= MOST_FAILED:
-            return None
-        return f"{len(reasons)} of {SAMPLE} frames cannot be described: {reasons[0]}"
+        return allowed, left | dict.fromkeys(missing, "needs what the clouds do not have")
 
 
 Tables = dict[str, str]
@@ -286,7 +262,7 @@ def measure(
             group = found.setdefault((WORLDS[name].group, kind.name), {})
             group[name] = pair_up(evaluations)
             for each, why in missing.items():
-                left.setdefault(each, {})[kind.title] = why
+                left.setdefault(each, {})[place] = why
             wall, work = time.perf_counter() - started[0], time.process_time() - started[1]
             print(f"{place}: {wall:.0f} s, {work:.0f} s of processor time", flush=True)
     return found, left
@@ -401,10 +377,10 @@ def _compare(column: Any, means: Mapping[str, float], ours: set[str]) -> str:
 
 
 def describe_left(left: Mapping[str, Mapping[str, str]]) -> str:
-    """Say which descriptors are left out of which tables, and why."""
+    """Say which descriptors are left out where, and why, or describe only a part of the frames."""
     return "\n".join(
-        f"- `{name}`: {'; '.join(f'{kind}: {why}' for kind, why in kinds.items())}"
-        for name, kinds in left.items()
+        f"- `{name}`: {'; '.join(f'{place}: {why}' for place, why in places.items())}"
+        for name, places in left.items()
     )
 
 

@@ -82,6 +82,7 @@ ColoredCloud voxel_downsample(PointsView points, ColorsView colors, double size)
 
 std::vector<std::int64_t> drop_invalid(PointsView points) {
   std::vector<std::int64_t> kept;
+  kept.reserve(points.size);
   for (std::size_t i = 0; i < points.size; ++i)
     if (detail::is_finite(points[i])) kept.push_back(static_cast<std::int64_t>(i));
   return kept;

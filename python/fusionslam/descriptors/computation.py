@@ -35,6 +35,7 @@ def describe(
     """
     kind = find_descriptor(name)
     require_cloud(cloud)
+    _require_extent(cloud)
     if (problem := missing_data(cloud, name)) is not None:
         raise problem
     settings = for_preset(config or DescriptorConfig(), name)
@@ -63,11 +64,23 @@ def _core_config(kind: Descriptor, config: DescriptorConfig) -> Any:
     return core_class(kind.section)(**preset, **values)
 
 
+def _require_extent(cloud: Cloud) -> None:
+    """Reject a cloud whose points are all equal, as of a sensor that writes zeros for no return."""
+    points = cloud.points
+    if len(points) and (_sample(points) == points[0]).all() and (points == points[0]).all():
+        raise DataError("all points of the cloud are equal: it has no shape to describe")
+
+
+def _sample(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Take at most some thousand points of a cloud, evenly."""
+    return points[:: 1 + len(points) // 4096]
+
+
 def _warn_unless_upright(cloud: Cloud, name: str) -> None:
     """Warn of a cloud that is taller than wide: its z axis hardly points up."""
     if len(cloud) < 2:
         return
-    x, y, z = cloud.points.std(axis=0, dtype=np.float64)
+    x, y, z = _sample(cloud.points).std(axis=0, dtype=np.float64)
     if z > np.hypot(x, y):
         text = (
             f"{name} needs clouds whose z axis points up, and the spread along z is larger than "
