@@ -178,9 +178,9 @@ struct TurnedMatch {
 
 /// Compares two Scan Contexts (Kim, Kim, IROS 2018, equations 6 and 7): 1 - the sum
 /// over the sectors of their cosines, divided by the sectors that are filled in the fuller one, at
-/// the turn where that is least. The paper divides by the sectors that are filled in both, which
-/// is the same for scans of the full circle; of narrow ones it takes any two slivers for one place.
-/// Throws ShapeError or DataError as DescriptorIndex does.
+/// the turn where that is least. The paper divides by all sectors, which is the same for scans of
+/// the full circle. Divided by those filled in both, any two slivers of narrow ones would look
+/// alike. Throws ShapeError or DataError as DescriptorIndex does.
 TurnedMatch compare_scan_contexts(std::span<const float> query, std::span<const float> match);
 
 }  // namespace fusionslam

@@ -30,11 +30,10 @@ struct CospairConfig {
 /// 2016): the local descriptor at one keypoint, the centroid with the mean normal, its support the
 /// whole downsampled cloud, as Perdomo 2019, 4.1, does for CSHOT. For each of 7 concentric shells
 /// of equal width, the outermost ending at the farthest point, six histograms of 9 bins: the angles
-/// theta
-/// (-pi to pi), alpha and phi (cosines, -1 to 1) between the keypoint's normal and the points',
-/// then CIELab L (0 to 100), a and b (-128 to 128) of the points' colours. Each sums to 1; those of
-/// a shell without points are zero. Numbers of bins and shells are as summed up by others, the
-/// division of the shells and the scale of the histograms ours, to be checked in the paper.
+/// theta (-pi to pi), alpha and phi (cosines, -1 to 1) between the keypoint's normal and the
+/// points', then CIELab L (0 to 100), a and b (-128 to 128) of the points' colours. Each sums to 1;
+/// those of a shell without points are zero. Numbers of bins and shells are not checked in the
+/// paper; the division of the shells and the scale of the histograms are ours.
 /// The result does not depend on `threads`. Throws as vfh, and ShapeError if there is not one
 /// colour a point.
 std::vector<float> cospair(PointsView points, ColorsView colors, const CospairConfig& config = {},

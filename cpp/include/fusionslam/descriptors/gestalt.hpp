@@ -40,8 +40,9 @@ struct GestaltConfig {
 /// keypoint in each of the 32 bins (m, ring after ring), the variance of the heights in each (m^2),
 /// then the keypoint's x and y (m). Bins without a point are zero; blocks without a keypoint, which
 /// come last, too. The first 64 values do not depend on where the cloud's origin is, nor on turns
-/// about z. Radius, number of keypoints and treatment of empty bins are ours, to be checked in the
-/// paper. Throws DataError for NaN or infinity, and for a cloud without a keypoint.
+/// about z. The numbers of rings and sectors and the axis are not in that summary and not checked
+/// in the paper; leaf, radius, numbers of keypoints and points, and empty bins are ours. Throws
+/// DataError for NaN or infinity, and for a cloud without a keypoint.
 std::vector<float> gestalt(PointsView points, const GestaltConfig& config = {}, int threads = 1);
 
 }  // namespace fusionslam

@@ -42,9 +42,10 @@ struct GfhConfig {
 /// of each ring and layer it holds the amplitudes of the Fourier transform of the counts over
 /// azimuth, of 0, 1, ... sectors / 2 periods (ring after ring, of each the layers from the lowest
 /// upwards: rings x layers x (sectors / 2 + 1) floats), all scaled to length 1. Turns about z by
-/// whole sectors do not change it; shifts do. The numbers of bins are ours. Throws DataError for
-/// NaN or infinity and for a cloud without a point in the cylinder, ConfigError if the top is not
-/// above the bottom.
+/// whole sectors do not change it; shifts do. The paper describes objects. The numbers of bins, the
+/// cylinder, that amplitudes are kept, and their scale are ours. Throws DataError for NaN or
+/// infinity and for a cloud without a point in the cylinder, ConfigError if the top is not above
+/// the bottom.
 std::vector<float> gfh(PointsView points, const GfhConfig& config = {});
 
 }  // namespace fusionslam

@@ -28,8 +28,9 @@ struct IntensityScanContextConfig {
 /// towards y, and 20 rings the largest intensity, divided by the largest within range (60 x 20
 /// floats, sector after sector). Bins without points are 0; those with points are at least 1 / 255,
 /// so that a dark surface is not taken for an empty bin. Intensities are taken as the scanner's
-/// driver calibrates them. A turn about z by a sector moves the sectors by one. DescriptorIndex
-/// compares them with Metric::intensity_scan_context. Throws ShapeError if there is not one
+/// driver calibrates them. Numbers of bins and range are not checked in the paper. A turn about z
+/// by a sector moves the sectors by one. DescriptorIndex compares them with
+/// Metric::intensity_scan_context. Throws ShapeError if there is not one
 /// intensity a point; DataError for NaN or infinity, negative intensities, and if no point within
 /// `max_range` has an intensity > 0.
 std::vector<float> intensity_scan_context(PointsView points, std::span<const float> intensities,

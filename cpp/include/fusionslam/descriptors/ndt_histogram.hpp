@@ -44,7 +44,8 @@ struct NdtHistogramConfig {
 /// 0), each of the cloud turned so that a common direction of walls comes to lie along x: the
 /// commonest, both ways, and, if it has the share `ambiguity` of the commonest, the next. Without
 /// walls there is one histogram, of the cloud as it is. The paper aligns two planes in three
-/// dimensions; here the vertical is known. DescriptorIndex compares them with
+/// dimensions; here the vertical is known. Classes, shells and defaults are not checked in the
+/// paper. DescriptorIndex compares them with
 /// Metric::nearest_of_set. Throws DataError for NaN or infinity and for a cloud without a cell of 5
 /// points.
 std::vector<float> ndt_histogram(PointsView points, const NdtHistogramConfig& config = {});

@@ -38,8 +38,9 @@ struct RingConfig {
 /// is the same at all angles. A move changes nothing but what enters and leaves the image and how
 /// it falls into cells. The angles cover half a turn, because the amplitudes of the other half are
 /// the same: a turn about z by 1.5 degrees moves the angles around by one, and turns that differ by
-/// half a turn are not told apart. DescriptorIndex compares them with Metric::ring. Throws
-/// DataError for NaN or infinity and for a cloud without a point to draw.
+/// half a turn are not told apart. Range and numbers of cells and angles are not checked in the
+/// paper. DescriptorIndex compares them with Metric::ring. Throws DataError for NaN or infinity and
+/// for a cloud without a point to draw.
 std::vector<float> ring(PointsView points, const RingConfig& config = {});
 
 }  // namespace fusionslam

@@ -59,7 +59,8 @@ struct ScanContextCartesianConfig {
 /// cells, 0 without one (40 columns from -lateral_range to lateral_range along y, one after the
 /// other, each with 40 cells from -longitudinal_range to longitudinal_range along x: 1600 floats).
 /// A move to the side by the width of a column, 2 m with the defaults, moves the columns by one;
-/// half a turn about z reverses the floats. DescriptorIndex compares them with
+/// half a turn about z reverses the floats. Range and resolution are the paper's (table II), which
+/// first replaces the points in cubes of 0.5 m by one. DescriptorIndex compares them with
 /// Metric::aligned_cartesian. Throws DataError for NaN or infinity and for a cloud without a point
 /// above the ground within range.
 std::vector<float> scan_context_cartesian(PointsView points,

@@ -12,7 +12,7 @@
 namespace fusionslam {
 
 /// Parameters of solid(). Elevations are angles above the horizon of the cloud's origin; those of
-/// the defaults hold what common spinning scanners see.
+/// the defaults hold what common spinning scanners see. The voxel is the paper's.
 struct SolidConfig {
   static constexpr const char* section = "solid";
 
@@ -40,7 +40,7 @@ struct SolidConfig {
   }
 };
 
-/// Both parts of SOLiD, as the paper has them.
+/// Both parts of SOLiD. Their numbers of bins are not checked in the paper.
 struct SolidParts {
   std::vector<float> ranges;    ///< R-SOLiD: of 40 bins of horizontal range, outwards
   std::vector<float> azimuths;  ///< A-SOLiD: of 60 bins of azimuth, from x towards y
@@ -50,7 +50,8 @@ struct SolidParts {
 /// is the scanner. The mean points of voxels are counted over range and elevation, and over azimuth
 /// and elevation. A bin of elevation weighs its count, scaled so that the fullest one weighs 1 and
 /// the emptiest 0 (each 1 if all are equal); the parts are the sums over elevation of weight times
-/// count. A turn about z leaves the ranges and shifts the azimuths, as far as voxels allow.
+/// count. A turn about z leaves the ranges and shifts the azimuths, as far as voxels allow. The
+/// scale of the weights is not checked in the paper.
 /// Throws DataError for NaN or infinity and for a cloud without a point within range and
 /// elevations, ConfigError if the lowest elevation is not below the highest.
 SolidParts solid_parts(PointsView points, const SolidConfig& config = {});
