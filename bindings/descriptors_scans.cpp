@@ -32,7 +32,7 @@ void bind_scan_context_plus(py::module_& module) {
   bind_options<ScanContextPolarConfig>(module, "ScanContextPolarConfig",
                                        "Parameters of scan_context_polar.");
   bind_shape<ScanContextPolarConfig>(module, "scan_context_polar", scan_context_polar,
-                                     R"(Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021).
+                                     R"(Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2022).
 
 The heights of scan_context with 20 rings; what is new is how two are compared, with
 metric="aligned_polar". A turn about z by a sector of 6 degrees moves the sectors by one.
@@ -51,7 +51,7 @@ Raises:
                                            "Parameters of scan_context_cartesian.");
   bind_shape<ScanContextCartesianConfig>(
       module, "scan_context_cartesian", scan_context_cartesian,
-      R"(Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021).
+      R"(Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2022).
 
 The height above the ground of the highest point of each of 40 x 40 cells, 0 without one. A move to
 the side by the width of a column, 2 m, moves the columns by one; half a turn about z reverses the
@@ -100,7 +100,7 @@ Raises:
                               to_numpy(std::move(parts.azimuths)));
       },
       "points"_a, py::kw_only(), "config"_a = SolidConfig(),
-      R"(Both parts of SOLiD as the paper has them; arguments and errors as solid.
+      R"(Both parts of SOLiD; arguments and errors as solid.
 
 Returns:
     (R-SOLiD, float32 (40,), by horizontal range; A-SOLiD, float32 (60,), by azimuth, from x towards

@@ -2360,7 +2360,7 @@ def scan_context(points: numpy.typing.NDArray[numpy.float32], *, height: typing.
     """
 def scan_context_cartesian(points: numpy.typing.NDArray[numpy.float32], *, config: ScanContextCartesianConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
     """
-    Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021).
+    Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2022).
     
     The height above the ground of the highest point of each of 40 x 40 cells, 0 without one. A move to
     the side by the width of a column, 2 m, moves the columns by one; half a turn about z reverses the
@@ -2380,7 +2380,7 @@ def scan_context_cartesian(points: numpy.typing.NDArray[numpy.float32], *, confi
     """
 def scan_context_polar(points: numpy.typing.NDArray[numpy.float32], *, config: ScanContextPolarConfig = ...) -> numpy.typing.NDArray[numpy.float32]:
     """
-    Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021).
+    Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2022).
     
     The heights of scan_context with 20 rings; what is new is how two are compared, with
     metric="aligned_polar". A turn about z by a sector of 6 degrees moves the sectors by one.
@@ -2476,7 +2476,7 @@ def solid(points: numpy.typing.NDArray[numpy.float32], *, config: SolidConfig = 
     """
 def solid_parts(points: numpy.typing.NDArray[numpy.float32], *, config: SolidConfig = ...) -> tuple[numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.float32]]:
     """
-    Both parts of SOLiD as the paper has them; arguments and errors as solid.
+    Both parts of SOLiD; arguments and errors as solid.
     
     Returns:
         (R-SOLiD, float32 (40,), by horizontal range; A-SOLiD, float32 (60,), by azimuth, from x towards

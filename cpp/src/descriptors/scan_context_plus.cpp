@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// The two contexts of Scan Context++ (Kim, Choi, Kim, IEEE Transactions on Robotics 2021).
+// The two contexts of Scan Context++ (Kim, Choi, Kim, IEEE Transactions on Robotics 2022).
 #include "fusionslam/descriptors/scan_context_plus.hpp"
 
 #include <cmath>

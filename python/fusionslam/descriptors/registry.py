@@ -156,7 +156,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
         Descriptor(
             name="scan_context_polar",
             length="1200: 60 sectors x 20 rings",
-            source="Kim, Choi, Kim 2021",
+            source="Kim, Choi, Kim 2022",
             needs=("up",),
             invariant_to=("yaw",),
             metric="aligned_polar",
@@ -166,7 +166,7 @@ DESCRIPTORS: Mapping[str, Descriptor] = {
         Descriptor(
             name="scan_context_cartesian",
             length="1600: 40 columns across x 40 cells along",
-            source="Kim, Choi, Kim 2021",
+            source="Kim, Choi, Kim 2022",
             needs=("up",),
             metric="aligned_cartesian",
             section="scan_context_cartesian",

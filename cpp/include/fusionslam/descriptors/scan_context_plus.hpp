@@ -26,7 +26,7 @@ struct ScanContextPolarConfig {
   }
 };
 
-/// Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021) of a cloud whose z axis
+/// Polar Context of Scan Context++ (Kim, Choi, Kim, T-RO 2022) of a cloud whose z axis
 /// points up: the rows of scan_context() with 20 rings, for 60 sectors the heights of their
 /// highest points (60 x 20 floats, sector after sector). What is new is how two are compared:
 /// DescriptorIndex does so with Metric::aligned_polar. A turn about z by a sector moves the
@@ -54,7 +54,7 @@ struct ScanContextCartesianConfig {
   }
 };
 
-/// Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2021) of a cloud whose x
+/// Cartesian Context of Scan Context++ (Kim, Choi, Kim, T-RO 2022) of a cloud whose x
 /// axis points ahead and z up: the height above the ground of the highest point of each of 40 x 40
 /// cells, 0 without one (40 columns from -lateral_range to lateral_range along y, one after the
 /// other, each with 40 cells from -longitudinal_range to longitudinal_range along x: 1600 floats).

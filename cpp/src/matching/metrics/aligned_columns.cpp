@@ -1,6 +1,6 @@
 // SPDX-FileCopyrightText: 2026 The fusionslam authors
 // SPDX-License-Identifier: Apache-2.0
-// Scan Context++ (Kim, Choi, Kim, T-RO 2021): the norms of the columns, the aligning key, tell
+// Scan Context++ (Kim, Choi, Kim, T-RO 2022): the norms of the columns, the aligning key, tell
 // which shifts are worth comparing; there the columns' cosines count as in a Scan Context.
 #include <array>
 #include <cmath>
