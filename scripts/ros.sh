@@ -5,5 +5,5 @@
 # makes their messages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-mapfile -t packages < <(grep -v '^#' python/fusionslam/ros/debian_packages.txt)
+mapfile -t packages < <(grep -v '^#' python/fusionslam/ros/ros1/debian_packages.txt)
 scripts/debian.sh "${packages[@]}"

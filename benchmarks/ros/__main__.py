@@ -20,8 +20,8 @@ from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.ros.world import Heard, RosWorld
 from fusionslam.config import merged
 from fusionslam.datasets.bags.messages import stamp_of, value_of
-from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes.data_fusion import DataFusion
+from fusionslam.ros.ros1.environment import need_ros
 from fusionslam.sensors.frame_builder import FrameBuilder
 from fusionslam.sim.catalogue import MADE
 from fusionslam.sim.recordings import embedded_bag, recording_config

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from fusionslam.ros.environment import need_ros
+from fusionslam.ros.ros1.environment import need_ros
 
 
 def main(topics: list[str]) -> None:

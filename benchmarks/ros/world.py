@@ -209,7 +209,7 @@ class Listener:
         return self._kept(self._topics)
 
     def _kept(self, topics: Collection[str]) -> list[Heard]:
-        from fusionslam.ros.messages.types import message_class
+        from fusionslam.ros.messages.library import message_class
 
         path = self._world.folder / "kept.pickle"
         self._ask(f"keep {path}")

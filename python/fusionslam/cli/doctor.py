@@ -11,7 +11,7 @@ from fusionslam.cli.failures import DATA, missing_extras
 def doctor() -> None:
     """Check what works on this machine, and say what to install."""
     from fusionslam.doctor import examine
-    from fusionslam.ros.environment import check_ros
+    from fusionslam.ros.ros1.environment import check_ros
 
     findings = [*examine(missing_extras()), check_ros()]
     print_findings(findings, "missing")

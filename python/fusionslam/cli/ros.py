@@ -31,7 +31,7 @@ def _nodes() -> Iterable[str]:
 
 
 def _launch_files() -> Iterable[str]:
-    from fusionslam.ros.launch.files import package_folder
+    from fusionslam.ros.ros1.files import package_folder
 
     return sorted(each.stem for each in (package_folder() / "launch").glob("*.launch"))
 
@@ -39,7 +39,7 @@ def _launch_files() -> Iterable[str]:
 @app.command()
 def path() -> None:
     """Print the folder of the ROS package, for ROS_PACKAGE_PATH."""
-    from fusionslam.ros.launch.files import package_folder
+    from fusionslam.ros.ros1.files import package_folder
 
     print(package_folder())
 
@@ -57,7 +57,7 @@ def run(
     args: Passed = None,
 ) -> None:
     """Run one node, as rosrun does: ARGS are remappings (a:=b) and parameters (_name:=value)."""
-    from fusionslam.ros.launch.start import start
+    from fusionslam.ros.ros1.start import start
 
     start(node, args or [])
 
@@ -78,8 +78,8 @@ def launch(
 
     Its nodes run with the Python that this command runs with.
     """
-    from fusionslam.ros.environment import need_ros
-    from fusionslam.ros.launch.files import guess_bag_topics, launch_file, roslaunch
+    from fusionslam.ros.ros1.environment import need_ros
+    from fusionslam.ros.ros1.files import guess_bag_topics, launch_file, roslaunch
 
     need_ros()
     path, arguments = launch_file(file), args or []

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 1 nodes: thin wrappers around the online objects of the library.
+"""Nodes for ROS 1 and ROS 2: thin wrappers around the online objects of the library.
 
-``runtime.node`` holds what all nodes share and ``launch.start`` runs one; each node has its own
-module in ``nodes``. Nothing here is imported unless a node or the command ``fusionslam ros`` runs.
+``nodes`` has a module for each node, ``runtime`` what all share and ``messages`` what they
+publish: these know no middleware. ``ros1`` and ``ros2`` run them through ``runtime.transport``.
+Nothing here is imported unless a node or one of the commands ``ros`` and ``ros2`` runs.
 """

@@ -13,7 +13,7 @@ from cli import fails, run, succeeds
 from error_codes import has_code
 from fusionslam.errors import FusionSlamError
 from fusionslam.ros import environment
-from fusionslam.ros.launch import files as launching
+from fusionslam.ros.ros1 import files as launching
 
 COMMANDS = [("run", "lv_builder"), ("launch", "ratslam")]
 

@@ -10,7 +10,7 @@ import pytest
 
 from bags import OPTICAL, extrinsics, picture, static, translation
 from bags import scan as good_scan
-from fusionslam.ros.environment import has_ros
+from fusionslam.ros.ros1.environment import has_ros
 from fusionslam.ros.runtime.diagnostics import list_values
 from fusionslam.sensors.frame_builder import BAD_CALIBRATION, NO_CAMERA_INFO, NO_TRANSFORM
 from fusionslam.sensors.messages import FrameTransforms
@@ -26,9 +26,9 @@ CLOUDS = "rgb_cloud"
 
 
 def message_of(value: Any, stored: str = "raw") -> Any:
-    from fusionslam.ros.messages.types import builder
+    from fusionslam.ros.messages.library import build
 
-    return builder.build(value, stored)
+    return build(value, stored)
 
 
 def shorten(value: Any, stored: str = "raw") -> Any:

@@ -65,9 +65,9 @@ def unstamped(scan: Scan) -> Scan:
 
 
 def short(scan: Scan) -> Any:
-    from fusionslam.ros.messages.types import builder
+    from fusionslam.ros.messages.library import build
 
-    message = builder.build(scan)
+    message = build(scan)
     message.data = message.data[:-1]
     return message
 
@@ -123,7 +123,7 @@ def test_views_of_another_configuration_or_damaged_leave_the_memory_as_it_was(
 def test_views_without_stamps_are_refused_or_dated_by_their_arrival(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    from fusionslam.ros.messages.types import ros_time
+    from fusionslam.ros.messages.library import ros_time
 
     refusing, dating = Desk("lv_matching"), Desk("lv_matching", node={"stamps": "arrival"})
     dating.now_ns = 7 * S
@@ -151,9 +151,9 @@ def picture(k: int) -> Picture:
 
 
 def test_images_that_do_not_decode_or_are_too_small(caplog: pytest.LogCaptureFixture) -> None:
-    from fusionslam.ros.messages.types import builder
+    from fusionslam.ros.messages.library import build
 
-    matcher, cut = Desk("lv_matching", source="visual_templates"), builder.build(picture(1), "jpeg")
+    matcher, cut = Desk("lv_matching", source="visual_templates"), build(picture(1), "jpeg")
     cut.data = cut.data[:200]
     tiny = replace(picture(1), image=picture(1).image[:20, :20])
     matcher.give(IMAGES, picture(0), cut, cut, tiny, tiny, picture(1), picture(3))

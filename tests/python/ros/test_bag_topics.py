@@ -8,7 +8,7 @@ import pytest
 
 from bags import drive, write_bag
 from fusionslam.errors import DataError
-from fusionslam.ros.launch.files import guess_bag_topics
+from fusionslam.ros.ros1.files import guess_bag_topics
 
 
 @pytest.fixture

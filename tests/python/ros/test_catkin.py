@@ -23,7 +23,7 @@ pytestmark = [
 ROOT = Path(__file__).parents[3]
 MESSAGES = sorted(path.stem for path in (ROOT / "ros" / "msg").glob("*.msg"))
 SUMS = (
-    "from fusionslam.ros.environment import need_ros; need_ros(); "
+    "from fusionslam.ros.ros1.environment import need_ros; need_ros(); "
     "import fusionslam_ros.msg as m; "
     "from fusionslam_ros.srv import Localize as service; "
     f"print(m.__file__, *[getattr(m, name)._md5sum for name in {MESSAGES}], service._md5sum)"

@@ -108,7 +108,7 @@ def test_a_node_that_waits_for_the_master_can_be_interrupted(tmp_path: Path) -> 
 def test_a_node_works_off_the_main_thread_in_which_the_handler_of_ctrl_c_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from fusionslam.ros.launch import start
+    from fusionslam.ros.ros1 import start
 
     threads: list[threading.Thread] = []
     monkeypatch.setattr(start, "_init", lambda *given: None)

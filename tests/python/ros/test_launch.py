@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 from fusionslam.ratslam import OnlineRatSlam
-from fusionslam.ros.launch.files import launch_environment, package_folder
 from fusionslam.ros.nodes import NODES, node_class
 from fusionslam.ros.nodes.mapper import MapFileConfig
+from fusionslam.ros.ros1.files import launch_environment, package_folder
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
@@ -186,7 +186,7 @@ def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path
 
 
 _DRIVER = """
-from fusionslam.ros.environment import need_ros
+from fusionslam.ros.ros1.environment import need_ros
 need_ros()
 import rospy
 from sensor_msgs.msg import PointCloud2

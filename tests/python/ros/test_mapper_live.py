@@ -24,17 +24,17 @@ POINTS = ("--topic", "points=/velodyne_points")
 FILE = "_map/file:=site.fsmap"
 _CALL = """
 import json, sys
-from fusionslam.ros.environment import need_ros
+from fusionslam.ros.ros1.environment import need_ros
 need_ros()
 import rospy
-from fusionslam.ros.messages.types import service_class
+from fusionslam.ros.messages.library import service_class
 name, kind = sys.argv[1:]
 answer = rospy.ServiceProxy(name, service_class(kind))()
 print(json.dumps({slot: str(getattr(answer, slot)) for slot in answer.__slots__}))
 """
 _STATIC = """
 import sys
-from fusionslam.ros.environment import need_ros
+from fusionslam.ros.ros1.environment import need_ros
 need_ros()
 import rosbag, rospy
 from tf2_msgs.msg import TFMessage

@@ -12,8 +12,8 @@ import numpy as np
 from drives import RATE, SECOND, Message, lap_course, rmse
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ratslam import Look, OnlineRatSlam, Sighting
-from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes.lv_matching import template_message
+from fusionslam.ros.ros1.environment import need_ros
 from ros_master import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
@@ -113,7 +113,7 @@ def write_bag(path: Path, messages: Sequence[Message]) -> None:
     import rosbag
     from rospy import Time
 
-    from fusionslam.ros.messages.types import builder
+    from fusionslam.ros.messages.library import build
 
     with rosbag.Bag(str(path), "w") as bag:
         for one in messages:
@@ -124,7 +124,7 @@ def write_bag(path: Path, messages: Sequence[Message]) -> None:
                 message = template_message(Sighting(one.stamp_ns, *values), "base", view.is_new)
                 bag.write("/LocalView/Template", message, stamp)
             else:
-                bag.write("/odom", builder.build(one), stamp)
+                bag.write("/odom", build(one), stamp)
 
 
 def places(message: Any) -> list[tuple[float, float]]:

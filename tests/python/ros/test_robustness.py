@@ -125,12 +125,12 @@ def test_images_that_are_lost_on_the_way_cost_only_their_scans(
 def test_a_burst_drops_the_oldest_counts_them_and_ends_well(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    from fusionslam.ros.messages.types import builder
+    from fusionslam.ros.messages.library import build
 
     desk = fusion(node={"queue": 10})
     image = only(DRIVE, IMAGES)[0]
     for k in range(300):
-        desk.put(IMAGES, builder.build(replace(image, stamp_ns=START + k)))
+        desk.put(IMAGES, build(replace(image, stamp_ns=START + k)))
     assert desk.worker.queue.dropped == {(IMAGES, TOO_MANY): 290}
     assert desk.worker.queue.taken[IMAGES] == 300
     assert causes(caplog) == [TOO_MANY]
@@ -194,11 +194,11 @@ def test_after_a_jump_scans_wait_for_odometry_that_comes_later() -> None:
 
 
 def test_clouds_come_from_compressed_images_as_from_raw_ones(usual: Desk) -> None:
-    from fusionslam.ros.messages.types import builder
+    from fusionslam.ros.messages.library import build
 
     def stored(value: Any) -> Any:
         # Without loss; some of them stay raw.
-        return value if value.stamp_ns % SECOND == 0 else builder.build(value, "png")
+        return value if value.stamp_ns % SECOND == 0 else build(value, "png")
 
     desk = fusion()
     play(desk, spoil(DRIVE, IMAGES, stored))

@@ -148,7 +148,7 @@ def true_places(driven: Driven) -> list[tuple[int, float, float, float]]:
 
 
 def odometry_of(bag: Path) -> list[tuple[int, float, float, float]]:
-    from fusionslam.ros.environment import need_ros
+    from fusionslam.ros.ros1.environment import need_ros
 
     need_ros()
     import rosbag

@@ -4,13 +4,13 @@
 
 import shutil
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from benchmarks.ros.world import Listener, RosWorld, wait_until
-from fusionslam.ros.environment import PACKAGE, has_ros
+from fusionslam.errors import FusionSlamError
+from fusionslam.ros.ros1.environment import need_ros
 
 __all__ = [
     "Listener",
@@ -27,11 +27,11 @@ _METRES, _IMAGES_HZ = 8.0, 5.0
 
 def _lacking() -> str:
     """Why there is no ROS; empty if there is."""
-    if not has_ros() or shutil.which("roscore") is None:
-        return "ROS 1 is not installed: make ros installs it"
-    if find_spec(PACKAGE) is None:
-        return "fusionslam was built without its ROS messages: make ros builds it with them"
-    return ""
+    try:
+        need_ros()
+    except FusionSlamError as error:
+        return str(error)
+    return "" if shutil.which("roscore") else "roscore is not on PATH: make ros installs it"
 
 
 lacking = _lacking()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusionslam.ros.environment import has_ros
 from fusionslam.ros.nodes import node_class
+from fusionslam.ros.ros1.environment import need_ros
 from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.runtime.worker import Worker
 
@@ -37,7 +37,7 @@ class Desk:
     """A node, what it published, and a clock that tests set."""
 
     def __init__(self, name: str, **parameters: Any) -> None:
-        assert has_ros()
+        need_ros()
         self.outlet, self.now_ns, self.gone = Kept(), 0, set[str]()
         if name == "lv_matching":  # else views wait for odometry
             parameters.setdefault("odometry", False)
@@ -54,6 +54,8 @@ class Desk:
         """A message arrives, but for its last bytes, and waits; ``header`` is of its publisher."""
         from rospy import AnyMsg
 
+        from fusionslam.ros.ros1.messages import delivery_of
+
         line, stream = AnyMsg(), BytesIO()
         message.serialize(stream)
         line._buff = stream.getvalue()[: stream.tell() - lost]
@@ -63,14 +65,14 @@ class Desk:
             "callerid": SOMEBODY,
             **header,
         }
-        self.worker.enqueue(line, topic)
+        self.worker.enqueue(delivery_of(line), topic)
 
     def give(self, topic: str, *values: Any, **header: Any) -> None:
         """Messages, or values of ``fusionslam.sensors.messages``, arrive and are worked off."""
-        from fusionslam.ros.messages.types import builder
+        from fusionslam.ros.messages.library import build
 
         for value in values:
-            message = value if hasattr(value, "_md5sum") else builder.build(value)
+            message = value if hasattr(value, "_md5sum") else build(value)
             self.put(topic, message, **header)
         self.work()
 

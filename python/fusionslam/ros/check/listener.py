@@ -15,9 +15,10 @@ import rospy
 from fusionslam.datasets.bags.reader import Bag, OnError, RawMessage, Topic
 from fusionslam.errors import DataError
 from fusionslam.ros.check.master import read_graph
-from fusionslam.ros.messages.types import CLOUD, IMAGES, deserialize
+from fusionslam.ros.messages.types import CLOUD, IMAGES
+from fusionslam.ros.ros1.messages import delivery_of
+from fusionslam.ros.ros1.transport import BUFFER_BYTES
 from fusionslam.ros.runtime.message_queue import Arrival, MessageQueue
-from fusionslam.ros.runtime.rospy_node import BUFFER_BYTES
 from fusionslam.ros.topic_choice import choose
 from fusionslam.sensors.messages import Message
 
@@ -55,21 +56,20 @@ class ObservedBag(Bag):
         self._bytes = 0
 
     def add(self, arrival: Arrival) -> None:
-        """Add a message as rospy's AnyMsg."""
-        topic, message, time_ns = arrival.topic, arrival.message, arrival.stamp_ns
-        type_name = message._connection_header["type"]
+        """Add a message."""
+        topic, delivery, time_ns = arrival.topic, arrival.message, arrival.stamp_ns
+        type_name = delivery.type
         count = self.topics[topic].count if topic in self.topics else 0
         self.topics[topic] = Topic(topic, type_name, count + 1)
         self.start_ns, self.stop_ns = self.start_ns or time_ns, time_ns
-        large_bytes = len(message._buff) if type_name in (CLOUD, *IMAGES) else 0
+        large_bytes = delivery.size if type_name in (CLOUD, *IMAGES) else 0
         self._bytes += large_bytes
         try:
             if large_bytes and self._bytes > _LIMIT_BYTES:
                 raise DataError("not kept, there is too much data: listen for a shorter time")
-            content = deserialize(message, type_name)
-            self._received.append(RawMessage(topic, type_name, time_ns, content))
+            self._received.append(RawMessage(topic, type_name, time_ns, delivery.read()))
         except DataError as error:
-            header = None if topic in TF_TOPICS else deserialize(message, "std_msgs/Header")
+            header = None if topic in TF_TOPICS else delivery.read("std_msgs/Header")
             rest = SimpleNamespace(header=header)
             self._received.append(_HeaderOnly(topic, type_name, time_ns, rest, str(error)))
 
@@ -177,7 +177,7 @@ class TopicListener:
 
     def _queue(self, message: Any, topic: str) -> None:
         """Note the arrival time in a thread of rospy; leave the rest to the main thread."""
-        now_ns = rospy.Time.now().to_nsec()
+        now_ns, delivery = rospy.Time.now().to_nsec(), delivery_of(message)
         # Like the nodes, listen only to the first of two publishers.
-        publisher = None if topic in TF_TOPICS else message._connection_header["callerid"]
-        self._waiting.put(Arrival(topic, message, time.monotonic(), now_ns), publisher)
+        publisher = None if topic in TF_TOPICS else delivery.sender
+        self._waiting.put(Arrival(topic, delivery, time.monotonic(), now_ns), publisher)

@@ -13,7 +13,7 @@ from fusionslam.pipelines.overview import Overview
 from fusionslam.ros.check.evidence import Evidence
 from fusionslam.ros.check.findings import list_findings
 from fusionslam.ros.check.master import read_graph, silent_nodes
-from fusionslam.ros.environment import need_ros
+from fusionslam.ros.ros1.environment import need_ros
 from fusionslam.ros.topic_choice import INPUTS, LAUNCH_ARGUMENTS, needed_roles, roles_of
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fusionslam.ratslam.map_export import link_offsets
 from fusionslam.ratslam.slam import RatSlam, Step
+from fusionslam.ros.messages.library import OWN, make, ros_duration, ros_time
 from fusionslam.ros.messages.markers import color, marker, point
 from fusionslam.ros.messages.types import (
     MARKERS,
@@ -20,9 +21,6 @@ from fusionslam.ros.messages.types import (
     ground_pose,
     ground_transform,
     header,
-    make,
-    ros_duration,
-    ros_time,
 )
 from fusionslam.sensors.messages import NANOSECONDS
 from fusionslam.storage.arrays import Floats
@@ -54,7 +52,7 @@ def map_message(top: Any, slam: RatSlam) -> Any:
     rows = zip(graph.nodes.tolist(), memory.node_stamps_ns, memory.node_views, strict=True)
     nodes = [
         make(
-            "fusionslam_ros/TopologicalNode",
+            f"{OWN}/TopologicalNode",
             id=number,
             pose=ground_pose((x, y, heading)),
             stamp=ros_time(stamp_ns),
@@ -77,7 +75,7 @@ def _edges(links: NDArray[np.void]) -> list[Any]:
     ways = link_offsets(links).tolist()
     return [
         make(
-            "fusionslam_ros/TopologicalEdge",
+            f"{OWN}/TopologicalEdge",
             id=number,
             source_id=int(link["source"]),
             destination_id=int(link["target"]),

@@ -5,7 +5,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from fusionslam.ros.messages.types import ground_pose, make
+from fusionslam.ros.messages.library import make
+from fusionslam.ros.messages.types import ground_pose
 
 
 def marker(

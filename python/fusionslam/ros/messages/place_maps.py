@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fusionslam.mapping import Localization
 from fusionslam.mapping.grids import OccupancyGrid
+from fusionslam.ros.messages.library import make, respond
 from fusionslam.ros.messages.types import (
     GRID,
     LOCALIZE,
@@ -16,10 +17,8 @@ from fusionslam.ros.messages.types import (
     POSE,
     ground_pose,
     header,
-    make,
     pose_of,
     pose_with_covariance,
-    service_class,
 )
 from fusionslam.storage.arrays import Floats
 
@@ -61,9 +60,10 @@ def located_pose(top: Any, found: Localization) -> Any:
 
 
 def localize_response(top: Any, found: Localization) -> Any:
-    """Return the response of fusionslam_ros/Localize."""
+    """Return the response of Localize."""
     is_found = found.map_from_robot is not None
-    return service_class(LOCALIZE)._response_class(
+    return respond(
+        LOCALIZE,
         found=is_found,
         pose=located_pose(top, found) if is_found else make(LOCATED_POSE, header=top),
         keyframe=-1 if found.keyframe is None else found.keyframe,

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from fusionslam.ros.messages.library import make
 from fusionslam.ros.messages.markers import color, marker, point
-from fusionslam.ros.messages.types import MARKERS, header, make
+from fusionslam.ros.messages.types import MARKERS, header
 from fusionslam.sensors.messages import Scan
 from fusionslam.views.clusters import ClusteredScan
 

@@ -7,7 +7,8 @@ from typing import ClassVar
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
-from fusionslam.ros.messages.types import CLOUD, IMAGES, builder
+from fusionslam.ros.messages.library import build
+from fusionslam.ros.messages.types import CLOUD, IMAGES
 from fusionslam.ros.nodes.frame_node import FrameNode, FramesConfig
 from fusionslam.ros.runtime.node import Outlet
 from fusionslam.sensors.frame import Frame
@@ -52,7 +53,7 @@ class DataFusion(FrameNode[DataFusionConfig]):
         scan = Scan(
             stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
         )
-        self.outlet.publish(COLORED, builder.build(scan))
+        self.outlet.publish(COLORED, build(scan))
         self._show(frame)
 
     def _report_empty(self, frame: Frame) -> None:
@@ -66,4 +67,4 @@ class DataFusion(FrameNode[DataFusionConfig]):
         if "left" in frame.images and self.outlet.is_wanted(COLORING):
             name = self.frames.frame_of("camera")
             picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])
-            self.outlet.publish(COLORING, builder.build(picture))
+            self.outlet.publish(COLORING, build(picture))

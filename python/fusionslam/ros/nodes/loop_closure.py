@@ -15,14 +15,13 @@ from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.se2 import places_of
 from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
+from fusionslam.ros.messages.library import make, ros_time
 from fusionslam.ros.messages.types import (
     CLOUD,
     LOOP_CLOSURE,
     ground_pose,
     header,
-    make,
     pose_with_covariance,
-    ros_time,
 )
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.view_config import EMPTY, cloud_of

@@ -16,13 +16,13 @@ from fusionslam.evaluation.views.online import JudgedView, RunningViews
 from fusionslam.ratslam.external_views import GivenView, GivenViews
 from fusionslam.report.views.false_positives import write_false_positive
 from fusionslam.report.views.thumbnails import image_preview
+from fusionslam.ros.messages.library import make
 from fusionslam.ros.messages.types import (
     IMAGES,
     ODOMETRY,
     VIEW_STATISTICS,
     VIEW_TEMPLATE,
     header,
-    make,
 )
 from fusionslam.ros.nodes.frame_node import LEFT
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH

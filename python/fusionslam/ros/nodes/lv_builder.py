@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from fusionslam.errors import ConfigError
+from fusionslam.ros.messages.library import build, make
 from fusionslam.ros.messages.scenes import clustered_cloud, hull_markers
-from fusionslam.ros.messages.types import CLOUD, MARKERS, VIEW_DESCRIPTION, builder, header, make
+from fusionslam.ros.messages.types import CLOUD, MARKERS, VIEW_DESCRIPTION, header
 from fusionslam.ros.nodes.data_fusion import COLORED
 from fusionslam.ros.nodes.view_config import EMPTY, ViewsConfig, cloud_of, matcher_of, source_of
 from fusionslam.ros.runtime.node import Input, Node, Outlet
@@ -66,6 +67,6 @@ class ViewBuilder(Node[ViewsConfig]):
             return
         objects = cluster_scan(0, cloud, self._scenes)
         if CLUSTERS in wanted:
-            self.outlet.publish(CLUSTERS, builder.build(clustered_cloud(scan, objects)))
+            self.outlet.publish(CLUSTERS, build(clustered_cloud(scan, objects)))
         if HULLS in wanted:
             self.outlet.publish(HULLS, hull_markers(scan, objects))

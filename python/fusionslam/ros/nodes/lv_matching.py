@@ -21,13 +21,13 @@ from fusionslam.ratslam.view_sources import (
     restore_source,
     save_source,
 )
+from fusionslam.ros.messages.library import make
 from fusionslam.ros.messages.types import (
     IMAGES,
     ODOMETRY,
     VIEW_DESCRIPTION,
     VIEW_TEMPLATE,
     header,
-    make,
 )
 from fusionslam.ros.nodes.frame_node import LEFT, ODOM
 from fusionslam.ros.nodes.lv_builder import DESCRIPTIONS

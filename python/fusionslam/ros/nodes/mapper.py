@@ -17,6 +17,7 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure import LoopConfig
 from fusionslam.mapping import Localization, MapConfig, MapStep, PlaceMap
 from fusionslam.registration import Refusal, RegistrationConfig
+from fusionslam.ros.messages.library import build, respond
 from fusionslam.ros.messages.place_maps import (
     grid_message,
     localize_response,
@@ -30,9 +31,7 @@ from fusionslam.ros.messages.types import (
     LOCATED_POSE,
     PATH,
     TRANSFORMS,
-    builder,
     header,
-    service_class,
 )
 from fusionslam.ros.nodes.frame_node import FrameNode, FramesConfig
 from fusionslam.ros.runtime.node import Outlet, Service, Timer
@@ -230,7 +229,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
             child=child,
             parent_from_child=place,
         )
-        self.outlet.publish(TF, builder.build(FrameTransforms(transforms=(link,))))
+        self.outlet.publish(TF, build(FrameTransforms(transforms=(link,))))
 
     def draw(self, now_ns: int) -> None:
         """Publish cloud, grid and path to subscribers, if the map changed. Called in any thread.
@@ -257,7 +256,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
         frame, drawing = self.config.map_frame, self.config.drawing
         if topic == CLOUDS:
             cloud = site.cloud(drawing.voxel)
-            return builder.build(
+            return build(
                 Scan(stamp_ns=stamp_ns, frame_id=frame, points=cloud.points, colors=cloud.colors)
             )
         top = header(stamp_ns, frame)
@@ -348,7 +347,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
         self._solve()
         states = [edge.state for edge in self._site.loops]
         text = ", ".join(f"{states.count(each)} {each}" for each in ("believed", "refused"))
-        return service_class("std_srvs/Trigger")._response_class(success=True, message=text)
+        return respond("std_srvs/Trigger", success=True, message=text)
 
     def _forget(self) -> None:
         self._site.forget_motion()
@@ -357,7 +356,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
 
     def _answer_forget(self) -> Any:
         self._forget()
-        return service_class("std_srvs/Empty")._response_class()
+        return respond("std_srvs/Empty")
 
 
 def _is_joined(site: PlaceMap, keyframe: int) -> bool:

@@ -19,6 +19,7 @@ from fusionslam.ratslam.external_views import GivenView
 from fusionslam.ratslam.map_export import export_run
 from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
 from fusionslam.ratslam.slam import RatSlamConfig, Step
+from fusionslam.ros.messages.library import build, make
 from fusionslam.ros.messages.maps import action_message, map_markers, map_message, path_message
 from fusionslam.ros.messages.types import (
     MARKERS,
@@ -29,10 +30,8 @@ from fusionslam.ros.messages.types import (
     TOPOLOGICAL_MAP,
     TRANSFORMS,
     VIEW_TEMPLATE,
-    builder,
     ground_pose,
     header,
-    make,
 )
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
 from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
@@ -197,4 +196,4 @@ class Mapper(Node[MapperConfig]):
             child=odometry.frame_id,
             parent_from_child=place,
         )
-        self.outlet.publish(TF, builder.build(FrameTransforms(transforms=(link,))))
+        self.outlet.publish(TF, build(FrameTransforms(transforms=(link,))))

@@ -6,31 +6,28 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from fusionslam.ros.messages.types import DIAGNOSTICS, header, make
+from fusionslam.ros.messages.library import make, message_class
+from fusionslam.ros.messages.types import DIAGNOSTICS, header
 
 if TYPE_CHECKING:
     from fusionslam.ros.runtime.worker import Worker
 
-_OK, _WARN = 0, 1
 
-
-def diagnostics(worker: "Worker") -> Any:
-    """Return a DiagnosticArray of the node's current state."""
-    import rospy
-
+def diagnostics(worker: "Worker", node: str, now_ns: int) -> Any:
+    """Return a DiagnosticArray of the current state of a node with this full name."""
     values = dict(list_values(worker))
     problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
     problems += [f"{t}: {cause}" for (t, cause), _ in worker.problems.counts.most_common(1)]
+    level = message_class("diagnostic_msgs/DiagnosticStatus")
     status = make(
         "diagnostic_msgs/DiagnosticStatus",
-        level=_WARN if problems else _OK,
+        level=level.WARN if problems else level.OK,
         name=f"fusionslam: {worker.node.name}",
         message=problems[0] if problems else "fine",
-        hardware_id=rospy.get_name(),
+        hardware_id=node,
         values=[make("diagnostic_msgs/KeyValue", key=key, value=values[key]) for key in values],
     )
-    now = rospy.Time.now().to_nsec()
-    return make(DIAGNOSTICS, header=header(now, ""), status=[status])
+    return make(DIAGNOSTICS, header=header(now_ns, ""), status=[status])
 
 
 def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:

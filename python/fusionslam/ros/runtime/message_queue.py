@@ -20,7 +20,7 @@ class Arrival:
 
     Attributes:
         topic: the node's name of the topic.
-        message: as delivered by the middleware.
+        message: as delivered by the middleware, a ``transport.Delivery``.
         seconds: arrival time by the monotonic clock.
         stamp_ns: arrival time by the clock of the stamps; 0 if unknown.
     """

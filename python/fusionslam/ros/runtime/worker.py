@@ -11,11 +11,12 @@ from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from fusionslam.datasets.bags.messages import is_known, value_of
+from fusionslam.datasets.bags.messages import is_known, stamp_of, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
-from fusionslam.ros.messages.types import deserialize, message_class, ros_time
+from fusionslam.ros.messages.library import ros_time
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
 from fusionslam.ros.runtime.node import Input, Node
+from fusionslam.ros.runtime.transport import Delivery
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.storage.timer import Stopwatch
 
@@ -73,10 +74,10 @@ class Worker:
         for future, _ in self._waiting_calls():
             future.cancel()
 
-    def enqueue(self, message: Any, topic: str) -> None:
-        """Queue a message delivered as rospy's AnyMsg; called in any thread."""
-        sender = _sender(message)
-        arrival = Arrival(topic, message, time.monotonic(), self._now_ns())
+    def enqueue(self, delivery: Delivery, topic: str) -> None:
+        """Queue a message as it was delivered; called in any thread."""
+        sender = delivery.sender
+        arrival = Arrival(topic, delivery, time.monotonic(), self._now_ns())
         entry = self.inputs[topic]
         publisher = None if entry.shared else sender
         lost = self.queue.put(arrival, publisher, is_small=entry.small)
@@ -161,14 +162,15 @@ class Worker:
 
     def _take(self, arrival: Arrival) -> None:
         entry = self.inputs[arrival.topic]
-        message, type_name = _deserialize_as_sent(arrival.message, entry)
-        if not is_known(type_name):
+        delivery = arrival.message
+        message = _read(delivery, entry)
+        if not is_known(delivery.type):
             entry.take(self._stamp_message(message, arrival))
             return
         try:
-            read = value_of(message, type_name, entry.topic)
+            read = value_of(message, delivery.type, entry.topic)
         except DataError as error:
-            raise DataError(f"{error}; check its publisher, {_sender(arrival.message)}") from error
+            raise DataError(f"{error}; check its publisher, {delivery.sender}") from error
         value = self._stamp_value(read, arrival)
         if value is not None:
             entry.take(value)
@@ -176,7 +178,7 @@ class Worker:
     def _stamp_message(self, message: Any, arrival: Arrival) -> Any:
         if self._common.stamps == "arrival":
             message.header.stamp = ros_time(self._arrival_ns(arrival))
-        _need_stamp(message.header.stamp.to_nsec())
+        _need_stamp(stamp_of(message.header.stamp))
         return message
 
     def _stamp_value(self, value: Message, arrival: Arrival) -> Message | None:
@@ -224,10 +226,6 @@ def _run_call(future: Future[Any], action: Callable[[], Any]) -> None:
         future.set_exception(error)
 
 
-def _sender(message: Any) -> str:
-    return str(message._connection_header.get("callerid", "unknown"))
-
-
 def _need_stamp(stamp_ns: int) -> None:
     if not stamp_ns:
         raise DataError(
@@ -237,21 +235,13 @@ def _need_stamp(stamp_ns: int) -> None:
         )
 
 
-def _deserialize_as_sent(message: Any, entry: Input) -> tuple[Any, str]:
-    """Deserialise the message as its publisher's type. Raises DataError for a wrong type."""
-    header, advice = message._connection_header, f"remap {entry.topic} to the right topic"
-    found = header.get("type", "unknown")
-    if found not in entry.types:
+def _read(delivery: Delivery, entry: Input) -> Any:
+    """Deserialise a message. Raises DataError for a wrong type, and as ``Delivery.read``."""
+    if delivery.type not in entry.types:
         raise DataError(
-            f"its type is {found}, expected {' or '.join(entry.types)}: {advice}",
+            f"its type is {delivery.type}, expected {' or '.join(entry.types)}: remap "
+            f"{entry.topic} to the right topic",
             code="wrong-type",
-            fields=(found,),
+            fields=(delivery.type,),
         )
-    kind = message_class(found)
-    if header.get("md5sum", kind._md5sum) not in (kind._md5sum, "*"):
-        raise DataError(
-            f"its publisher has another definition of {found}: build both from the same version",
-            code="other-definition",
-            fields=(found,),
-        )
-    return deserialize(message, found), found
+    return delivery.read()

@@ -19,10 +19,11 @@ import rospy
 from fusionslam.config import Section, option
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
-from fusionslam.ros.messages.types import DIAGNOSTICS, message_class
+from fusionslam.ros.messages.library import message_class
+from fusionslam.ros.messages.types import DIAGNOSTICS
 from fusionslam.ros.nodes import NODES
+from fusionslam.ros.ros1.master_watch import ros_proxy
 from fusionslam.ros.runtime.config import from_parameters
-from fusionslam.ros.runtime.master_watch import ros_proxy
 
 _POLL_S = 0.1
 _SAME_REPORTS = 3

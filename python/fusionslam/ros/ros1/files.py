@@ -10,10 +10,10 @@ from pathlib import Path
 
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import ConfigError, FusionSlamError
-from fusionslam.ros.environment import PACKAGE
+from fusionslam.ros.messages.library import OWN
 from fusionslam.ros.topic_choice import INPUTS, LAUNCH_ARGUMENTS, choose
 
-_PLACES = (Path(__file__).parents[1] / "share" / PACKAGE, Path(__file__).parents[4] / "ros")
+_PLACES = (Path(__file__).parents[1] / "share" / OWN, Path(__file__).parents[4] / "ros")
 """Folders of the ROS package: in an installation, and in the source tree."""
 
 
@@ -27,9 +27,9 @@ def package_folder() -> Path:
         if (folder / "package.xml").is_file():
             return folder
     raise FusionSlamError(
-        f"this installation of fusionslam lacks {PACKAGE}: install it again",
+        f"this installation of fusionslam lacks {OWN}: install it again",
         code="no-package",
-        fields=(PACKAGE,),
+        fields=(OWN,),
     )
 
 

@@ -10,10 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from fusionslam.errors import ConfigError, FusionSlamError
-from fusionslam.ros.environment import need_ros
 from fusionslam.ros.nodes import node_class
-from fusionslam.ros.runtime.logs import ToRosout, init_node
+from fusionslam.ros.ros1.environment import need_ros
+from fusionslam.ros.ros1.logs import ToRosout, init_node
 from fusionslam.ros.runtime.node import Node
+from fusionslam.ros.runtime.runner import NodeRunner
 
 _WRONG, _INTERRUPTED = 2, 130
 
@@ -36,7 +37,7 @@ def start_player() -> None:
     """Play a bag to the nodes of the launch file that started this process."""
 
     def play() -> None:
-        from fusionslam.ros.launch.bag_player import play_bag
+        from fusionslam.ros.ros1.bag_player import play_bag
 
         _init("bag_player")
         _off_main_thread(play_bag)
@@ -67,10 +68,10 @@ def _serve(kind: type[Node[Any]], arguments: list[str]) -> None:
     to_rosout = ToRosout()
     logging.getLogger("fusionslam").addHandler(to_rosout)
     logging.getLogger(__package__).setLevel(logging.INFO)
-    from fusionslam.ros.runtime.rospy_node import RospyNode
+    from fusionslam.ros.ros1.transport import Ros1Transport
 
     try:
-        node = RospyNode(kind)
+        node = NodeRunner(kind, Ros1Transport())
     except (OSError, rospy.ROSException) as error:  # while reading parameters from the master
         raise _no_start(error) from error
     except ConfigError:

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Start nodes and launch files, and play bags."""
+"""ROS 1: run nodes by rospy, start launch files, play bags."""

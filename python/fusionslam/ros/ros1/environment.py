@@ -9,8 +9,7 @@ from pathlib import Path
 
 from fusionslam.doctor import Finding
 from fusionslam.errors import FusionSlamError
-
-PACKAGE = "fusionslam_ros"
+from fusionslam.ros.messages.library import OWN, use_messages
 
 # Debian's Python modules, invisible to a virtual environment; the ones needed are pure Python.
 _DEBIAN = "/usr/lib/python3/dist-packages"
@@ -25,7 +24,7 @@ def has_ros() -> bool:
 
 
 def need_ros() -> None:
-    """Make ROS 1 and our messages importable.
+    """Make ROS 1 and our messages importable, and use them.
 
     Raises:
         FusionSlamError: ROS is not installed, or fusionslam was built without its messages; the
@@ -37,12 +36,15 @@ def need_ros() -> None:
             f"apt-get install --no-install-recommends {' '.join(_debian_packages())}",
             code="no-ros",
         )
-    if find_spec(PACKAGE) is None:
+    if find_spec(OWN) is None:
         raise FusionSlamError(
             "fusionslam was built without its ROS messages: source a catkin workspace that holds "
-            f"{PACKAGE}, or build fusionslam again now that python3-genpy is there (make ros does)",
+            f"{OWN}, or build fusionslam again now that python3-genpy is there (make ros does)",
             code="no-ros-messages",
         )
+    from fusionslam.ros.ros1.messages import Ros1Messages
+
+    use_messages(Ros1Messages())
 
 
 def check_ros() -> Finding:
@@ -51,7 +53,7 @@ def check_ros() -> Finding:
         need_ros()
     except FusionSlamError as error:
         return Finding("ros", f"{error}, for the commands ros", error.code, optional=True)
-    return Finding("ros", f"ROS 1, messages in {import_module(PACKAGE).__path__[0]}")
+    return Finding("ros", f"ROS 1, messages in {import_module(OWN).__path__[0]}")
 
 
 def _debian_packages() -> list[str]:

@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Run a node on a middleware: subscribe, publish, report diagnostics and end cleanly."""
+
+import threading
+import time
+from collections.abc import Collection
+from functools import partial
+from typing import Any
+
+from fusionslam.ros.messages.types import DIAGNOSTICS
+from fusionslam.ros.runtime.config import from_parameters
+from fusionslam.ros.runtime.diagnostics import diagnostics
+from fusionslam.ros.runtime.node import Node, Timer
+from fusionslam.ros.runtime.problem_log import ProblemLog
+from fusionslam.ros.runtime.transport import Transport
+from fusionslam.ros.runtime.worker import Worker
+
+REPORTS = "/diagnostics"
+_POLL_S = 0.1
+_REPORTS_QUEUE = 10
+
+
+class NodeRunner:
+    """Runs one node until its middleware shuts down.
+
+    Args:
+        kind: the node's class.
+        transport: its node of the middleware.
+
+    Raises:
+        ConfigError: a parameter that the node does not know, or a wrong value.
+        DataError: the node's saved state cannot be read.
+    """
+
+    def __init__(self, kind: type[Node[Any]], transport: Transport) -> None:
+        self._transport = transport
+        self.config = from_parameters(kind.defaults, transport.parameters)
+        # Advertise before making the node, which may take long, so that subscribers find the
+        # topics at once.
+        queue = self.config.node.queue
+        self._publishers = {
+            topic: transport.advertise(topic, name, queue=queue, latched=topic in kind.latched)
+            for topic, name in kind.outputs.items()
+        }
+        self._reports = transport.advertise(
+            REPORTS, DIAGNOSTICS, queue=_REPORTS_QUEUE, latched=False
+        )
+        self._sent = 0
+        node = kind(self.config, self)
+        self._worker = Worker(
+            node,
+            transport.full_name,
+            transport.now_ns,
+            transport.has_publisher,
+            lambda: self._sent,
+        )
+        for topic, entry in self._worker.inputs.items():
+            transport.subscribe(entry, partial(self._worker.enqueue, topic=topic))
+        for service in node.services:
+            transport.offer(service, self._worker.call)
+        self._started = self._last_work = self._last_report = time.monotonic()
+        self._looked_for_silence = False
+
+    @property
+    def inputs(self) -> Collection[str]:
+        """The node's input topics."""
+        return self._worker.inputs
+
+    @property
+    def problems(self) -> ProblemLog:
+        """The node's problem log."""
+        return self._worker.problems
+
+    def publish(self, topic: str, message: Any) -> None:
+        """As ``Outlet``."""
+        self._publishers[topic].publish(message)
+        self._sent += 1
+
+    def is_wanted(self, topic: str) -> bool:
+        """As ``Outlet``."""
+        return self._publishers[topic].is_wanted()
+
+    def run(self) -> None:
+        """Process messages until the middleware shuts down, then let the node save its state."""
+        for timer in self._worker.node.timers:
+            threading.Thread(target=self._beat, args=[timer], name=timer.name, daemon=True).start()
+        try:
+            while not self._transport.is_shut_down():
+                if self._worker.work(_POLL_S):
+                    self._last_work = time.monotonic()
+                self._look_at_clock(time.monotonic())
+        finally:
+            self._worker.cancel_calls()
+            self._worker.run_guarded("closing", self._worker.node.close)
+
+    def _look_at_clock(self, now: float) -> None:
+        common = self.config.node
+        if not self._worker.is_idle and now - self._last_work > common.idle:
+            self._worker.idle()
+        self._worker.keep()
+        if not self._looked_for_silence and now - self._started > common.patience:
+            self._looked_for_silence = True
+            self._worker.log_silent()
+        if now - self._last_report >= common.report:
+            self._last_report = now
+            self._worker.run_guarded(REPORTS, self._report)
+
+    def _report(self) -> None:
+        transport = self._transport
+        self._reports.publish(diagnostics(self._worker, transport.name, transport.now_ns()))
+
+    def _beat(self, timer: Timer) -> None:
+        while not self._transport.is_shut_down():
+            time.sleep(timer.period)
+            self._worker.run_guarded(timer.name, lambda: timer.fire(self._transport.now_ns()))
