@@ -248,6 +248,32 @@ def walk(section: Section, where: str = "") -> Iterator[tuple[str, Any, FieldInf
             yield f"{where}{name}", value, definition
 
 
+def unit_of(definition: FieldInfo) -> str:
+    """Return the unit in a value's definition; empty if it has none."""
+    extra = definition.json_schema_extra
+    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+
+
+def limits_of(definition: FieldInfo) -> dict[str, float]:
+    """Return the limits in a number's definition by their kind: ge, gt, le, lt."""
+    pairs = ((name, getattr(m, name, None)) for m in definition.metadata for name in _SIGNS)
+    return {name: limit for name, limit in pairs if limit is not None}
+
+
+def range_of(definition: FieldInfo) -> str:
+    """Format the choices or limits in a value's definition."""
+    kinds = (definition.annotation, *get_args(definition.annotation))
+    choices = next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
+    if choices:
+        return ", ".join(str(choice) for choice in choices)
+    if bool in kinds:
+        return "true, false"
+    return ", ".join(f"{_SIGNS[name]} {limit:g}" for name, limit in limits_of(definition).items())
+
+
+_SIGNS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+
+
 def as_yaml(section: Section, only: Collection[str] | None = None) -> str:
     """Format a section as YAML for ``with_file``, with units and help as comments.
 

@@ -23,6 +23,7 @@ from fusionslam.cli import (
     ratslam,
     report,
     ros,
+    ros2,
     sim,
     tune,
     views,
@@ -94,3 +95,4 @@ app.command("help")(show_help)
 app.add_typer(maps.app, name="map")
 app.add_typer(views.app, name="views")
 app.add_typer(ros.app, name="ros")
+app.add_typer(ros2.app, name="ros2")

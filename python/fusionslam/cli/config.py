@@ -3,7 +3,7 @@
 """The command config: every value of the configuration."""
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,8 +11,6 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table
 
 if TYPE_CHECKING:
-    from pydantic.fields import FieldInfo
-
     from fusionslam.config import Section
 
 
@@ -43,10 +41,16 @@ def config(
 
 def list_values(whole: "Section", stages: Collection[str]) -> list[list[str]]:
     """Return key, value, unit, range and help of every value of the given stages."""
-    from fusionslam.config import walk
+    from fusionslam.config import range_of, unit_of, walk
 
     return [
-        [key, _value(value), _unit(definition), _range(definition), definition.description or ""]
+        [
+            key,
+            _value(value),
+            unit_of(definition),
+            range_of(definition),
+            definition.description or "",
+        ]
         for key, value, definition in walk(whole)
         if key.partition(".")[0] in stages
     ]
@@ -56,23 +60,3 @@ def _value(value: Any) -> str:
     if value is None:
         return "none"
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _unit(definition: "FieldInfo") -> str:
-    extra = definition.json_schema_extra
-    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-
-
-def _range(definition: "FieldInfo") -> str:
-    """Format the choices or limits in a value's definition."""
-    kinds = (definition.annotation, *get_args(definition.annotation))
-    choices = next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
-    if choices:
-        return ", ".join(str(choice) for choice in choices)
-    if bool in kinds:
-        return "true, false"
-    signs = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
-    limits = [
-        (sign, getattr(m, name, None)) for m in definition.metadata for name, sign in signs.items()
-    ]
-    return ", ".join(f"{sign} {limit:g}" for sign, limit in limits if limit is not None)

@@ -20,11 +20,11 @@ app = typer.Typer(
 )
 
 # All further arguments are for ROS, even if they look like options.
-_PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
+PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 Passed = Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", show_default=False)]
 
 
-def _nodes() -> Iterable[str]:
+def list_nodes() -> Iterable[str]:
     from fusionslam.ros.nodes import NODES
 
     return NODES
@@ -44,13 +44,13 @@ def path() -> None:
     print(package_folder())
 
 
-@app.command(context_settings=_PASSED_ON)
+@app.command(context_settings=PASSED_ON)
 def run(
     node: Annotated[
         str,
         typer.Argument(
             metavar="NODE",
-            autocompletion=completed_from(_nodes),
+            autocompletion=completed_from(list_nodes),
             help="Such as data_fusion.",
         ),
     ],
@@ -62,7 +62,7 @@ def run(
     start(node, args or [])
 
 
-@app.command(context_settings=_PASSED_ON)
+@app.command(context_settings=PASSED_ON)
 def launch(
     file: Annotated[
         str,

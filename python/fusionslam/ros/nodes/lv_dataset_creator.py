@@ -99,7 +99,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
         self._keep(self._waiting.add(scan.stamp_ns, cloud))
 
     def _take_description(self, message: Any) -> None:
-        view = view_from_bytes(self._comparison, message.data)
+        view = view_from_bytes(self._comparison, bytes(message.data))
         if not isinstance(view.content, Scene):
             raise DataError(f"a view of {message.kind} holds no scene: set ~keep to clouds")
         self._keep(self._waiting.add(stamp_of(message.header.stamp), view.content))

@@ -130,7 +130,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def _take_view(self, message: Any) -> None:
         matcher = matcher_of(self._source)
         assert matcher is not None  # else it listens to images
-        view = view_from_bytes(matcher.comparison, message.data)
+        view = view_from_bytes(matcher.comparison, bytes(message.data))
         stamp_ns, frame_id = stamp_of(message.header.stamp), message.header.frame_id
         if self._order is None:
             self._look(view, stamp_ns, frame_id)

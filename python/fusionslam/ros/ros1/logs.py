@@ -1,44 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Send log messages to ROS and the console, even if no log file can be written."""
+"""Log to rosout and the console, even if no log file can be written."""
 
 import logging
 import os
 from pathlib import Path
 
 from fusionslam.errors import DataError
-from fusionslam.ros.runtime.problem_log import ProblemLog
 from fusionslam.storage.files import make_folder
 
 _NO_FOLDER = os.path.join(os.devnull, "none")
 
 
-class ToRosout(logging.Handler):
-    """Passes log records to rosout; warnings of the library only once for each cause.
+def to_rosout(level: int, text: str) -> None:
+    """Log a text to rosout."""
+    import rospy
 
-    Attributes:
-        problems: the node's problem log, once there is a node.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(logging.INFO)
-        self.problems: ProblemLog | None = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Pass on a record."""
-        import rospy
-
-        if record.levelno < logging.WARNING:
-            rospy.loginfo("%s", self.format(record))
-            return
-        if self.problems is not None and not record.name.startswith(__package__):
-            # ``cause`` distinguishes problems that are logged with the same template.
-            cause = getattr(record, "cause", (str(record.msg),))
-            name = record.name.removeprefix("fusionslam.")
-            self.problems.add(name, record.getMessage(), *cause)
-            return
-        say = rospy.logwarn if record.levelno == logging.WARNING else rospy.logerr
-        say("%s", self.format(record))
+    if level < logging.WARNING:
+        rospy.loginfo("%s", text)
+    else:
+        (rospy.logwarn if level == logging.WARNING else rospy.logerr)("%s", text)
 
 
 def init_node(name: str, arguments: list[str] | None = None) -> None:

@@ -12,7 +12,8 @@ from typing import Any
 from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.ros.nodes import node_class
 from fusionslam.ros.ros1.environment import need_ros
-from fusionslam.ros.ros1.logs import ToRosout, init_node
+from fusionslam.ros.ros1.logs import init_node, to_rosout
+from fusionslam.ros.runtime.log_handler import RosHandler
 from fusionslam.ros.runtime.node import Node
 from fusionslam.ros.runtime.runner import NodeRunner
 
@@ -65,9 +66,9 @@ def _serve(kind: type[Node[Any]], arguments: list[str]) -> None:
     """Make a node and run it until ROS shuts down."""
     import rospy
 
-    to_rosout = ToRosout()
-    logging.getLogger("fusionslam").addHandler(to_rosout)
-    logging.getLogger(__package__).setLevel(logging.INFO)
+    handler = RosHandler(to_rosout)
+    logging.getLogger("fusionslam").addHandler(handler)
+    logging.getLogger("fusionslam.ros").setLevel(logging.INFO)
     from fusionslam.ros.ros1.transport import Ros1Transport
 
     try:
@@ -77,7 +78,7 @@ def _serve(kind: type[Node[Any]], arguments: list[str]) -> None:
     except ConfigError:
         _forget_parameters(arguments)
         raise
-    to_rosout.problems = node.problems
+    handler.problems = node.problems
     heard = ", ".join(rospy.resolve_name(topic) for topic in node.inputs)
     rospy.loginfo("%s is ready: it listens to %s", kind.name, heard)
     node.run()

@@ -47,8 +47,9 @@ class Ros1Transport:
             rospy.Publisher(topic, message_class(type_name), queue_size=queue, latch=latched)
         )
 
-    def subscribe(self, entry: Input, take: Callable[[Delivery], None]) -> None:
+    def subscribe(self, entry: Input, take: Callable[[Delivery], None], *, queue: int) -> None:
         """As ``Transport``; with any type: with a wrong one rospy just logs repeated failures."""
+        del queue  # a thread of rospy takes each message as it comes
 
         def receive(message: Any) -> None:
             delivery = delivery_of(message)

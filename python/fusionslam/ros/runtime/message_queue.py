@@ -89,8 +89,7 @@ class MessageQueue:
                 self._dropped[arrival.topic, SECOND_PUBLISHER] += 1
                 return SECOND_PUBLISHER
             queue = self._waiting.setdefault(arrival.topic, deque())
-            more = _MANY if is_small or publisher is None else 1
-            is_full = len(queue) == self._limit * more
+            is_full = len(queue) == self.limit_of(is_many=is_small or publisher is None)
             if is_full:
                 queue.popleft()
                 self._dropped[arrival.topic, TOO_MANY] += 1
@@ -98,6 +97,14 @@ class MessageQueue:
             self._number += 1
             self._changed.notify()
             return TOO_MANY if is_full else None
+
+    def limit_of(self, *, is_many: bool) -> int:
+        """Return the maximum number of waiting messages of a topic.
+
+        Args:
+            is_many: whether its messages are small and many, or of several publishers.
+        """
+        return self._limit * (_MANY if is_many else 1)
 
     def get(self, timeout_s: float) -> Arrival | None:
         """Return the message that waited longest; None if none comes within the time."""

@@ -55,8 +55,10 @@ class NodeRunner:
             transport.has_publisher,
             lambda: self._sent,
         )
+        limit_of = self._worker.queue.limit_of
         for topic, entry in self._worker.inputs.items():
-            transport.subscribe(entry, partial(self._worker.enqueue, topic=topic))
+            take = partial(self._worker.enqueue, topic=topic)
+            transport.subscribe(entry, take, queue=limit_of(is_many=entry.small or entry.shared))
         for service in node.services:
             transport.offer(service, self._worker.call)
         self._started = self._last_work = self._last_report = time.monotonic()

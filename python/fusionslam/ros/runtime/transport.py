@@ -41,12 +41,13 @@ class Transport(Protocol):
 
     Attributes:
         name: full name of the node.
-        parameters: its own parameters, nested by name.
-        private: the sign before the names of its own parameters, topics and services.
     """
 
     name: str
-    parameters: Mapping[str, Any]
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """Its own parameters, nested by name."""
 
     def now_ns(self) -> int:
         """Return the time by the clock of the stamps, which may be simulated; 0 if unknown."""
@@ -60,8 +61,14 @@ class Transport(Protocol):
     def advertise(self, topic: str, type_name: str, *, queue: int, latched: bool) -> Publisher:
         """Begin to publish a topic; of a latched one new subscribers get the last message."""
 
-    def subscribe(self, entry: Input, take: Callable[[Delivery], None]) -> None:
-        """Pass on the messages of a topic as they come, in any thread."""
+    def subscribe(self, entry: Input, take: Callable[[Delivery], None], *, queue: int) -> None:
+        """Pass on the messages of a topic as they come, in any thread.
+
+        Args:
+            entry: the topic.
+            take: gets each message; it is quick.
+            queue: messages that the middleware may keep until they are taken.
+        """
 
     def offer(self, service: Service, call: Callable[[Callable[[], Any]], Any]) -> None:
         """Offer a service; ``call`` runs its answer in the node's thread.

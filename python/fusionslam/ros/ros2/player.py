@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Play bags of ROS 1 and ROS 2 in ROS 2."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fusionslam.datasets.bags import open_bag
+from fusionslam.datasets.bags.messages import is_static
+from fusionslam.datasets.bags.reader import Bag, RawMessage
+from fusionslam.errors import DataError
+from fusionslam.ros.ros2.environment import need_ros2
+from fusionslam.ros.ros2.start import ros2_node
+from fusionslam.sensors.messages import NANOSECONDS
+
+logger = logging.getLogger(__name__)
+
+_CLOCK_S = 0.01
+_POLL_S = 0.1
+_QUEUE = 1000
+_CLOSING_S = 60.0
+
+
+@dataclass(frozen=True)
+class Playing:
+    """How a bag is played.
+
+    Attributes:
+        topics: those to play; None for all whose types are known.
+        rate: speed, relative to the recording.
+        clock: whether the time of the recording is published on /clock.
+        wait: nodes whose subscriptions are waited for before the first message; once there is one,
+            it begins this many seconds after the last one came.
+        arguments: for ROS, as ``--ros-args -r /points:=/velodyne_points``.
+    """
+
+    topics: Sequence[str] | None = None
+    rate: float = 1.0
+    clock: bool = True
+    wait: float = 2.0
+    arguments: Sequence[str] = ()
+
+
+def play_bag(path: Path, how: Playing, progress: Callable[[str, int, int], None]) -> int:
+    """Play a bag until its end or an interrupt, and wait until all messages are received.
+
+    Args:
+        path: a bag of ROS 1 or ROS 2, or an MCAP file.
+        how: how it is played.
+        progress: called with what is done, and messages done and in all.
+
+    Returns:
+        The number of messages that were sent.
+
+    Raises:
+        FusionSlamError: ROS 2 is not installed.
+        DataError: the bag cannot be read, or lacks a topic.
+    """
+    need_ros2()
+    is_ending = threading.Event()
+    with open_bag(path) as bag, ros2_node("bag_player", how.arguments, is_ending) as node:
+        return _Player(bag, node, how, is_ending).play(progress)
+
+
+class _Player:
+    def __init__(self, bag: Bag, node: Any, how: Playing, is_ending: threading.Event) -> None:
+        self._bag, self._node, self._how, self._is_ending = bag, node, how, is_ending
+        known = [topic.name for topic in bag.topics.values() if topic.is_known]
+        self._topics = known if how.topics is None else list(how.topics)
+        others = sorted(set(bag.topics) - set(known))
+        if others and how.topics is None:
+            logger.warning("not played, as their types are not known: %s", ", ".join(others))
+        if not self._topics:
+            raise DataError(f"{bag.path} has no topic of a known type", code="no-topic")
+        self._publishers = {name: self._publisher(name) for name in self._topics}
+        self._clock = self._clock_publisher() if how.clock else None
+
+    def play(self, progress: Callable[[str, int, int], None]) -> int:
+        total = sum(self._bag.topics[name].count for name in self._topics)
+        self._wait_for_subscribers(progress)
+        count = 0
+        for raw, message in self._in_time():
+            self._publishers[raw.topic].publish(message)
+            count += 1
+            progress("playing", count, total)
+        self._wait_for_receipt()
+        return count
+
+    def _in_time(self) -> Iterator[tuple[RawMessage, Any]]:
+        """Yield messages when they are due, with the clock running meanwhile."""
+        from fusionslam.ros.ros2.messages import convert
+
+        began, first = time.monotonic(), self._bag.start_ns
+        for raw in self._bag.raw(self._topics, on_error=_skip):
+            message = convert(raw.content, raw.type)
+            due = began + (raw.time_ns - first) / NANOSECONDS / self._how.rate
+            while (left := due - time.monotonic()) > 0 and not self._is_ending.is_set():
+                self._send_clock(raw.time_ns - round(left * self._how.rate * NANOSECONDS))
+                time.sleep(min(left, _CLOCK_S))
+            if self._is_ending.is_set():
+                return
+            self._send_clock(raw.time_ns)
+            yield raw, message
+
+    def _wait_for_subscribers(self, progress: Callable[[str, int, int], None]) -> None:
+        """Wait until the set of subscriptions has been the same for a while."""
+        found, since, wait = -1, time.monotonic(), self._how.wait
+        while wait and not self._is_ending.is_set():
+            count = sum(each.get_subscription_count() for each in self._publishers.values())
+            if count != found:
+                found, since = count, time.monotonic()
+            elif count and time.monotonic() - since > wait:
+                return
+            progress("waiting for subscribers", min(count, 1), 1)
+            time.sleep(_POLL_S)
+
+    def _wait_for_receipt(self) -> None:
+        from rclpy.duration import Duration
+
+        until = time.monotonic() + _CLOSING_S
+        for publisher in self._publishers.values():
+            while not publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
+                if self._is_ending.is_set() or time.monotonic() > until:
+                    return
+
+    def _publisher(self, topic: str) -> Any:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        from fusionslam.ros.messages.library import message_class
+
+        kept = DurabilityPolicy.TRANSIENT_LOCAL
+        quality = QoSProfile(
+            depth=_QUEUE, durability=kept if is_static(topic) else DurabilityPolicy.VOLATILE
+        )
+        kind = message_class(self._bag.topics[topic].type)
+        return self._node.create_publisher(kind, topic, quality)
+
+    def _clock_publisher(self) -> Any:
+        from rosgraph_msgs.msg import Clock
+
+        return self._node.create_publisher(Clock, "/clock", 10)
+
+    def _send_clock(self, time_ns: int) -> None:
+        if self._clock is None:
+            return
+        from rosgraph_msgs.msg import Clock
+
+        from fusionslam.ros.messages.library import ros_time
+
+        self._clock.publish(Clock(clock=ros_time(max(time_ns, 0))))
+
+
+def _skip(topic: str, time_ns: int, error: DataError) -> None:
+    logger.warning("left out: %s", error, extra={"cause": ("undecodable", topic)})

@@ -1,0 +1,244 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node of ROS 2, by rclpy."""
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import CancelledError
+from functools import partial
+from typing import Any
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from fusionslam.errors import FusionSlamError
+from fusionslam.ros.messages.library import message_class, own_type, service_class
+from fusionslam.ros.ros2.messages import deserialize
+from fusionslam.ros.ros2.parameters import given_parameters
+from fusionslam.ros.runtime.node import Input, Service
+from fusionslam.ros.runtime.transport import Delivery
+
+logger = logging.getLogger(__name__)
+
+Endpoint = Any
+"""A publisher as the graph describes it: TopicEndpointInfo, of other modules in other versions."""
+
+_LOOK_S = 0.1
+_CLOSING_S = 5.0
+
+
+class Ros2Transport:
+    """As ``Transport``.
+
+    It subscribes to a topic once that has a publisher, as only this one says of which type the
+    topic is and how reliably it is sent: with the strictest quality of service that all publishers
+    offer.
+
+    Args:
+        node: which this object spins in a thread of its own.
+        is_ending: set when the process is to end.
+    """
+
+    def __init__(self, node: Node, is_ending: threading.Event) -> None:
+        self.name = node.get_fully_qualified_name()
+        self.parameters = given_parameters(node)
+        self._node, self._is_ending = node, is_ending
+        self._sources: dict[str, _Source] = {}
+        node.create_timer(_LOOK_S, self._look_for_publishers)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._spinning = threading.Thread(target=self._spin, name="rclpy", daemon=True)
+        self._spinning.start()
+
+    def now_ns(self) -> int:
+        """As ``Transport``."""
+        return int(self._node.get_clock().now().nanoseconds)
+
+    def is_shut_down(self) -> bool:
+        """As ``Transport``."""
+        return self._is_ending.is_set() or not self._node.context.ok()
+
+    def full_name(self, topic: str) -> str:
+        """As ``Transport``."""
+        return str(self._node.resolve_topic_name(_as_ros2(topic)))
+
+    def advertise(self, topic: str, type_name: str, *, queue: int, latched: bool) -> "_Publisher":
+        """As ``Transport``; reliable, which subscribers of either kind take."""
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        quality = QoSProfile(depth=1 if latched else queue, durability=durability)
+        kind = message_class(type_name)
+        return _Publisher(self._node.create_publisher(kind, _as_ros2(topic), quality))
+
+    def subscribe(self, entry: Input, take: Callable[[Delivery], None], *, queue: int) -> None:
+        """As ``Transport``."""
+        self._sources[entry.topic] = _Source(self._node, entry, take, queue)
+
+    def offer(self, service: Service, call: Callable[[Callable[[], Any]], Any]) -> None:
+        """As ``Transport``; a response without success says why, as services of ROS 2 cannot."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return call(partial(service.answer, request))
+            except CancelledError:
+                return _refuse(response, "shut-down", "the node ends")
+            except FusionSlamError as error:
+                logger.warning("%s: %s", service.name, error, extra={"cause": (error.code,)})
+                return _refuse(response, error.code, str(error))
+
+        self._node.create_service(
+            service_class(service.type),
+            _as_ros2(service.name),
+            answer,
+        )
+
+    def has_publisher(self, topic: str, publisher: str) -> bool:
+        """As ``Transport``."""
+        source = self._sources.get(topic)
+        return source is not None and publisher in map(_sender, source.publishers())
+
+    def close(self) -> None:
+        """Stop spinning: a process that ends while rclpy runs aborts."""
+        self._executor.shutdown(timeout_sec=_CLOSING_S)
+        self._spinning.join(_CLOSING_S)
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            self._is_ending.set()
+        except BaseException:
+            self._is_ending.set()
+            raise
+
+    def _look_for_publishers(self) -> None:
+        for source in tuple(self._sources.values()):
+            source.update()
+
+
+class _Source:
+    """An input of a node, subscribed to as its publishers offer it."""
+
+    def __init__(
+        self, node: Node, entry: Input, take: Callable[[Delivery], None], queue: int
+    ) -> None:
+        self._node, self._entry, self._take, self._queue = node, entry, take, queue
+        self._topic = node.resolve_topic_name(_as_ros2(entry.topic))
+        self._subscription: Subscription | None = None
+        self._offered: tuple[str, bool, bool] | None = None
+        self._refused: set[tuple[str, str]] = set()
+
+    def publishers(self) -> list[Endpoint]:
+        """Publishers of the topic other than this node."""
+        found = self._node.get_publishers_info_by_topic(self._topic)
+        own = self._node.get_fully_qualified_name()
+        return sorted((each for each in found if _sender(each) != own), key=_sender)
+
+    def update(self) -> None:
+        """Subscribe, or do so again if publishers offer less than is asked for."""
+        usable = [each for each in self.publishers() if self._is_usable(each)]
+        if not usable:
+            return
+        first = usable[0].topic_type
+        same = [each for each in usable if each.topic_type == first]
+        is_reliable = all(_is_reliable(each) for each in same)
+        is_kept = all(_is_kept(each) for each in same)
+        if not self._entry.shared and len(same) > 1:
+            self._report_several(same)
+        if self._offered is not None:
+            kind, was_reliable, was_kept = self._offered
+            if kind == first and was_reliable <= is_reliable and was_kept <= is_kept:
+                return
+        self._subscribe(first, is_reliable, is_kept, _sender(same[0]))
+
+    def _subscribe(self, type_name: str, is_reliable: bool, is_kept: bool, sender: str) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        plain = own_type(type_name)
+        reliability = ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if is_kept else DurabilityPolicy.VOLATILE
+        self._offered = type_name, is_reliable, is_kept
+        logger.info(
+            "%s: %s, as %s publishes it",
+            self._topic,
+            "reliable" if is_reliable else "best effort",
+            sender,
+        )
+        self._subscription = self._node.create_subscription(
+            message_class(plain),
+            self._topic,
+            lambda data: self._take(
+                Delivery(plain, sender, len(data), partial(_read, data, plain))
+            ),
+            QoSProfile(
+                depth=self._queue,
+                reliability=reliability,
+                durability=durability,
+            ),
+            raw=True,
+        )
+
+    def _is_usable(self, publisher: Endpoint) -> bool:
+        """Tell whether a publisher has a type of the input; one of another type is reported."""
+        plain = own_type(publisher.topic_type)
+        if plain not in self._entry.types:
+            if (publisher.topic_type, _sender(publisher)) not in self._refused:
+                self._refused.add((publisher.topic_type, _sender(publisher)))
+                self._take(Delivery(plain, _sender(publisher), 0, partial(_read, b"", plain)))
+            return False
+        return True
+
+    def _report_several(self, publishers: list[Endpoint]) -> None:
+        names = " and ".join(map(_sender, publishers))
+        logger.warning(
+            "%s: several publishers, %s, whose messages contradict each other: stop one of them, "
+            "or remap its topic",
+            self._topic,
+            names,
+            extra={"cause": ("second-publisher", self._topic)},
+        )
+
+
+class _Publisher:
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+
+    def publish(self, message: Any) -> None:
+        self._publisher.publish(message)
+
+    def is_wanted(self) -> bool:
+        return bool(self._publisher.get_subscription_count())
+
+
+def _read(data: bytes, plain: str, type_name: str | None = None) -> Any:
+    return deserialize(data, type_name or plain)
+
+
+def _refuse(response: Any, code: str, text: str) -> Any:
+    for name, value in (("code", code), ("reason", text), ("message", text)):
+        if hasattr(response, name):
+            setattr(response, name, value)
+    return response
+
+
+def _sender(publisher: Endpoint) -> str:
+    if publisher.node_name.startswith("_"):  # its node is not known yet, or it is of no ROS node
+        return "an unknown node"
+    space = publisher.node_namespace.rstrip("/")
+    return f"{space}/{publisher.node_name}"
+
+
+def _is_reliable(publisher: Endpoint) -> bool:
+    return bool(publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
+
+
+def _is_kept(publisher: Endpoint) -> bool:
+    return bool(publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _as_ros2(name: str) -> str:
+    """Return a topic or service with the sign that ROS 2 has before a node's own names."""
+    return f"~/{name[1:]}" if name.startswith("~") else name
