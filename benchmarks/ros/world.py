@@ -108,9 +108,15 @@ class RosWorld:
 
     def node(self, name: str, *arguments: str, ready: bool = True) -> "subprocess.Popen[Any]":
         """One of our nodes, as the interpreter of these tests runs it."""
-        before = self.log(name).count("is ready")
         script = ROOT / "ros" / "nodes" / name
-        process = self.nodes[name] = self.run(name, [sys.executable, str(script), *arguments])
+        return self.start_node(name, [sys.executable, str(script), *arguments], ready=ready)
+
+    def start_node(
+        self, name: str, command: list[str], *, ready: bool = True
+    ) -> "subprocess.Popen[Any]":
+        """One of our nodes by its command; ready is one that says so."""
+        before = self.log(name).count("is ready")
+        process = self.nodes[name] = self.run(name, command)
         if ready:
             wait_until(
                 lambda: self.log(name).count("is ready") > before or process.poll() is not None,
@@ -161,12 +167,22 @@ class Heard(NamedTuple):
 class Listener:
     """Keeps all messages of some topics, and what nodes report meanwhile."""
 
+    command = (sys.executable, str(Path(__file__).with_name("listener.py")))
+
+    @staticmethod
+    def read(type_name: str, content: bytes) -> Any:
+        """Deserialise a message."""
+        from fusionslam.ros.messages.library import message_class
+
+        message = message_class(type_name)()
+        message.deserialize(content)
+        return message
+
     def __init__(self, world: RosWorld, topics: tuple[str, ...]) -> None:
         self._world, self._topics = world, topics
-        script = str(Path(__file__).with_name("listener.py"))
         self._process = world.run(
             "listener",
-            [sys.executable, script, *{*topics, REPORTS}],
+            [*self.command, *{*topics, REPORTS}],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -209,16 +225,12 @@ class Listener:
         return self._kept(self._topics)
 
     def _kept(self, topics: Collection[str]) -> list[Heard]:
-        from fusionslam.ros.messages.library import message_class
-
         path = self._world.folder / "kept.pickle"
         self._ask(f"keep {path}")
         found = []
         for topic, type_name, content, seconds in pickle.loads(path.read_bytes()):
             if topic in topics:
-                message = message_class(type_name)()
-                message.deserialize(content)
-                found.append(Heard(topic, type_name, message, seconds))
+                found.append(Heard(topic, type_name, self.read(type_name, content), seconds))
         return found
 
     def messages(self) -> dict[str, list[Any]]:

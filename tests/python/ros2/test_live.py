@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes in ROS 2 give what the offline commands give on the same bag."""
+
+from pathlib import Path
+
+import pytest
+
+from live_results import OUTPUTS, Offline, assert_same_results, run_offline
+from ros2_world import Ros2World, needs_ros2
+from ros_master import PlayedBag
+
+pytestmark = needs_ros2
+
+
+@pytest.fixture(scope="module")
+def offline(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> Offline:
+    return run_offline(played_bag, tmp_path_factory.mktemp("offline"))
+
+
+@pytest.mark.parametrize("rate", [1, 5])
+def test_clouds_ids_and_map_are_those_of_the_commands(
+    rate: int, offline: Offline, tmp_path: Path
+) -> None:
+    with Ros2World(tmp_path) as world:
+        listener = world.listen(*OUTPUTS)
+        for name in ("ratslam", "lv_matching", "lv_builder"):
+            world.node(name)
+        remappings = [("-r", each) for each in offline.bag.sensors]
+        world.node("data_fusion", *sum(remappings, ()))
+        world.play(offline.bag.path, "--rate", str(rate))
+        listener.settle()
+        found = listener.messages()
+    assert_same_results(found, offline)

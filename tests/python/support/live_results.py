@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What live nodes publish compared with what the offline commands give on the same bag."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cli import succeeds
+from fusionslam.datasets.bags import open_bag
+from fusionslam.datasets.bags.messages import stamp_of, value_of
+from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.geometry.se2 import wrapped
+from fusionslam.ratslam.map_export import link_offsets
+from fusionslam.sensors.messages import NANOSECONDS, Scan
+from ros_master import PlayedBag
+
+POINTS = ("--topic", "points=/velodyne_points")
+CLOUD = ("--set", "fusion.frame=robot", "--set", "fusion.ground=height")
+OUTPUTS = (
+    "/rgb_cloud",
+    "/LocalView/Template",
+    "/PoseCell/TopologicalAction",
+    "/ExperienceMap/RobotPose",
+    "/ExperienceMap/Map",
+    "/ExperienceMap/MapMarker",
+    "/ExperienceMap/Path",
+    "/tf",
+    "/odom",
+)
+
+
+@dataclass(frozen=True)
+class Offline:
+    """Results of the commands on the bag."""
+
+    bag: PlayedBag
+    clouds: list[Scan]
+    run: RatSlamRun
+
+
+def run_offline(bag: PlayedBag, folder: Path) -> Offline:
+    """Run the commands on a bag."""
+    succeeds("fuse", bag.path, "-o", folder / "fused.bag", *POINTS, *CLOUD)
+    succeeds("ratslam", bag.path, "-o", folder / "map", *POINTS, "--no-report")
+    with open_bag(folder / "fused.bag") as fused:
+        values = [event.message for event in fused.events(["/rgb_cloud"])]
+    clouds = [value for value in values if isinstance(value, Scan)]
+    return Offline(bag, clouds, RatSlamRun.load(folder / "map" / "run.npz"))
+
+
+def assert_same_results(found: dict[str, list[Any]], offline: Offline) -> None:
+    """All messages of ``OUTPUTS`` are what the commands give."""
+    assert_same_clouds(found["/rgb_cloud"], offline.clouds)
+    assert_same_views(found["/LocalView/Template"], offline.run)
+    assert_same_steps(found, offline.run)
+    assert_same_map(found["/ExperienceMap/Map"][-1], offline.run)
+    assert_same_pictures(found, offline.run)
+    assert_same_place(found)
+
+
+def stamps(messages: list[Any]) -> list[int]:
+    return [stamp_of(message.header.stamp) for message in messages]
+
+
+def assert_same_clouds(messages: list[Any], clouds: list[Scan]) -> None:
+    assert stamps(messages) == [cloud.stamp_ns for cloud in clouds]
+    for message, cloud in zip(messages, clouds, strict=True):
+        scan = value_of(message, "sensor_msgs/PointCloud2", "/rgb_cloud")
+        assert isinstance(scan, Scan) and scan.frame_id == "base_footprint"
+        np.testing.assert_array_equal(scan.points, cloud.points)
+        np.testing.assert_array_equal(scan.colors, cloud.colors)
+
+
+def assert_same_views(messages: list[Any], run: RatSlamRun) -> None:
+    assert stamps(messages) == run.stamps_ns[run.is_view].tolist()
+    assert [message.current_id for message in messages] == run.view_ids[run.is_view].tolist()
+
+
+def assert_same_steps(found: dict[str, list[Any]], run: RatSlamRun) -> None:
+    """Step by step, up to where a recording ends: the first odometry after the last view."""
+    steps = len(run)
+    poses = found["/ExperienceMap/RobotPose"]
+    assert stamps(poses)[:steps] == run.stamps_ns.tolist()
+    np.testing.assert_array_equal([place(each.pose) for each in poses[:steps]], run.poses[:, :2])
+    np.testing.assert_allclose(
+        [heading(each.pose.orientation) for each in poses[:steps]],
+        np.angle(np.exp(1j * run.poses[:, 2])),
+        atol=1e-9,
+    )
+    done = run.actions[:, 0] > 0
+    actions = [
+        each
+        for each in found["/PoseCell/TopologicalAction"]
+        if stamp_of(each.header.stamp) <= run.stamps_ns[-1]
+    ]
+    assert stamps(actions) == run.stamps_ns[done].tolist()
+    found_actions = [(each.action, each.src_id, each.dest_id) for each in actions]
+    assert found_actions == [tuple(row) for row in run.actions[done].tolist()]
+
+
+def assert_same_map(found: Any, run: RatSlamRun) -> None:
+    assert len(found.node) == found.node_count == len(run.nodes)
+    np.testing.assert_array_equal([place(node.pose) for node in found.node], run.nodes[:, :2])
+    assert [stamp_of(node.stamp) for node in found.node] == run.node_stamps_ns.tolist()
+    links = [(edge.source_id, edge.destination_id) for edge in found.edge]
+    assert links == [(link["source"], link["target"]) for link in run.links]
+    ways = np.array(
+        [ground(each.transform.translation, each.transform.rotation) for each in found.edge]
+    )
+    wanted = link_offsets(run.links)
+    np.testing.assert_array_equal(ways[:, :2], wanted[:, :2])
+    np.testing.assert_allclose(wrapped(ways[:, 2] - wanted[:, 2]), 0, atol=1e-9)
+    durations = [stamp_of(each.duration) / NANOSECONDS for each in found.edge]
+    np.testing.assert_allclose(durations, run.links["duration"], rtol=0, atol=1e-9)
+
+
+def assert_same_pictures(found: dict[str, list[Any]], run: RatSlamRun) -> None:
+    """Messages that RViz shows: the way from node to node, and nodes and links."""
+    nodes = run.node_ids[run.node_ids >= 0]
+    visits = nodes[np.r_[True, nodes[1:] != nodes[:-1]]]
+    way = found["/ExperienceMap/Path"][-1].poses
+    np.testing.assert_array_equal([place(each.pose) for each in way], run.nodes[visits, :2])
+    dots, lines = found["/ExperienceMap/MapMarker"][-1].markers
+    np.testing.assert_array_equal([(each.x, each.y) for each in dots.points], run.nodes[:, :2])
+    ends = np.stack([run.links["source"], run.links["target"]], axis=1).ravel()
+    np.testing.assert_array_equal([(each.x, each.y) for each in lines.points], run.nodes[ends, :2])
+
+
+def assert_same_place(found: dict[str, list[Any]]) -> None:
+    """The odometry frame is where it puts the robot at its place on the map."""
+    (frame,) = [each for each in found["/tf"] if each.transforms[0].header.frame_id == "map"][-1:]
+    (link,) = frame.transforms
+    assert link.child_frame_id == "odom"
+    stamp = stamp_of(link.header.stamp)
+    (odometry,) = [e.pose.pose for e in found["/odom"] if stamp_of(e.header.stamp) == stamp]
+    here = [
+        each.pose
+        for each in found["/ExperienceMap/RobotPose"]
+        if stamp_of(each.header.stamp) == stamp
+    ][-1]
+    x, y, yaw = ground(link.transform.translation, link.transform.rotation)
+    away_x, away_y, turned = ground(odometry.position, odometry.orientation)
+    c, s = np.cos(yaw), np.sin(yaw)
+    there = x + c * away_x - s * away_y, y + s * away_x + c * away_y
+    np.testing.assert_allclose(there, place(here), atol=1e-4)
+    assert abs(float(wrapped(np.array(yaw + turned - heading(here.orientation))))) < 1e-4
+
+
+def place(pose: Any) -> tuple[float, float]:
+    return pose.position.x, pose.position.y
+
+
+def heading(rotation: Any) -> float:
+    return 2 * float(np.arctan2(rotation.z, rotation.w))
+
+
+def ground(position: Any, rotation: Any) -> tuple[float, float, float]:
+    return position.x, position.y, heading(rotation)

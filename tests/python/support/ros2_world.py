@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS 2 of a test's own: a domain on this machine, our nodes, a foreign listener.
+
+Nodes run with the Python of .venv-ros2, which ``make ros2`` makes; tests with their own.
+"""
+
+import functools
+import itertools
+import os
+import random
+import socket
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.ros.world import ROOT, Listener, RosWorld
+
+JAZZY = ROOT / ".venv-ros2"
+KILTED = ROOT / ".venv-ros2-kilted"
+LISTENER = Path(__file__).with_name("ros2_listener.py")
+_MESSAGES = JAZZY / "share" / "fusionslam_msgs"
+_DOMAINS = range(1, 101)  # those that every system has the ports for
+
+lacking = "" if (JAZZY / ".messages").exists() else "ROS 2 is not installed: make ros2 installs it"
+needs_ros2 = pytest.mark.skipif(bool(lacking), reason=lacking)
+
+
+class Ros2World(RosWorld):
+    """Started by ``with``; everything that it started ends with it."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.environment |= {
+            "ROS_DOMAIN_ID": str(free_domain()),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        # Those of this process are of another Python.
+        self.environment.pop("PYTHONPATH", None)
+
+    def __enter__(self) -> "Ros2World":
+        return self
+
+    def node(self, name: str, *arguments: str, ready: bool = True) -> "subprocess.Popen[Any]":
+        """One of our nodes; ``arguments`` are those of ROS."""
+        command = [*fusionslam("ros2", "run"), name, "--ros-args", *arguments]
+        return self.start_node(name, command, ready=ready)
+
+    def listen(self, *topics: str) -> "Ros2Listener":
+        """Keep all messages of these topics from now on."""
+        return Ros2Listener(self, topics)
+
+    def start_player(self, bag: Path, *options: str) -> "subprocess.Popen[Any]":
+        """Begin to play a bag once all that run have subscribed."""
+        return self.run("rosbag", [*fusionslam("ros2", "play"), str(bag), *options])
+
+
+class Ros2Listener(Listener):
+    """A process of plain rclpy; its messages are read by rosbags."""
+
+    command = (str(JAZZY / "bin" / "python"), str(LISTENER))
+
+    @staticmethod
+    def read(type_name: str, content: bytes) -> Any:
+        """Deserialise a message by rosbags."""
+        return type_store().deserialize_cdr(content, type_name)
+
+    def type_hash(self, topic: str) -> str:
+        """The hash of the type that a topic's publisher gives; empty without one."""
+        return self._ask(f"hash {topic}")
+
+
+class KiltedListener(Ros2Listener):
+    """The same of another distribution."""
+
+    command = (str(KILTED / "bin" / "python"), str(LISTENER))
+
+
+def fusionslam(*arguments: str) -> list[str]:
+    """The command line in the environment of ROS 2."""
+    return [str(JAZZY / "bin" / "python"), "-m", "fusionslam", *arguments]
+
+
+def free_domain() -> int:
+    """The number of a domain that no process on this machine is in."""
+    numbers = random.Random(os.getpid() + next(_worlds)).sample(_DOMAINS, len(_DOMAINS))
+    for number in numbers:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * number))  # of the domain's first process
+            except OSError:
+                continue
+            return number
+    raise AssertionError("every domain of ROS 2 is in use")
+
+
+_worlds = itertools.count()
+
+
+@functools.cache
+def type_store() -> Any:
+    """Message types of ROS 2 Jazzy and ours, from rosbags."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, Any] = {}
+    for path in _MESSAGES.glob("msg/*.msg"):
+        types |= get_types_from_msg(path.read_text(), f"fusionslam_msgs/msg/{path.stem}")
+    store.register(types)
+    return store
