@@ -106,12 +106,12 @@ def _bag(robot: Robot) -> Path:
 def _latencies(heard: list[Heard]) -> list[list[str]]:
     """Rows of the table: waiting, the stages, all of them together."""
     done = {"sensors": _ready(heard)}
-    done |= {node: _arrivals(heard, topic) for node, topic in STAGES.items()}
-    scans = _arrivals(heard, SCANS)
+    done |= {node: first_arrivals(heard, topic) for node, topic in STAGES.items()}
+    scans = first_arrivals(heard, SCANS)
     stamps = sorted(set.intersection(*(set(times) for times in done.values())))[_SETTLED:]
     at = {name: np.array([times[stamp] for stamp in stamps]) for name, times in done.items()}
     scan, ready, shown = np.array([scans[s] for s in stamps]), at["sensors"], at["ratslam"]
-    shares = _processor_shares(heard)
+    shares = processor_shares(heard, [*STAGES])
     rows = [_row("waiting for image and odometry after the scan", ready - scan)]
     for before, node in pairwise(at):
         rows.append(_row(node, at[node] - at[before], shares[node]))
@@ -126,7 +126,7 @@ def _row(title: str, seconds: Floats, share: float | str = "") -> list[str]:
     return [title, *milliseconds, share if isinstance(share, str) else f"{share:.0%}"]
 
 
-def _arrivals(heard: list[Heard], topic: str) -> dict[int, float]:
+def first_arrivals(heard: list[Heard], topic: str) -> dict[int, float]:
     """When the first message of each stamp arrived."""
     found: dict[int, float] = {}
     for each in heard:
@@ -146,9 +146,9 @@ def _ready(heard: list[Heard]) -> dict[int, float]:
     return found
 
 
-def _processor_shares(heard: list[Heard]) -> dict[str, float]:
+def processor_shares(heard: list[Heard], nodes: list[str]) -> dict[str, float]:
     """Processor time of each node by the time that passed, between its first and last report."""
-    reports: dict[str, list[tuple[float, float]]] = {node: [] for node in STAGES}
+    reports: dict[str, list[tuple[float, float]]] = {node: [] for node in nodes}
     for each in heard:
         if each.topic == REPORTS:
             status = each.message.status[0]

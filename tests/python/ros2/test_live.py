@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.ros.ros2_world import Ros2World, lacking
 from live_results import OUTPUTS, Offline, assert_same_results, run_offline
-from ros2_world import Ros2World, needs_ros2
 from ros_master import PlayedBag
 
-pytestmark = needs_ros2
+pytestmark = pytest.mark.skipif(bool(lacking), reason=lacking)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS 2 of a test's own: a domain on this machine, our nodes, a foreign listener.
+"""A ROS 2 of one's own, for tests and timings: a domain on this machine, our nodes, a listener.
 
 Nodes run with the Python of .venv-ros2, which ``make ros2`` makes; tests with their own.
 """
@@ -14,8 +14,6 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from benchmarks.ros.world import ROOT, Listener, RosWorld
 
 JAZZY = ROOT / ".venv-ros2"
@@ -25,7 +23,6 @@ _MESSAGES = JAZZY / "share" / "fusionslam_msgs"
 _DOMAINS = range(1, 101)  # those that every system has the ports for
 
 lacking = "" if (JAZZY / ".messages").exists() else "ROS 2 is not installed: make ros2 installs it"
-needs_ros2 = pytest.mark.skipif(bool(lacking), reason=lacking)
 
 
 class Ros2World(RosWorld):
