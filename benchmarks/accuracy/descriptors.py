@@ -241,7 +241,8 @@ def measure(
     verified: Sequence[str] = tuple(WORLDS),
     kinds: Sequence[str] = KIND_NAMES,
 ) -> tuple[dict[tuple[str, str], dict[str, list[Compared]]], dict[str, dict[str, str]]]:
-    """Evaluate worlds: (group, kind) -> world -> descriptors; and what is left out where, and why.
+    """Evaluate worlds: (group, kind) -> world -> descriptors; and place -> descriptor -> why it is
+    left out there.
 
     A world that cannot be recorded or used is left out, and the log says so.
     """
@@ -261,8 +262,7 @@ def measure(
                 continue
             group = found.setdefault((WORLDS[name].group, kind.name), {})
             group[name] = pair_up(evaluations)
-            for each, why in missing.items():
-                left.setdefault(each, {})[place] = why
+            left[place] = missing
             wall, work = time.perf_counter() - started[0], time.process_time() - started[1]
             print(f"{place}: {wall:.0f} s, {work:.0f} s of processor time", flush=True)
     return found, left
@@ -340,10 +340,9 @@ def verdict(found: Mapping[tuple[str, str], Mapping[str, Sequence[Compared]]]) -
 
 def with_other_tables(verdicts: str, found: Collection[tuple[str, str]]) -> str:
     """Add the lines of the page's verdict on (group, kind) that were not measured now."""
-    shown = PAGE.read_text(encoding="utf-8").partition("<!-- verdict: ")[2].partition("<!-- end")[0]
     kept = [
         line
-        for line in shown.splitlines()
+        for line in _shown("verdict")
         for kind in KINDS
         for group in GROUPS
         if (group, kind.name) not in found and line.startswith(f"- {kind.title}, {group}, ")
@@ -377,11 +376,24 @@ def _compare(column: Any, means: Mapping[str, float], ours: set[str]) -> str:
 
 
 def describe_left(left: Mapping[str, Mapping[str, str]]) -> str:
-    """Say which descriptors are left out where, and why, or describe only a part of the frames."""
-    return "\n".join(
-        f"- `{name}`: {'; '.join(f'{place}: {why}' for place, why in places.items())}"
-        for name, places in left.items()
-    )
+    """Say which descriptors are left out where, and why, or describe only a part of the frames.
+
+    Lines of the page on places that were not measured now stay.
+    """
+    lines = [
+        f"- {place}: {'; '.join(f'`{name}` {why}' for name, why in names.items())}"
+        for place, names in left.items()
+        if names
+    ]
+    lines += [line for line in _shown("left-out") if line[2:].partition(":")[0] not in left]
+    return "\n".join(sorted(lines)) or "None."
+
+
+def _shown(marker: str) -> list[str]:
+    """List the items between two markers of the page."""
+    text = PAGE.read_text(encoding="utf-8").partition(f"<!-- {marker}: ")[2]
+    lines = text.partition("<!-- end")[0].splitlines()
+    return [line for line in lines if line.startswith("- ")]
 
 
 def draw(found: Mapping[tuple[str, str], Mapping[str, Sequence[Compared]]]) -> bool:
@@ -428,15 +440,13 @@ def main() -> None:
     texts = tables_of(found, arguments.refined)
     if found:
         texts["verdict"] = verdict(found)
-        texts["left-out"] = describe_left(left) or "None."
+        texts["left-out"] = describe_left(left)
     if "pairs" in arguments.worlds:
         texts["pairs"] = pairs_table(data_folder(), arguments.descriptors)
     print("\n\n".join(texts.values()))
     if arguments.write:
         if "verdict" in texts:
             texts["verdict"] = with_other_tables(texts["verdict"], found)
-        if set(worlds) < set(WORLDS) or set(arguments.kinds) < set(KIND_NAMES):
-            texts.pop("left-out", None)
         for name, text in texts.items():
             write_between(PAGE, name, text)
         draw(found)

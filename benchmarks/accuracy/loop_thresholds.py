@@ -127,7 +127,8 @@ def thresholds_yaml(fitted: Mapping[tuple[str, str], float]) -> str:
         for name in NAMES:
             known = _OTHERS.get((source, name), fitted.get(("lidar", name)))
             value = fitted.get((source, name), stored[source].get(name) if known is None else known)
-            lines.append(f'  "{name}": {value:.3f}')
+            if value is not None:
+                lines.append(f'  "{name}": {value:.3f}')
     return "\n".join(lines) + "\n"
 
 
