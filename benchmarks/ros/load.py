@@ -15,10 +15,9 @@ import numpy as np
 
 from benchmarks.accuracy.markdown import table
 from benchmarks.ros.__main__ import first_arrivals, processor_shares
-from benchmarks.ros.ros2_world import JAZZY, Ros2World, lacking
+from benchmarks.ros.ros2_world import JAZZY, PUBLISHER, Ros2World, lacking
 from benchmarks.ros.world import REPORTS
 
-PUBLISHER = Path(__file__).with_name("publisher.py")
 SCANS, CLOUDS = "/velodyne_points", "/rgb_cloud"
 INPUTS = (SCANS, "/camera/rgb/image_raw", "/camera/rgb/camera_info")
 _MARGIN_S = 600
@@ -40,7 +39,7 @@ def measure(points: int, rate: float, seconds: float) -> str:
     """Return the table."""
     with tempfile.TemporaryDirectory() as folder, Ros2World(Path(folder)) as world:
         listener = world.listen(*INPUTS, CLOUDS, REPORTS)
-        world.node("data_fusion", "-p", "online.robot_frame:=camera", "-p", "fusion.frame:=scan")
+        world.node("data_fusion", "_online.robot_frame:=camera", "_fusion.frame:=scan")
         python, sizes = str(JAZZY / "bin" / "python"), map(str, (points, rate, seconds))
         publisher = world.run("publisher", [python, str(PUBLISHER), *sizes])
         assert publisher.wait(seconds + _MARGIN_S) == 0, world.log("publisher")

@@ -8,6 +8,7 @@ Nodes run with the Python of .venv-ros2, which ``make ros2`` makes; tests with t
 import functools
 import itertools
 import os
+import pickle
 import random
 import socket
 import subprocess
@@ -17,8 +18,9 @@ from typing import Any
 from benchmarks.ros.world import ROOT, Listener, RosWorld
 
 JAZZY = ROOT / ".venv-ros2"
-KILTED = ROOT / ".venv-ros2-kilted"
+PEERS = ROOT / ".venv-ros2-peers"
 LISTENER = Path(__file__).with_name("ros2_listener.py")
+PUBLISHER = Path(__file__).with_name("publisher.py")
 _MESSAGES = JAZZY / "share" / "fusionslam_msgs"
 _DOMAINS = range(1, 101)  # those that every system has the ports for
 
@@ -41,9 +43,16 @@ class Ros2World(RosWorld):
         return self
 
     def node(self, name: str, *arguments: str, ready: bool = True) -> "subprocess.Popen[Any]":
-        """One of our nodes; ``arguments`` are those of ROS."""
-        command = [*fusionslam("ros2", "run"), name, "--ros-args", *arguments]
+        """One of our nodes with remappings (a:=b) and parameters (_fusion.voxel:=0.1)."""
+        given = []
+        for each in arguments:
+            given += ["-p", each[1:]] if each.startswith("_") else ["-r", each]
+        command = [*fusionslam("ros2", "run"), name, "--ros-args", *given]
         return self.start_node(name, command, ready=ready)
+
+    def peer(self, name: str, script: Path, *arguments: str) -> "subprocess.Popen[Any]":
+        """A program in the environment of others."""
+        return self.run(name, [str(PEERS / "bin" / "python"), str(script), *arguments])
 
     def listen(self, *topics: str) -> "Ros2Listener":
         """Keep all messages of these topics from now on."""
@@ -64,15 +73,21 @@ class Ros2Listener(Listener):
         """Deserialise a message by rosbags."""
         return type_store().deserialize_cdr(content, type_name)
 
+    def contents(self) -> list[tuple[str, str, bytes]]:
+        """Topic, type and CDR bytes of all messages in the order in which they came."""
+        path = self._world.folder / f"{id(self)}.pickle"
+        self._ask(f"keep {path}")
+        return [(topic, kind, data) for topic, kind, data, _ in pickle.loads(path.read_bytes())]
+
     def type_hash(self, topic: str) -> str:
         """The hash of the type that a topic's publisher gives; empty without one."""
         return self._ask(f"hash {topic}")
 
 
-class KiltedListener(Ros2Listener):
-    """The same of another distribution."""
+class PeerListener(Ros2Listener):
+    """The same of another distribution, Kilted."""
 
-    command = (str(KILTED / "bin" / "python"), str(LISTENER))
+    command = (str(PEERS / "bin" / "python"), str(LISTENER))
 
 
 def fusionslam(*arguments: str) -> list[str]:

@@ -39,6 +39,11 @@ def play(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="Of ROS 1 or ROS 2, or MCAP.")],
     args: Passed = None,
     rate: Annotated[float, typer.Option("--rate", help="Speed, relative to the bag's.")] = 1.0,
+    start: Annotated[float, typer.Option("--start", min=0, help="Seconds to leave out.")] = 0.0,
+    stop: Annotated[
+        float | None,
+        typer.Option("--stop", min=0, help="Seconds of the bag to end at."),
+    ] = None,
     topics: Annotated[
         list[str] | None, typer.Option("--topic", help="Play this topic only; repeatable.")
     ] = None,
@@ -61,7 +66,7 @@ def play(
 
     if not rate > 0:
         raise ConfigError(f"--rate is {rate:g}, expected more than 0")
-    how = Playing(topics or None, rate, clock, wait, args or [])
+    how = Playing(topics or None, rate, start, stop, clock, wait, args or [])
     with progress() as step:
         count = play_bag(bag, how, step)
     print(f"{count} messages of {bag} are played")

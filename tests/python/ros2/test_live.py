@@ -26,8 +26,7 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
         listener = world.listen(*OUTPUTS)
         for name in ("ratslam", "lv_matching", "lv_builder"):
             world.node(name)
-        remappings = [("-r", each) for each in offline.bag.sensors]
-        world.node("data_fusion", *sum(remappings, ()))
+        world.node("data_fusion", *offline.bag.sensors)
         world.play(offline.bag.path, "--rate", str(rate))
         listener.settle()
         found = listener.messages()

@@ -33,6 +33,7 @@ class Playing:
     Attributes:
         topics: those to play; None for all whose types are known.
         rate: speed, relative to the recording.
+        start, stop: seconds since the bag's beginning; None for its end.
         clock: whether the time of the recording is published on /clock.
         wait: nodes whose subscriptions are waited for before the first message; once there is one,
             it begins this many seconds after the last one came.
@@ -41,6 +42,8 @@ class Playing:
 
     topics: Sequence[str] | None = None
     rate: float = 1.0
+    start: float = 0.0
+    stop: float | None = None
     clock: bool = True
     wait: float = 2.0
     arguments: Sequence[str] = ()
@@ -52,7 +55,7 @@ def play_bag(path: Path, how: Playing, progress: Callable[[str, int, int], None]
     Args:
         path: a bag of ROS 1 or ROS 2, or an MCAP file.
         how: how it is played.
-        progress: called with what is done, and messages done and in all.
+        progress: called with what is done, how much of it, and of how much.
 
     Returns:
         The number of messages that were sent.
@@ -81,22 +84,27 @@ class _Player:
         self._clock = self._clock_publisher() if how.clock else None
 
     def play(self, progress: Callable[[str, int, int], None]) -> int:
-        total = sum(self._bag.topics[name].count for name in self._topics)
         self._wait_for_subscribers(progress)
         count = 0
         for raw, message in self._in_time():
             self._publishers[raw.topic].publish(message)
             count += 1
-            progress("playing", count, total)
+            progress("playing", *self._seconds(raw.time_ns))
         self._wait_for_receipt()
         return count
+
+    def _seconds(self, time_ns: int) -> tuple[int, int]:
+        """How much is played, and is to be, in whole seconds of the bag."""
+        first, last = self._span_ns()
+        done, total = (time_ns - first) // NANOSECONDS, max(last - first, 0) // NANOSECONDS + 1
+        return int(done), int(total)
 
     def _in_time(self) -> Iterator[tuple[RawMessage, Any]]:
         """Yield messages when they are due, with the clock running meanwhile."""
         from fusionslam.ros.ros2.messages import convert
 
-        began, first = time.monotonic(), self._bag.start_ns
-        for raw in self._bag.raw(self._topics, on_error=_skip):
+        began, first, last = time.monotonic(), *self._span_ns()
+        for raw in self._bag.raw(self._topics, start=first, stop=last, on_error=_skip):
             message = convert(raw.content, raw.type)
             due = began + (raw.time_ns - first) / NANOSECONDS / self._how.rate
             while (left := due - time.monotonic()) > 0 and not self._is_ending.is_set():
@@ -106,6 +114,13 @@ class _Player:
                 return
             self._send_clock(raw.time_ns)
             yield raw, message
+
+    def _span_ns(self) -> tuple[int, int]:
+        """Arrival of the first message that is played, and of the first that is not any more."""
+        how, begin = self._how, self._bag.start_ns
+        end = self._bag.stop_ns + 1
+        stop = end if how.stop is None else min(begin + round(how.stop * NANOSECONDS), end)
+        return begin + round(how.start * NANOSECONDS), stop
 
     def _wait_for_subscribers(self, progress: Callable[[str, int, int], None]) -> None:
         """Wait until the set of subscriptions has been the same for a while."""

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes in ROS 2: parameters, qualities of service, bad input, services, ends and restarts."""
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.ros.ros2_world import JAZZY, Ros2World, lacking
+from benchmarks.ros.world import wait_until
+from cli import fails
+from fusionslam.config import unit_of, walk
+from fusionslam.datasets.bags.messages import stamp_of
+from fusionslam.ros.nodes.data_fusion import DataFusion
+from ros_master import PlayedBag
+
+needs_ros2 = pytest.mark.skipif(bool(lacking), reason=lacking)
+
+BEGIN = """
+import json, sys, time
+import rclpy
+rclpy.init()
+node = rclpy.create_node("other")
+def ask(kind, name, **fields):
+    client = node.create_client(kind, name)
+    assert client.wait_for_service(60), name
+    future = client.call_async(kind.Request(**fields))
+    rclpy.spin_until_future_complete(node, future, timeout_sec=120)
+    return future.result()
+"""
+PARAMETERS = """
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+found = ask(DescribeParameters, "/data_fusion/describe_parameters", names=sys.argv[1:])
+value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=0.5)
+changed = ask(SetParameters, "/data_fusion/set_parameters",
+              parameters=[Parameter(name="fusion.voxel", value=value)])
+print(json.dumps({
+    "refused": not changed.results[0].successful,
+    "descriptions": {each.name: each.description for each in found.descriptors},
+    "voxel": [[r.from_value for r in each.floating_point_range] for each in found.descriptors
+              if each.name == "fusion.voxel"][0],
+}))
+"""
+LOCALIZE = """
+from fusionslam_msgs.srv import Localize
+from std_srvs.srv import Trigger
+found = ask(Localize, "/mapper/localize")
+solved = ask(Trigger, "/mapper/solve")
+print(json.dumps([found.found, found.code, found.reason, solved.success]))
+"""
+PUBLISH = """
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+from sensor_msgs.msg import PointCloud2
+kind, reliability = {"String": String, "PointCloud2": PointCloud2}[sys.argv[1]], sys.argv[2]
+quality = QoSProfile(depth=5, reliability=ReliabilityPolicy[reliability])
+publisher = node.create_publisher(kind, "/velodyne_points", quality)
+print("is ready", flush=True)
+while True:
+    publisher.publish(kind())
+    rclpy.spin_once(node, timeout_sec=0.1)
+"""
+
+
+def run(world: Ros2World, name: str, code: str, *arguments: str) -> Any:
+    """A program of plain rclpy."""
+    return world.run(name, [str(JAZZY / "bin/python"), "-c", BEGIN + code, *arguments])
+
+
+def answer(world: Ros2World, code: str, *arguments: str) -> Any:
+    """What such a program prints."""
+    process = run(world, "ask", code, *arguments)
+    assert process.wait(timeout=300) == 0, world.log("ask")
+    return json.loads(world.log("ask").splitlines()[-1])
+
+
+def test_without_ros_2_the_commands_say_how_to_get_it() -> None:
+    for words in (("run", "data_fusion"), ("play", "drive.bag")):
+        assert "make ros2" in fails(2 if words[0] == "run" else 1, "ros2", *words)
+
+
+@needs_ros2
+def test_parameters_are_described_and_cannot_be_set(tmp_path: Path) -> None:
+    values = {key: definition for key, _, definition in walk(DataFusion.defaults)}
+    with Ros2World(tmp_path) as world:
+        world.node("data_fusion", "_fusion.voxel:=0.25")
+        found = answer(world, PARAMETERS, *values)
+    assert found["refused"] and found["voxel"] == [0.0]
+    assert found["descriptions"].keys() == values.keys()
+    for key, definition in values.items():
+        unit = unit_of(definition)
+        assert definition.description and definition.description in found["descriptions"][key]
+        assert not unit or f"[{unit}]" in found["descriptions"][key]
+
+
+@needs_ros2
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("_fusion.voxl:=0.1", "unknown parameter 'fusion.voxl'; did you mean 'voxel'"),
+        ("_fusion.voxel:=-1.0", "fusion.voxel"),
+        ("_fusion.voxel:=much", "fusion.voxel"),
+        ("_node.stamps:=heder", "did you mean"),
+    ],
+)
+def test_wrong_parameters_are_refused(argument: str, words: str, tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        process = world.node("data_fusion", argument, ready=False)
+        assert process.wait(timeout=300) == 2
+        text = world.log("data_fusion")
+    assert words in text and "Traceback" not in text and "~" not in text
+
+
+@needs_ros2
+def test_arguments_of_ros_1_are_refused(tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        command = [str(JAZZY / "bin/python"), "-m", "fusionslam", "ros2", "run", "data_fusion"]
+        process = world.run("node", [*command, "_fusion/voxel:=1"])
+        assert process.wait(timeout=300) == 2
+        assert "--ros-args -p" in world.log("node")
+
+
+@needs_ros2
+def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        run(world, "wrong", PUBLISH, "String", "RELIABLE")
+        world.node("data_fusion")
+        wait_until(lambda: "std_msgs/String" in world.log("data_fusion"), "the complaint")
+        assert "expected sensor_msgs/PointCloud2" in world.log("data_fusion")
+
+
+@needs_ros2
+def test_a_best_effort_scanner_is_heard_and_a_second_one_is_named(tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        node = world.node("data_fusion")
+        run(world, "first", PUBLISH, "PointCloud2", "RELIABLE")
+        wait_until(lambda: "/velodyne_points: reliable" in world.log("data_fusion"), "the first")
+        run(world, "second", PUBLISH, "PointCloud2", "BEST_EFFORT")
+        wait_until(lambda: "several publishers" in world.log("data_fusion"), "the second")
+        wait_until(lambda: "points: best effort" in world.log("data_fusion"), "best effort")
+        assert "stamp is zero" in world.log("data_fusion")  # messages arrive
+        assert world.end(node, signal.SIGTERM) == 0
+
+
+@needs_ros2
+def test_views_go_on_after_their_node_was_killed(played_bag: PlayedBag, tmp_path: Path) -> None:
+    keep = "_memory.file:=views.npz"
+    with Ros2World(tmp_path) as world:
+        listener = world.listen("/LocalView/Template")
+        matching = world.node("lv_matching", keep)
+        world.node("lv_builder")
+        world.node("data_fusion", *played_bag.sensors)
+        world.play(played_bag.path, "--rate", "8", "--stop", "10")
+        listener.settle()
+        before = listener.messages()["/LocalView/Template"]
+        world.end(matching, signal.SIGKILL)
+        matching = world.node("lv_matching", keep)
+        world.play(played_bag.path, "--rate", "8", "--start", "10")
+        listener.settle()
+        assert world.end(matching) == 0
+        after = listener.messages()["/LocalView/Template"]
+    assert len(after) > len(before) > 5
+    stamps = [stamp_of(each.header.stamp) for each in after]
+    assert stamps == sorted(stamps)
+    new = [each.current_id for each in after if each.is_new]
+    assert new == list(range(len(new)))
+
+
+@needs_ros2
+def test_services_answer_with_the_reason(tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        node = world.node("mapper", "_map.file:=site.fsmap")
+        found, code, reason, solved = answer(world, LOCALIZE)
+        assert not found and code == "no-frame" and "sensors" in reason and solved
+        assert world.end(node) == 0
