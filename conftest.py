@@ -80,14 +80,12 @@ def _run_with_robot(block: str) -> None:
 
 def _run_in_ros2(block: str) -> None:
     """Run a block in a domain of its own; what it leaves in the background ends with it."""
-    from benchmarks.ros.ros2_world import JAZZY, free_domain, lacking
+    from benchmarks.ros.ros2_world import free_domain, lacking
 
     if lacking:
         raise SkipTest(lacking)
-    Path(JAZZY.name).symlink_to(JAZZY)
     with patch.dict(os.environ, ROS_DOMAIN_ID=str(free_domain())):
         _run([*BASH, f"trap 'kill $(jobs -p) 2> /dev/null || true' EXIT\n{block}"])
-    Path(JAZZY.name).unlink()
 
 
 def check_yaml(example: Example) -> None:
@@ -203,6 +201,7 @@ def page_folder(
     folder = tmp_path_factory.mktemp("page")
     for name, target in RECORDINGS.items():
         (folder / name).symlink_to(made_recordings / target)
+    (folder / ".venv-ros2").symlink_to(PROJECT / ".venv-ros2")  # if it is there
     here = Path.cwd()
     os.chdir(PROJECT if request.path.name == "testing.md" else folder)
     with patch.dict(RECOGNISERS):  # a page adds one of its own
