@@ -7,8 +7,7 @@ from importlib.util import find_spec
 
 from fusionslam.doctor import Finding
 from fusionslam.errors import FusionSlamError
-
-MESSAGES = "fusionslam_msgs"
+from fusionslam.ros.ros2 import MESSAGES
 
 
 def need_ros2() -> None:
