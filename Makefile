@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros clean
+.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros ros2 clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -11,10 +11,11 @@ SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/include/fusionslam/*/*.hp
 demo: setup
 	$(BIN)/fusionslam demo -o out/demo
 
-# Without Debian's ROS 1 the tests of the nodes are skipped.
+# Without Debian's ROS 1, or the wheels of ROS 2, the tests of the nodes are skipped.
 test:
 	@scripts/ros.sh || echo "ROS 1 cannot be installed here: its tests are skipped"
 	@$(MAKE) --no-print-directory setup
+	@scripts/ros2.sh || echo "ROS 2 cannot be installed here: its tests are skipped"
 	. scripts/ccache.sh && cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
 	. scripts/ccache.sh && cmake --build build/cpp
 	ctest --test-dir build/cpp --output-on-failure
@@ -90,6 +91,9 @@ setup:
 ros:
 	@scripts/ros.sh
 	@$(MAKE) --no-print-directory setup
+
+ros2: setup
+	@scripts/ros2.sh
 
 clean:
 	rm -rf build .venv .venv-* out

@@ -6,7 +6,8 @@ Blocks of a page run in their order, in one namespace and one temporary folder; 
 testing run in the project's. The files that pages take for granted, such as drive.bag, are links in
 that folder to small recordings. C++ and CMake blocks are built and run by ctest
 (``tests/cpp/consumer.cmake``). Blocks of ROS run where ROS 1 is installed, with drive.bag played
-as a robot. A block that cannot run here has a comment ``<!-- skip: next "REASON" -->`` above it.
+as a robot; those that use .venv-ros2 run where it is made. A block that cannot run here has a
+comment ``<!-- skip: next "REASON" -->`` above it.
 ``tests/python/package/test_snippets.py`` checks languages and reasons.
 """
 
@@ -45,9 +46,11 @@ ROBOT_TOPICS = {
 
 
 def run_bash(example: Example) -> None:
-    """Run a block with bash -e, those of ROS with a robot."""
+    """Run a block with bash -e, those of ROS 1 with a robot."""
     if ROS.search(example.parsed):
         _run_with_robot(example.parsed)
+    elif ".venv-ros2/" in example.parsed:
+        _run_in_ros2(example.parsed)
     else:
         _run([*BASH, example.parsed])
 
@@ -75,6 +78,16 @@ def _run_with_robot(block: str) -> None:
         assert shell.wait(timeout=HANGS) == 0, world.log("block")
 
 
+def _run_in_ros2(block: str) -> None:
+    """Run a block in a domain of its own; what it leaves in the background ends with it."""
+    from benchmarks.ros.ros2_world import free_domain, lacking
+
+    if lacking:
+        raise SkipTest(lacking)
+    with patch.dict(os.environ, ROS_DOMAIN_ID=str(free_domain())):
+        _run([*BASH, f"trap 'kill $(jobs -p) 2> /dev/null || true' EXIT\n{block}"])
+
+
 def check_yaml(example: Example) -> None:
     """Save a block under the name in its first line, ``# NAME.yaml``, for the next blocks to read.
 
@@ -88,7 +101,7 @@ def check_yaml(example: Example) -> None:
             read_calib_yaml(path)
     else:
         for changes in yaml.safe_load(example.parsed).values():
-            merged(SystemConfig(), changes)
+            merged(SystemConfig(), changes.get("ros__parameters", changes))
 
 
 def _environment(base: Mapping[str, str]) -> dict[str, str]:
@@ -188,6 +201,7 @@ def page_folder(
     folder = tmp_path_factory.mktemp("page")
     for name, target in RECORDINGS.items():
         (folder / name).symlink_to(made_recordings / target)
+    (folder / ".venv-ros2").symlink_to(PROJECT / ".venv-ros2")  # if it is there
     here = Path.cwd()
     os.chdir(PROJECT if request.path.name == "testing.md" else folder)
     with patch.dict(RECOGNISERS):  # a page adds one of its own

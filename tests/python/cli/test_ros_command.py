@@ -12,7 +12,7 @@ import pytest
 from cli import fails, run, succeeds
 from error_codes import has_code
 from fusionslam.errors import FusionSlamError
-from fusionslam.ros import environment
+from fusionslam.ros.ros1 import environment
 from fusionslam.ros.ros1 import files as launching
 
 COMMANDS = [("run", "lv_builder"), ("launch", "ratslam")]
@@ -67,7 +67,7 @@ def test_what_follows_a_launch_file_goes_to_roslaunch_as_it_is(
     calls: list[Any] = ["own.launch", "scan:=/points", "-p", "11312", "--screen"]
     code = "\n".join(
         [
-            "from fusionslam.ros import environment",
+            "from fusionslam.ros.ros1 import environment",
             "environment.need_ros = lambda: None",
             f"from fusionslam.cli import app; app(['ros', 'launch', *{calls}])",
         ]

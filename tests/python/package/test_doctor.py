@@ -18,7 +18,7 @@ import fusionslam
 from fusionslam import ConfigError, _core
 from fusionslam.doctor import EXTRAS, Finding, examine
 from fusionslam.errors import FusionSlamError
-from fusionslam.ros import environment
+from fusionslam.ros.ros1 import environment
 
 PACKAGE = Path(fusionslam.__file__).parent
 
@@ -88,7 +88,7 @@ def test_ros_is_optional_and_its_messages_are_checked(monkeypatch: pytest.Monkey
         def refuse(code: str = code) -> None:
             raise FusionSlamError("this needs ROS", code=code)
 
-        monkeypatch.setattr(environment, "need_ros", refuse)
+        monkeypatch.setattr(environment, "find_ros", refuse)
         assert problems([environment.check_ros()]) == {"ros": (code, [], True)}
 
 

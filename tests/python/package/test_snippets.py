@@ -39,10 +39,10 @@ def test_ctest_runs_every_block_of_cpp_and_cmake_and_those_that_say_so() -> None
 
 def test_pages_name_targets_of_the_makefile_and_scripts_that_exist() -> None:
     makefile = (PROJECT / "Makefile").read_text(encoding="utf-8")
-    targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    targets = set(re.findall(r"^([a-z0-9-]+):", makefile, re.MULTILINE))
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        named = set(re.findall(r"(?:^|`)make (?:[A-Z]+=\S+ )*([a-z-]+)", text, re.MULTILINE))
+        named = set(re.findall(r"(?:^|`)make (?:[A-Z]+=\S+ )*([a-z0-9-]+)", text, re.MULTILINE))
         assert named <= targets, page
         for script in re.findall(r"(?:^|`)(?:\.\./)*(scripts/\w+\.sh)", text, re.MULTILINE):
             assert (PROJECT / script).is_file(), f"{page}: {script}"

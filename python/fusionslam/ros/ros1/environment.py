@@ -9,8 +9,8 @@ from pathlib import Path
 
 from fusionslam.doctor import Finding
 from fusionslam.errors import FusionSlamError
-from fusionslam.ros.messages.library import OWN, use_messages
 
+PACKAGE = "fusionslam_ros"
 # Debian's Python modules, invisible to a virtual environment; the ones needed are pure Python.
 _DEBIAN = "/usr/lib/python3/dist-packages"
 
@@ -24,7 +24,16 @@ def has_ros() -> bool:
 
 
 def need_ros() -> None:
-    """Make ROS 1 and our messages importable, and use them.
+    """Use the messages of ROS 1. Raises FusionSlamError, as ``find_ros``."""
+    find_ros()
+    from fusionslam.ros.messages.library import use_messages
+    from fusionslam.ros.ros1.messages import Ros1Messages
+
+    use_messages(Ros1Messages())
+
+
+def find_ros() -> None:
+    """Make ROS 1 and our messages importable.
 
     Raises:
         FusionSlamError: ROS is not installed, or fusionslam was built without its messages; the
@@ -36,24 +45,21 @@ def need_ros() -> None:
             f"apt-get install --no-install-recommends {' '.join(_debian_packages())}",
             code="no-ros",
         )
-    if find_spec(OWN) is None:
+    if find_spec(PACKAGE) is None:
         raise FusionSlamError(
             "fusionslam was built without its ROS messages: source a catkin workspace that holds "
-            f"{OWN}, or build fusionslam again now that python3-genpy is there (make ros does)",
+            f"{PACKAGE}, or build fusionslam again now that python3-genpy is there (make ros does)",
             code="no-ros-messages",
         )
-    from fusionslam.ros.ros1.messages import Ros1Messages
-
-    use_messages(Ros1Messages())
 
 
 def check_ros() -> Finding:
     """Check that the nodes can run; ROS 1 is optional."""
     try:
-        need_ros()
+        find_ros()
     except FusionSlamError as error:
         return Finding("ros", f"{error}, for the commands ros", error.code, optional=True)
-    return Finding("ros", f"ROS 1, messages in {import_module(OWN).__path__[0]}")
+    return Finding("ros", f"ROS 1, messages in {import_module(PACKAGE).__path__[0]}")
 
 
 def _debian_packages() -> list[str]:

@@ -7,13 +7,20 @@ from importlib.util import find_spec
 
 from fusionslam.doctor import Finding
 from fusionslam.errors import FusionSlamError
-from fusionslam.ros.messages.library import use_messages
-
-MESSAGES = "fusionslam_msgs"
+from fusionslam.ros.ros2 import MESSAGES
 
 
 def need_ros2() -> None:
-    """Use the messages of ROS 2.
+    """Use the messages of ROS 2. Raises FusionSlamError, as ``find_ros2``."""
+    find_ros2()
+    from fusionslam.ros.messages.library import use_messages
+    from fusionslam.ros.ros2.messages import Ros2Messages
+
+    use_messages(Ros2Messages())
+
+
+def find_ros2() -> None:
+    """Find ROS 2 and our messages.
 
     Raises:
         FusionSlamError: ROS 2 or our messages are not installed; the message says what to do.
@@ -30,15 +37,12 @@ def need_ros2() -> None:
             "source its setup.bash, or make ros2",
             code="no-ros2-messages",
         )
-    from fusionslam.ros.ros2.messages import Ros2Messages
-
-    use_messages(Ros2Messages())
 
 
 def check_ros2() -> Finding:
     """Check that the nodes can run; ROS 2 is optional."""
     try:
-        need_ros2()
+        find_ros2()
     except FusionSlamError as error:
         return Finding("ros2", f"{error}, for the commands ros2", error.code, optional=True)
     return Finding("ros2", f"ROS 2, messages in {import_module(MESSAGES).__path__[0]}")

@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 
 from fusionslam.errors import DataError
 from fusionslam.ros.messages.library import message_class
-from fusionslam.ros.ros2.environment import MESSAGES
+from fusionslam.ros.ros2 import MESSAGES
 
 _ELEMENT = re.compile(r"(?:sequence<(.*?)(?:, \d+)?>|(.*)\[\d+\])")
 _CODES = {

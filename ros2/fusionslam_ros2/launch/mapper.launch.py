@@ -1,0 +1,13 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A map that lasts: extended by the robot's drive, or known, to find the robot on."""
+
+from fusionslam_ros2.nodes import SENSORS, describe, mapper, rviz
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    return describe(
+        (*SENSORS, "site", "session", "read_only"),
+        lambda given: [mapper(given), *rviz(given, "mapper")],
+    )
