@@ -199,10 +199,10 @@ def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
     if live is None:
         yield None
         return
-    from fusionslam.report.maps.rerun_view import LiveView
+    from fusionslam.report.live.rerun_view import RerunView
 
     path = None if live == "viewer" else live
-    with LiveView(path, events.name, events.truth) as view:
+    with RerunView(path, events.name, events.truth) as view:
         yield view.step
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cli import error_of, fails, run, succeeds
-from fusionslam.report.maps.rerun_view import LiveView
+from fusionslam.report.live.rerun_view import RerunView
 from scenes import LAPS, write_recording
 
 pytest.importorskip("rerun", reason="rerun is not installed")
@@ -43,15 +43,15 @@ def test_a_live_view_is_written_beside_the_map_and_changes_nothing(
 def test_ctrl_c_keeps_map_and_live_view(
     tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step, looks = LiveView.step, []
+    step, looks = RerunView.step, []
 
-    def pressed(self: LiveView, done: Any, *more: Any) -> None:
+    def pressed(self: RerunView, done: Any, *more: Any) -> None:
         step(self, done, *more)
         looks.extend([done] * done.looked)
         if len(looks) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(LiveView, "step", pressed)
+    monkeypatch.setattr(RerunView, "step", pressed)
     assert run(*words, "--live", tmp_path / "live.rrd").exit_code == 130
     assert count(tmp_path / "live.rrd", "/cells/sheet") == 2
     assert (tmp_path / "out/state.npz").exists()
