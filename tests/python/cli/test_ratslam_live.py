@@ -88,7 +88,8 @@ def test_foxglove_is_served_while_the_map_is_made(
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
     from fusionslam.report.live.foxglove_view import FoxgloveView
 
-    step, viewers, seen = FoxgloveView.step, [], {}
+    step, seen = FoxgloveView.step, dict[str, Any]()
+    viewers: list[Viewer] = []
 
     def watched(self: FoxgloveView, *more: Any) -> None:
         if not viewers:

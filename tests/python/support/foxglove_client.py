@@ -52,14 +52,13 @@ class Viewer:
 
     def receive_rest(self) -> dict[str, list[Any]]:
         """All messages by topic until the server closes the connection."""
-        from websockets.exceptions import ConnectionClosed
-
+        closed = pytest.importorskip("websockets.exceptions").ConnectionClosed
         found: dict[str, list[Any]] = {}
         try:
             while True:
                 topic, _, message = self.receive()
                 found.setdefault(topic, []).append(message)
-        except ConnectionClosed:
+        except closed:
             return found
 
     def _read(self, topic: str, data: bytes) -> Any:
