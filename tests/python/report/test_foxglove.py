@@ -105,6 +105,18 @@ def test_a_viewer_gets_the_last_message_and_then_the_next_ones() -> None:
             one.receive(0.2)
 
 
+def test_a_viewer_slower_than_a_recording_misses_messages_but_not_the_newest() -> None:
+    with serve() as server, Viewer(server.url) as viewer:
+        viewer.subscribe("views")
+        while not server.is_wanted("views"):
+            time.sleep(0.001)
+        for k in range(20_000):
+            server.show("views", k * 1000 * MS, {"id": k})
+        last = {"id": -1}
+        while last["id"] < 19_999:
+            last = viewer.receive()[2]
+
+
 def test_transforms_keep_their_poses() -> None:
     pose = np.eye(4)
     pose[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]

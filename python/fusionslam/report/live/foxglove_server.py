@@ -12,6 +12,7 @@ import ipaddress
 import logging
 import os
 import socket
+import time
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -25,10 +26,10 @@ Schema = str | tuple[str, ...]
 
 HOST, PORT = "127.0.0.1", 8765
 _LAST_PORT = 65535
-_STEP_NS = 10**7
+_ANNOUNCE_S = 0.02
 """Shortest time between two announcements of the time."""
-_BACK_NS = 10**9
-"""A stamp that is earlier than the last one by more is a clock that went back."""
+_WAITING = 100
+"""Messages that wait for a slow viewer, which misses the oldest: clouds have a megabyte each."""
 
 
 class FoxgloveServer:
@@ -62,7 +63,7 @@ class FoxgloveServer:
             topic: _make_channel(topic, kind, self._context) for topic, kind in topics.items()
         }
         self._last: dict[str, tuple[int, Any]] = {}
-        self._time_ns: int | None = None
+        self._announced = 0.0
         self._server = _start(
             host,
             port,
@@ -70,6 +71,7 @@ class FoxgloveServer:
             context=self._context,
             server_listener=self,
             capabilities=[foxglove.Capability.Time],
+            message_backlog_size=_WAITING,
         )
         self.port = self._server.port
         self.url = f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
@@ -116,10 +118,13 @@ class FoxgloveServer:
         """Do nothing; called by the SDK."""
 
     def _announce_time(self, stamp_ns: int) -> None:
-        """Let viewers show the time of the stamps, not that of the wall clock."""
-        last = self._time_ns
-        if last is None or stamp_ns >= last + _STEP_NS or stamp_ns < last - _BACK_NS:
-            self._time_ns = stamp_ns
+        """Let viewers show the time of the stamps, not that of the wall clock.
+
+        The SDK disconnects viewers that it has to tell more than they can take.
+        """
+        now = time.monotonic()
+        if now - self._announced >= _ANNOUNCE_S:
+            self._announced = now
             self._server.broadcast_time(stamp_ns)
 
 
