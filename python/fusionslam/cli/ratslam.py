@@ -199,7 +199,9 @@ def _finish(
 def _foxglove_address(live: str) -> tuple[str, int] | None:
     """Return host and port of --live for Foxglove; None if it is for rerun. Raises ConfigError."""
     if live == "foxglove":
-        return "127.0.0.1", 8765
+        from fusionslam.report.live import HOST, PORT
+
+        return HOST, PORT
     if not live.startswith("ws:"):
         return None
     from fusionslam.errors import ConfigError

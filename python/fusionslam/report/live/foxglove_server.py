@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from fusionslam.errors import ConfigError
+from fusionslam.report.live import HOST, PORT
 from fusionslam.report.live.foxglove_sdk import channels, foxglove
 
 logger = logging.getLogger(__name__)
@@ -24,7 +25,6 @@ logger = logging.getLogger(__name__)
 Schema = str | tuple[str, ...]
 """Of a topic: a name, such as "PointCloud", or the names of numbers for a plot."""
 
-HOST, PORT = "127.0.0.1", 8765
 _LAST_PORT = 65535
 _ANNOUNCE_S = 0.02
 """Shortest time between two announcements of the time."""

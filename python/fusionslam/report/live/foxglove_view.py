@@ -15,6 +15,7 @@ from fusionslam.fusion import fuse
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import MatcherSource
+from fusionslam.report.live import HOST, PORT
 from fusionslam.report.live.foxglove_messages import (
     cloud_message,
     image_message,
@@ -23,7 +24,7 @@ from fusionslam.report.live.foxglove_messages import (
     text_message,
     transforms_message,
 )
-from fusionslam.report.live.foxglove_server import HOST, PORT, FoxgloveServer, Schema
+from fusionslam.report.live.foxglove_server import FoxgloveServer, Schema
 from fusionslam.report.live.run_view import COLOURS, RunView, image_of
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Picture, Scan

@@ -12,6 +12,7 @@ import numpy as np
 from fusionslam._core import ActionKind
 from fusionslam.config import option
 from fusionslam.datasets.bags.messages import stamp_of
+from fusionslam.report.live import HOST, PORT
 from fusionslam.ros.messages.types import (
     CLOUD,
     IMAGES,
@@ -65,11 +66,11 @@ class LiveViewConfig(CommonConfig):
     """Configuration of the node live_view."""
 
     host: str = option(
-        "127.0.0.1",
+        HOST,
         "what the server listens on; by others than this machine's own address anyone who reaches "
         "it can read everything",
     )
-    port: int = option(8765, "port of the server; 0: any that is free", ge=0, le=65535)
+    port: int = option(PORT, "port of the server; 0: any that is free", ge=0, le=65535)
 
 
 class LiveView(Node[LiveViewConfig]):
