@@ -55,7 +55,9 @@ EXTRAS = {
     "onnx": Extra(_same("onnxruntime"), ("the second stage of views",)),
     "learn": Extra(_same("torch", "safetensors", "onnx", "h5py"), ("views train",)),
     "tune": Extra(_same("pymoo"), ("tune",)),
-    "live": Extra({"rerun-sdk": "rerun"}, ("ratslam --live",)),
+    "live": Extra(
+        {"foxglove-sdk": "foxglove", "rerun-sdk": "rerun"}, ("ratslam --live", "the node live_view")
+    ),
     "map": Extra(
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (

@@ -36,6 +36,7 @@ _CURES = {
     "clock": _STAMPS,
     "no-revisits": _THRESHOLD,
     "no-threshold": _THRESHOLD,
+    "port-in-use": {"--live": "--live ws://127.0.0.1:8766 takes another"},
 }
 """What cures an error, by its code and option; only commands that have the option name it."""
 _CAUSES = {

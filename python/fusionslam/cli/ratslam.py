@@ -3,9 +3,10 @@
 """The command ratslam: maps of recordings."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import urlsplit
 
 import typer
 
@@ -81,8 +82,9 @@ def ratslam(
         str | None,
         typer.Option(
             "--live",
-            metavar="FILE.rrd",
-            help='Show the growing map, in a file for the rerun viewer; "viewer" opens it.',
+            metavar="WHERE",
+            help="Show the growing map: viewer opens rerun, FILE.rrd is a file for it, foxglove "
+            "or ws://HOST:PORT serves Foxglove.",
         ),
     ] = None,
     *,
@@ -105,9 +107,10 @@ def ratslam(
 
     if not no_report:
         needs_extra("report", unless="--no-report")
+    address = None if live is None else _foxglove_address(live)
     if live is not None:
-        needs_extra("live")
-    for file in (save, None if live in (None, "viewer") else Path(str(live))):
+        needs_extra("live", module="foxglove" if address else "rerun")
+    for file in (save, None if address or live in (None, "viewer") else Path(str(live))):
         if file is not None:
             opt.check_output(file, build_recording, config)
     changes = [*([f"ratslam.preset={preset}"] if preset else []), *(settings or [])]
@@ -156,7 +159,7 @@ def ratslam(
                 progress=step,
             )
             recorder = RunRecorder(slam, events, earlier=earlier)
-            watch = shown.enter_context(_live(live, events))
+            watch = shown.enter_context(_live(live, address, events))
             interrupted = _process_events(recorder, step, watch)
         # Before the live view is closed, so that the map is kept even if its file fails.
         _finish(recorder, output, save, rule, interrupted=interrupted, no_report=no_report)
@@ -193,17 +196,47 @@ def _finish(
         raise typer.Exit(INTERRUPTED)
 
 
+def _foxglove_address(live: str) -> tuple[str, int] | None:
+    """Return host and port of --live for Foxglove; None if it is for rerun. Raises ConfigError."""
+    if live == "foxglove":
+        from fusionslam.report.live import HOST, PORT
+
+        return HOST, PORT
+    if not live.startswith("ws:"):
+        return None
+    from fusionslam.errors import ConfigError
+
+    url = urlsplit(live)
+    with suppress(ValueError):  # of a port that is no number up to 65535
+        if url.hostname and url.port is not None and live == f"ws://{url.netloc}":
+            return url.hostname, url.port
+    raise ConfigError(
+        f"--live {live}: expected ws://HOST:PORT, such as ws://127.0.0.1:8766",
+        code="no-address",
+        fields=(live,),
+    )
+
+
 @contextmanager
-def _live(live: str | None, events: "RunEvents") -> "Iterator[Watch | None]":
+def _live(
+    live: str | None, address: tuple[str, int] | None, events: "RunEvents"
+) -> "Iterator[Watch | None]":
     """Yield the function that shows each step live; None without --live."""
     if live is None:
         yield None
         return
-    from fusionslam.report.maps.rerun_view import LiveView
+    if address is None:
+        from fusionslam.report.live.rerun_view import RerunView
 
-    path = None if live == "viewer" else live
-    with LiveView(path, events.name, events.truth) as view:
-        yield view.step
+        path = None if live == "viewer" else live
+        with RerunView(path, events.name, events.truth) as view:
+            yield view.step
+        return
+    from fusionslam.report.live.foxglove_view import FoxgloveView
+
+    with FoxgloveView(*address, name=events.name, truth=events.truth) as served:
+        typer.echo(f"live view: open {served.url} in Foxglove", err=True)
+        yield served.step
 
 
 def _load_map(state: Path, options: list[str]) -> "tuple[RatSlam, RatSlamRun | None]":
@@ -267,8 +300,6 @@ def _check_state(state: Path) -> None:
 
 
 def _new_map(whole: Any, views: str | None, recording: "Recording") -> "RatSlam":
-    from contextlib import suppress
-
     from fusionslam.config import merged
     from fusionslam.errors import DataError
     from fusionslam.pipelines.recording import has_colors, settle_frame

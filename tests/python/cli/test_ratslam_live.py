@@ -3,13 +3,16 @@
 """The command line: ratslam --live."""
 
 import json
+import socket
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cli import error_of, fails, run, succeeds
-from fusionslam.report.maps.rerun_view import LiveView
+from foxglove_client import Viewer, cloud_of
+from fusionslam.report.live.rerun_view import RerunView
 from scenes import LAPS, write_recording
 
 pytest.importorskip("rerun", reason="rerun is not installed")
@@ -43,15 +46,15 @@ def test_a_live_view_is_written_beside_the_map_and_changes_nothing(
 def test_ctrl_c_keeps_map_and_live_view(
     tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step, looks = LiveView.step, []
+    step, looks = RerunView.step, []
 
-    def pressed(self: LiveView, done: Any, *more: Any) -> None:
+    def pressed(self: RerunView, done: Any, *more: Any) -> None:
         step(self, done, *more)
         looks.extend([done] * done.looked)
         if len(looks) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(LiveView, "step", pressed)
+    monkeypatch.setattr(RerunView, "step", pressed)
     assert run(*words, "--live", tmp_path / "live.rrd").exit_code == 130
     assert count(tmp_path / "live.rrd", "/cells/sheet") == 2
     assert (tmp_path / "out/state.npz").exists()
@@ -77,3 +80,42 @@ def test_mistakes_are_named(
     assert error_of(1, *words, "--live", "live.rrd").fields == ("live",)
     text = " ".join(run("doctor").stdout.split())
     assert "ratslam --live" in text and "pip install 'fusionslam[live]'" in text
+
+
+def test_foxglove_is_served_while_the_map_is_made(
+    words: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    from fusionslam.report.live.foxglove_view import FoxgloveView
+
+    step, seen = FoxgloveView.step, dict[str, Any]()
+    viewers: list[Viewer] = []
+
+    def watched(self: FoxgloveView, *more: Any) -> None:
+        if not viewers:
+            viewers.append(Viewer(self.url))
+            viewers[0].subscribe("map", "cloud", "image", "views")
+            while not self._server.is_wanted("cloud"):
+                time.sleep(0.001)
+        step(self, *more)
+
+    def ended(self: FoxgloveView) -> None:
+        self._server.close()
+        seen.update(viewers[0].receive_rest())
+
+    monkeypatch.setattr(FoxgloveView, "step", watched)
+    monkeypatch.setattr(FoxgloveView, "_end", ended)
+    assert "ws://127.0.0.1:" in succeeds(*words, "--live", "ws://127.0.0.1:0").stderr
+    assert len(seen["views"]) == len(LAPS)
+    assert [each.id for each in seen["map"][-1].entities] == ["nodes", "links", "loops"]
+    assert len(cloud_of(seen["cloud"][-1])[0])
+
+
+def test_a_port_in_use_and_no_address_are_named(words: list[Any]) -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        line = fails(2, *words, "--live", f"ws://127.0.0.1:{port}")
+    assert str(port) in line and "--live" in line
+    for live in ("ws://127.0.0.1", "ws://:8765", "ws://a:port", "ws://a:1/path"):
+        assert error_of(2, *words, "--live", live).fields == (live,)

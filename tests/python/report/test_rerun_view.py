@@ -20,7 +20,7 @@ from fusionslam.ratslam import Motion, RatSlam, Sighting
 from fusionslam.ratslam.events import Event, Look
 from fusionslam.ratslam.slam import Step
 from fusionslam.ratslam.view_sources import TemplateSource
-from fusionslam.report.maps.rerun_view import LiveView
+from fusionslam.report.live.rerun_view import RerunView
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
 
@@ -51,7 +51,7 @@ def circle() -> Trajectory:
 
 def record_view(path: Path, events: Any = None, **more: Any) -> tuple[RatSlam, list[Step]]:
     slam, steps = RatSlam(), []
-    with LiveView(path, "circle", **more) as view:
+    with RerunView(path, "circle", **more) as view:
         for event in drive() if events is None else events:
             steps.append(slam.step(event))
             view.step(steps[-1], slam, event)
@@ -116,13 +116,13 @@ def test_the_last_rows_are_the_map_and_the_pose_in_the_end(tmp_path: Path) -> No
 
 
 def test_the_name_of_a_bag_is_no_warning(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    LiveView(tmp_path / "run.rrd", "small_house_20s.bag: a half / b").close()
+    RerunView(tmp_path / "run.rrd", "small_house_20s.bag: a half / b").close()
     assert "WARN" not in capfd.readouterr().err
 
 
 def test_the_activity_of_the_cells_is_shown_at_each_look(tmp_path: Path) -> None:
     slam, activity = RatSlam(), []
-    with LiveView(tmp_path / "run.rrd") as view:
+    with RerunView(tmp_path / "run.rrd") as view:
         for event in drive(2.0):
             step = slam.step(event)
             view.step(step, slam, event)
@@ -169,7 +169,7 @@ def test_what_was_seen_is_shown_small(tmp_path: Path, kind: str) -> None:
         "frame": Frame(stamp_ns=START, images={"left": image}),
         "item": Look(START, image),
     }[kind]
-    with LiveView(tmp_path / "run.rrd") as view:
+    with RerunView(tmp_path / "run.rrd") as view:
         view.step(slam.step(event), slam, event)
     (row,) = rows(tmp_path / "run.rrd")["/image"]
     read = np.asarray(Image.open(io.BytesIO(bytes(row[2]["blob"][0]))))
@@ -179,7 +179,7 @@ def test_what_was_seen_is_shown_small(tmp_path: Path, kind: str) -> None:
 
 def test_of_many_images_five_a_second_are_shown(tmp_path: Path) -> None:
     slam, image = RatSlam(views=TemplateSource()), views_of_a_stripe()
-    with LiveView(tmp_path / "run.rrd") as view:
+    with RerunView(tmp_path / "run.rrd") as view:
         for k in range(30):
             event = Look(START + k * 50 * MS, image)
             view.step(slam.step(event), slam, event)
@@ -191,7 +191,7 @@ def test_of_what_a_template_keeps_its_blocks_are_shown(tmp_path: Path) -> None:
     source = TemplateSource()
     slam, kept = RatSlam(views=source), source.templates.view(views_of_a_stripe())
     event = Look(START, kept)
-    with LiveView(tmp_path / "run.rrd") as view:
+    with RerunView(tmp_path / "run.rrd") as view:
         view.step(slam.step(event), slam, event)
     (row,) = rows(tmp_path / "run.rrd")["/image"]
     read = np.asarray(Image.open(io.BytesIO(bytes(row[2]["blob"][0]))))
@@ -201,7 +201,7 @@ def test_of_what_a_template_keeps_its_blocks_are_shown(tmp_path: Path) -> None:
 
 def test_a_refused_loop_is_a_warning(tmp_path: Path) -> None:
     slam, events = RatSlam(), list(drive(0.5))
-    with LiveView(tmp_path / "run.rrd") as view:
+    with RerunView(tmp_path / "run.rrd") as view:
         for event in events:
             step = replace(slam.step(event), why="no loop", refused=None)
             view.step(step, slam, event)
@@ -218,7 +218,7 @@ def test_a_run_says_the_same_twice(tmp_path: Path) -> None:
 
 def test_a_long_run_shows_its_map_less_and_less_often(tmp_path: Path) -> None:
     slam = RatSlam()
-    with LiveView(tmp_path / "run.rrd") as view:
+    with RerunView(tmp_path / "run.rrd") as view:
         step = slam.step(Motion(START, 0.0, 0.0))
         for second in range(1000):
             view.step(replace(step, stamp_ns=START + second * 10**9), slam)
@@ -243,7 +243,7 @@ def test_an_interrupted_run_leaves_a_file_that_reads_up_to_there(tmp_path: Path)
 def test_until_it_is_closed_the_old_file_stays(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     path.write_text("old")
-    slam, view = RatSlam(), LiveView(path)
+    slam, view = RatSlam(), RerunView(path)
     view.step(slam.step(Motion(START, 0.5, 0.0)), slam)
     assert path.read_text() == "old"
     view.close()
@@ -267,10 +267,10 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 from fusionslam import DataError
 from fusionslam.ratslam import RatSlam, Sighting
 from fusionslam.ratslam.events import Look
-from fusionslam.report.maps.rerun_view import LiveView
+from fusionslam.report.live.rerun_view import RerunView
 slam, noise = RatSlam(), np.random.default_rng(0)
 try:
-    with LiveView({path!r}) as view:
+    with RerunView({path!r}) as view:
         for k in range(20):
             step = slam.step(Sighting(k * 10**9, k))
             view.step(step, slam, Look(0, noise.integers(0, 255, (240, 320, 3), np.uint8)))
@@ -296,9 +296,9 @@ def test_what_cannot_be_written_is_named_before_the_run(tmp_path: Path) -> None:
     (tmp_path / "folder.rrd").mkdir()
     for name in ("file/run.rrd", "folder.rrd"):
         with pytest.raises(DataError, match=name):
-            LiveView(tmp_path / name)
+            RerunView(tmp_path / name)
     with pytest.raises(ConfigError, match=r"run\.mcap"):
-        LiveView(tmp_path / "run.mcap")
+        RerunView(tmp_path / "run.mcap")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.rrd"]
 
 
@@ -307,7 +307,7 @@ def test_without_rerun_the_line_that_installs_it_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(FusionSlamError) as caught:
-        LiveView(tmp_path / "run.rrd")
+        RerunView(tmp_path / "run.rrd")
     assert (caught.value.code, caught.value.fields) == ("missing-extra", ("live",))
 
 
@@ -342,7 +342,7 @@ def test_a_viewer_that_does_not_start_is_an_error(monkeypatch: pytest.MonkeyPatc
     viewer = Viewer(spawns=False, stays=False)
     monkeypatch.setattr("rerun.RecordingStream", lambda *_, **__: viewer)
     with pytest.raises(FusionSlamError, match="no executable") as caught:
-        LiveView()
+        RerunView()
     assert caught.value.code == "no-viewer"
 
 
@@ -352,7 +352,7 @@ def test_closing_the_viewer_does_not_end_the_run(
     viewer = Viewer(spawns=True, stays=False)
     monkeypatch.setattr("rerun.RecordingStream", lambda *_, **__: viewer)
     slam = RatSlam()
-    with LiveView() as view:
+    with RerunView() as view:
         for event in drive(1.0):
             view.step(slam.step(event), slam, event)
     assert viewer.rows and viewer.left

@@ -16,6 +16,7 @@ _CLASSES = {
     "mapper": "PlaceMapper",
     "lv_analyzer": "ViewAnalyzer",
     "lv_dataset_creator": "DatasetCreator",
+    "live_view": "LiveView",
 }
 NODES = tuple(_CLASSES)
 """Their names."""

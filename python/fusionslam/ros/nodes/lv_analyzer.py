@@ -39,7 +39,7 @@ STATISTICS = "view_statistics"
 _RECENT = 100
 """Number of recent images kept until their views arrive."""
 
-_SHARES = ("accuracy", "precision", "recall", "loop_recall", "loop_precision")
+SHARES = ("accuracy", "precision", "recall", "loop_recall", "loop_precision")
 
 
 class ViewAnalyzerConfig(CommonConfig):
@@ -178,7 +178,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
 
     def _statistics(self, stamp_ns: int) -> Any:
         report = self._running.report()
-        shares = {name: getattr(report, name) for name in _SHARES}
+        shares = {name: getattr(report, name) for name in SHARES}
         return make(
             VIEW_STATISTICS,
             header=header(stamp_ns, ""),

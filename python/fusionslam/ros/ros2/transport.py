@@ -28,6 +28,7 @@ Endpoint = Any
 """A publisher as the graph describes it: TopicEndpointInfo, of other modules in other versions."""
 
 _LOOK_S = 0.1
+_UNKNOWN = "an unknown node"
 _CLOSING_S = 5.0
 
 
@@ -146,8 +147,9 @@ class _Source:
         same = [each for each in usable if each.topic_type == first]
         is_reliable = all(_is_reliable(each) for each in same)
         is_kept = all(_is_kept(each) for each in same)
-        if not self._entry.shared and len(same) > 1:
-            self._report_several(same)
+        named = [each for each in same if _sender(each) != _UNKNOWN]
+        if not self._entry.shared and len(named) > 1:
+            self._report_several(named)
         if self._offered is not None:
             kind, was_reliable, was_kept = self._offered
             if kind == first and was_reliable <= is_reliable and was_kept <= is_kept:
@@ -226,7 +228,7 @@ def _refuse(response: Any, code: str, text: str) -> Any:
 
 def _sender(publisher: Endpoint) -> str:
     if publisher.node_name.startswith("_"):  # its node is not known yet, or it is of no ROS node
-        return "an unknown node"
+        return _UNKNOWN
     space = publisher.node_namespace.rstrip("/")
     return f"{space}/{publisher.node_name}"
 
