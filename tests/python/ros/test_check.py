@@ -52,7 +52,8 @@ class Result:
 SCRIPT = """
 import json, sys
 from fusionslam.ros.check.robot import check_robot
-found = check_robot(sys.argv[2:], float(sys.argv[1]), lambda *step: None)
+from fusionslam.ros.ros1.robot import connect
+found = check_robot(connect, sys.argv[2:], float(sys.argv[1]), lambda *step: None)
 print(json.dumps({
     "works": found.works,
     "problems": {each.what: each.code for each in found.findings if not each.fine},

@@ -319,8 +319,8 @@ def test_every_missing_sensor_is_a_fault() -> None:
 
 
 def test_an_argument_that_is_no_remapping_is_refused_before_anything_is_asked() -> None:
-    from fusionslam.ros.check.robot import check_robot
+    from fusionslam.ros.ros1.robot import connect
 
     with pytest.raises(ConfigError, match="odom=/wheels") as refused:
-        check_robot(["odom=/wheels"], 1.0, lambda what, done, total: None)
+        connect(["odom=/wheels"]).__enter__()
     assert refused.value.code == "no-remapping"
