@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of ROS 2 nodes from the library's configuration."""
 
-import re
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -48,11 +47,6 @@ def declare_parameters(node: Node, config: Section) -> None:
             node.set_descriptor(name, descriptor)
         else:
             node.declare_parameter(name, _value_of(value), descriptor)
-
-
-def with_dots(text: str) -> str:
-    """Return a text with names of parameters as ROS 2 writes them: fusion.voxel."""
-    return re.sub(r"~(\w[\w/.]*\w|\w)", lambda found: found[1].replace("/", "."), text)
 
 
 def _value_of(value: Any) -> Any:

@@ -12,7 +12,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.ros.check.graph import Robot
 from fusionslam.ros.ros2.advice import ADVICE
 from fusionslam.ros.ros2.environment import need_ros2
-from fusionslam.ros.ros2.start import ros2_node
+from fusionslam.ros.ros2.start import ros2_node, with_dots
 from fusionslam.ros.topic_choice import INPUT_TOPICS, expand_launch_argument
 
 _FLAG = "--ros-args"
@@ -33,7 +33,7 @@ def connect(arguments: Sequence[str]) -> Iterator[Robot]:
     """
     need_ros2()
     from fusionslam.ros.ros2.graph import read_graph
-    from fusionslam.ros.ros2.parameters import given_parameters, with_dots
+    from fusionslam.ros.ros2.parameters import given_parameters
     from fusionslam.ros.ros2.transport import Ros2Transport
 
     remappings, options = _split(arguments)

@@ -3,6 +3,7 @@
 """Run the nodes in ROS 2."""
 
 import logging
+import re
 import signal
 import sys
 import threading
@@ -109,9 +110,12 @@ def _check_arguments(others: Sequence[str]) -> None:
     )
 
 
-def _log(node: Any, level: int, text: str) -> None:
-    from fusionslam.ros.ros2.parameters import with_dots
+def with_dots(text: str) -> str:
+    """Return a text with names of parameters as ROS 2 writes them: fusion.voxel."""
+    return re.sub(r"~(\w[\w/.]*\w|\w)", lambda found: found[1].replace("/", "."), text)
 
+
+def _log(node: Any, level: int, text: str) -> None:
     console, text = node.get_logger(), with_dots(text)
     if level < logging.WARNING:
         console.info(text)
@@ -122,7 +126,5 @@ def _log(node: Any, level: int, text: str) -> None:
 
 
 def _end(code: int, name: str, message: str) -> None:
-    from fusionslam.ros.ros2.parameters import with_dots
-
     print(message if code != _WRONG else with_dots(message), file=sys.stderr)
     raise SystemExit(code)
