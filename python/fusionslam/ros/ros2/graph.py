@@ -8,12 +8,15 @@ import rclpy
 from rclpy.node import Node
 
 from fusionslam.datasets.bags.reader import Topic
+from fusionslam.datasets.bags.topics import ROLES
 from fusionslam.ros.check.graph import Graph
 from fusionslam.ros.messages.library import own_type
 from fusionslam.ros.ros2.transport import Endpoint, offers_reliable, sender_of
 
 _UNKNOWN = "INVALID"
 """Text of an unknown TypeHash. Humble has none of any type."""
+
+_SENSOR_TYPES = {each for types in ROLES.values() for each in types}
 
 
 def read_graph(node: Node) -> Graph:
@@ -26,14 +29,18 @@ def read_graph(node: Node) -> Graph:
     domain, middleware = node.context.get_domain_id(), rclpy.get_rmw_implementation_identifier()
     return Graph(
         where=f"domain {domain}, {middleware}",
-        topics={
-            name: Topic(name, own_type(found[0].topic_type), 1) for name, found in offers.items()
-        },
+        topics={name: Topic(name, _type_of(found), 1) for name, found in offers.items()},
         publishers={name: [*map(sender_of, found)] for name, found in offers.items()},
         sim_time=bool(node.get_parameter("use_sim_time").value),
         reliable={name: all(map(offers_reliable, found)) for name, found in offers.items()},
         foreign={name: _foreign(node, name, found) for name, found in offers.items()},
     )
+
+
+def _type_of(publishers: Sequence[Endpoint]) -> str:
+    """Return the type of a topic: the first that nodes listen to, as only they would."""
+    types = [own_type(each.topic_type) for each in publishers]
+    return next((each for each in types if each in _SENSOR_TYPES), types[0])
 
 
 def _foreign(node: Node, topic: str, publishers: Sequence[Endpoint]) -> list[str]:
