@@ -140,7 +140,7 @@ def print_check(connect: "Connect", arguments: list[str], seconds: float, group:
     print_findings(found.findings, "note")
     print(found.verdict)
     if found.launch:
-        print("to start:", shlex.join(["fusionslam", group, "launch", *found.launch]))
+        print("to start:", shlex.join(found.launch))
     if found.again:
         print("to check again:", shlex.join(["fusionslam", group, "check", *found.again]))
     if not found.works:

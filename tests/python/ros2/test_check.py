@@ -84,7 +84,10 @@ def test_the_remappings_that_it_names_make_it_well(world: Ros2World) -> None:
     assert found.works and found.problems["true poses"] == "not-published" and not found.again
     assert "2.00 Hz" in found.rows["topic /points"]
     assert found.rows["extrinsics"] == "camera <- base <- velodyne, from TF"
-    assert found.nodes[-1] == "ratslam"
+    assert found.nodes[-1] == "ratslam" and found.launch[3:5] == [
+        "ratslam.launch.py",
+        "scan:=/points",
+    ]
 
 
 def test_the_command_prints_overview_findings_and_advice(world: Ros2World) -> None:

@@ -51,7 +51,7 @@ class Advice:
         several: what nodes do with messages of several publishers of a topic.
         silent: why nothing may arrive on a topic.
         unreachable: what to do if the address of a publisher is wrong.
-        has_launch_files: whether there are launch files of the nodes.
+        launch: the command that starts one of the launch files.
     """
 
     graph: str
@@ -66,7 +66,7 @@ class Advice:
     several: str
     silent: str
     unreachable: str
-    has_launch_files: bool
+    launch: Callable[[str], Sequence[str]]
 
 
 @dataclass(frozen=True, eq=False)

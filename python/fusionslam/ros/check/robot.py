@@ -58,7 +58,7 @@ class Check:
         nodes: the nodes that can work.
         files: the launch files that can work.
         lacking: what some nodes lack: "clouds", "odometry" or "truth".
-        launch: name and arguments of the launch file that uses most of the robot; empty if none.
+        launch: the command for the launch file that uses most of the robot; empty if none.
         works: whether data_fusion can work as requested.
     """
 
@@ -136,8 +136,8 @@ def judge(evidence: Evidence) -> Check:
         source_parameter = evidence.advice.parameter("source", "visual_templates")
         nodes.append(f"lv_matching with {source_parameter}")
     # The launch files make clouds of scans.
-    has_files = evidence.advice.has_launch_files and source == "lidar"
-    files = [name for name, needs in _FILES.items() if needs <= present and has_files]
+    files = [name for name, needs in _FILES.items() if needs <= present and source == "lidar"]
+    start = evidence.advice.launch(files[-1]) if files else []
     return Check(
         overview=evidence.overview,
         findings=[*list_findings(evidence)],
@@ -145,7 +145,7 @@ def judge(evidence: Evidence) -> Check:
         nodes=nodes,
         files=files,
         lacking=[what for what in _LACKS if what not in present],
-        launch=[files[-1], *_launch_arguments(evidence, files[-1])] if files else [],
+        launch=[*start, *_launch_arguments(evidence, files[-1])] if files else [],
         works="clouds" in present and not any(choices[r].is_guess for r in needed_roles(source)),
     )
 

@@ -28,5 +28,5 @@ ADVICE = Advice(
     unreachable=(
         "set ROS_IP where it runs to an address that is known here; if it crashed, rosnode cleanup"
     ),
-    has_launch_files=True,
+    launch=lambda file: ["fusionslam", "ros", "launch", file],
 )

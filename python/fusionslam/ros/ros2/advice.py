@@ -31,5 +31,5 @@ ADVICE = Advice(
     several="nodes mix the messages of all",
     silent=("is the sensor connected, is a bag paused or over, does a firewall hold back UDP?"),
     unreachable="",
-    has_launch_files=False,
+    launch=lambda file: ["ros2", "launch", "fusionslam_ros2", f"{file}.launch.py"],
 )
