@@ -5,13 +5,16 @@
 import logging
 import shlex
 from collections.abc import Iterable
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fusionslam.cli.console import print_findings, progress
 from fusionslam.cli.failures import DATA
 from fusionslam.cli.options import completed_from
+
+if TYPE_CHECKING:
+    from fusionslam.ros.check.robot import Connect
 
 app = typer.Typer(
     help="Run the ROS 1 nodes, with or without a catkin workspace.",
@@ -22,6 +25,10 @@ app = typer.Typer(
 # All further arguments are for ROS, even if they look like options.
 PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 Passed = Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", show_default=False)]
+Seconds = Annotated[
+    float,
+    typer.Option("--seconds", min=1, help="How long to wait for a sensor, and then to listen."),
+]
 
 
 def list_nodes() -> Iterable[str]:
@@ -99,15 +106,26 @@ def check(
             "as data_fusion does (_fusion/source:=stereo).",
         ),
     ] = None,
-    seconds: Annotated[
-        float,
-        typer.Option("--seconds", min=1, help="How long to wait for a sensor, and then to listen."),
-    ] = 5.0,
+    seconds: Seconds = 5.0,
 ) -> None:
     """Check that a running robot, or a bag being played, has what the nodes need.
 
     Listens to topics, transforms and calibration and fuses a first cloud, but publishes nothing.
     The exit code is 0 if data_fusion can work, else 1.
+    """
+    from fusionslam.ros.ros1.robot import connect
+
+    print_check(connect, arguments or [], seconds, "ros")
+
+
+def print_check(connect: "Connect", arguments: list[str], seconds: float, group: str) -> None:
+    """Check a robot, print the result and exit with 1 if data_fusion cannot work.
+
+    Args:
+        connect: that of ROS 1 or ROS 2.
+        arguments: of the command line.
+        seconds: how long to wait for a sensor, and then to listen.
+        group: of the command: "ros" or "ros2".
     """
     from fusionslam.ros.check.robot import check_robot
 
@@ -115,15 +133,15 @@ def check(
     logging.disable(logging.ERROR)
     try:
         with progress() as step:
-            found = check_robot(arguments or [], seconds, step)
+            found = check_robot(connect, arguments, seconds, step)
     finally:
         logging.disable(logging.NOTSET)
     print(found.overview, end="\n\n")
     print_findings(found.findings, "note")
     print(found.verdict)
     if found.launch:
-        print("to start:", shlex.join(["fusionslam", "ros", "launch", *found.launch]))
+        print("to start:", shlex.join(found.launch))
     if found.again:
-        print("to check again:", shlex.join(["fusionslam", "ros", "check", *found.again]))
+        print("to check again:", shlex.join(["fusionslam", group, "check", *found.again]))
     if not found.works:
         raise typer.Exit(DATA)

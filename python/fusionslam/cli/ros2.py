@@ -9,7 +9,7 @@ import typer
 
 from fusionslam.cli.console import progress
 from fusionslam.cli.options import completed_from
-from fusionslam.cli.ros import PASSED_ON, Passed, list_nodes
+from fusionslam.cli.ros import PASSED_ON, Passed, Seconds, list_nodes, print_check
 
 app = typer.Typer(
     help="Run the ROS 2 nodes, with or without a colcon workspace.",
@@ -70,3 +70,25 @@ def play(
     with progress() as step:
         count = play_bag(bag, how, step)
     print(f"{count} messages of {bag} are played")
+
+
+@app.command(context_settings=PASSED_ON)
+def check(
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME:=TOPIC]...",
+            help="Remappings of data_fusion's topics (velodyne_points:=/points), also by the short "
+            "names of launch files (scan:=/points), and its parameters (-p fusion.source:=stereo).",
+        ),
+    ] = None,
+    seconds: Seconds = 5.0,
+) -> None:
+    """Check that a running robot, or a bag being played, has what the nodes need.
+
+    Listens to topics, transforms and calibration and fuses a first cloud, but publishes none.
+    The exit code is 0 if data_fusion can work, else 1.
+    """
+    from fusionslam.ros.ros2.robot import connect
+
+    print_check(connect, arguments or [], seconds, "ros2")

@@ -22,6 +22,9 @@ INPUTS = {
     "truth": TRUTH,
 }
 """The nodes' topic name for each role."""
+TF_TOPICS = ("/tf", "/tf_static")
+INPUT_TOPICS = (*INPUTS.values(), *TF_TOPICS)
+"""The nodes' names of all topics that they may listen to."""
 LAUNCH_ARGUMENTS = {
     "points": "scan",
     "left": "image",
@@ -31,6 +34,13 @@ LAUNCH_ARGUMENTS = {
 }
 """The launch files' argument for each role."""
 _OF_MOTION = ("odometry", "truth")
+
+
+def expand_launch_argument(argument: str) -> str:
+    """Translate a topic as launch files take it, "scan:=/points", to the remapping they make."""
+    name, _, topic = argument.partition(":=")
+    names = {short: INPUTS[role] for role, short in LAUNCH_ARGUMENTS.items()}
+    return f"{names.get(name, name)}:={topic}"
 
 
 def needed_roles(source: str) -> Sequence[str]:

@@ -2,32 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """``fusionslam ros check`` on a live ROS: bags that are played, whole and lacking something."""
 
-import json
 import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from bags import drive, without, write_bag
+from bags import drive, without
 from cli import fails
 from fusionslam.datasets.bags import messages as conversions
 from fusionslam.datasets.bags import open_bag
 from fusionslam.sensors.messages import Event
+from robot_checks import AS_LAUNCHED, REMAPPINGS, Result, check_live, new_bag
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
 
-REMAPPINGS = (
-    "velodyne_points:=/points",
-    "camera/rgb/image_raw:=/camera/image",
-    "camera/rgb/camera_info:=/camera/camera_info",
-)
-AS_LAUNCHED = ("scan:=/points", "image:=/camera/image", "camera_info:=/camera/camera_info")
 COMMAND = (sys.executable, "-c", "from fusionslam.__main__ import main; main()", "ros", "check")
 
 
@@ -37,52 +30,14 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosWorld]:
         yield running
 
 
-@dataclass(frozen=True)
-class Result:
-    """Codes of problems by what was checked, rows of the overview, advice."""
-
-    works: bool
-    problems: dict[str, str]
-    rows: dict[str, str]
-    again: list[str]
-    launch: list[str]
-    nodes: list[str]
-
-
-SCRIPT = """
-import json, sys
-from fusionslam.ros.check.robot import check_robot
-found = check_robot(sys.argv[2:], float(sys.argv[1]), lambda *step: None)
-print(json.dumps({
-    "works": found.works,
-    "problems": {each.what: each.code for each in found.findings if not each.fine},
-    "rows": dict(found.overview.rows),
-    "again": found.again,
-    "launch": found.launch,
-    "nodes": found.nodes,
-}))
-"""
-
-
 def check(world: RosWorld, *arguments: str, seconds: float = 1.5) -> Result:
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(seconds), *arguments],
-        env=world.environment,
-        cwd=world.folder,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert not done.returncode, done.stderr
-    return Result(**json.loads(done.stdout))
+    return check_live(world, sys.executable, "ros1", *arguments, seconds=seconds)
 
 
 @contextmanager
 def playing(world: RosWorld, events: Iterable[Event], images: str = "raw") -> Iterator[None]:
     """Play a bag of these events."""
-    bag = world.folder / "drive.bag"
-    bag.unlink(missing_ok=True)
-    write_bag(bag, events, images=images)
+    bag = new_bag(world, events, images)
     player = world.run("rosbag", ["rosbag", "play", "--quiet", str(bag)])
     try:
         yield
@@ -105,7 +60,7 @@ def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
         found = check(world, "_node/queue:=50", "odom:=/wheels")
     assert not found.works and found.problems["scans"] == "not-published"
     assert {*found.again} == {*REMAPPINGS, "odom:=/odom", "_node/queue:=50"}
-    assert found.launch[:3] == ["ratslam", "scan:=/points", "image:=/camera/image"]
+    assert found.launch[3:6] == ["ratslam", "scan:=/points", "image:=/camera/image"]
     with playing(world, drive(40)):
         # Long enough for rates, however late the first messages come.
         found = check(world, *found.again, seconds=4)

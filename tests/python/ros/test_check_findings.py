@@ -22,6 +22,7 @@ from bags import (
 )
 from bags import TOPICS as TOPICS_OF_PAIR
 from fusionslam.errors import ConfigError
+from fusionslam.ros.ros2.advice import ADVICE
 from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms
 from robots import TOPICS, check_events, faults, finding, problems
 
@@ -83,7 +84,7 @@ def test_a_guessed_topic_gives_a_remapping_that_suffices() -> None:
     ]
     assert finding(check, "images").fields == (check.again[0],)
     assert finding(check, "fusing").fine and "data_fusion" in check.nodes
-    assert check.launch == [
+    assert check.launch[3:] == [
         "ratslam",
         "scan:=/points",
         "image:=/camera/image",
@@ -119,6 +120,28 @@ def test_two_publishers_of_a_topic_are_both_named() -> None:
     assert check.works
 
 
+def test_publishers_of_ros_2_that_do_not_resend_are_named() -> None:
+    reliable = {"/points": False, "/camera/image": True, "/odom": False}
+    check = check_events(drive(), advice=ADVICE, reliable=reliable)
+    assert check.works and not faults(check)
+    assert problems(check) == {"true poses": "not-published", "scans QoS": "best-effort"}
+
+
+def test_another_definition_of_a_type_is_a_fault_if_the_topic_is_needed() -> None:
+    foreign = {"/points": ["/humble"], "/odom": ["/humble"]}
+    check = check_events(drive(), advice=ADVICE, foreign=foreign)
+    assert faults(check) == {"scans type"}
+    assert finding(check, "odometry type").fields == ("/humble",)
+
+
+def test_advice_for_ros_2_is_in_its_own_words() -> None:
+    check = check_events(without(drive(), "/tf_static"), advice=ADVICE, asked=ELSEWHERE)
+    details = " ".join(each.detail for each in check.findings)
+    assert "--child-frame-id camera" in details and "-r camera/rgb/image_raw:=/camera" in details
+    assert not any(word in details for word in ("rosrun", "rosparam", "rosbag", "_online"))
+    assert check.launch[:3] == ["ros2", "launch", "fusionslam_ros2"]
+
+
 def test_a_silent_topic_says_whether_its_publisher_can_be_reached() -> None:
     events = without(drive(), "/points")
     assert finding(check_events(events, also=CLOUD), "scans rate").code == "silent"
@@ -132,7 +155,7 @@ def test_without_odometry_clouds_are_made_but_no_map() -> None:
     check = check_events(without(drive(), "/odom"), parameters={"fusion": {"frame": "scan"}})
     assert check.works and problems(check)["odometry"] == "not-published"
     assert "odometry" not in faults(check)
-    assert check.nodes == ON_CLOUDS and check.launch[0] == "two_stages"
+    assert check.nodes == ON_CLOUDS and check.launch[3] == "two_stages"
 
 
 def test_true_poses_are_found_and_make_judging_possible() -> None:
@@ -167,7 +190,7 @@ def test_a_calibration_that_cannot_be_used_is_a_fault(changes: dict[str, object]
     assert not check.works and faults(check) == {"fusing"}
     assert "CameraInfo" in finding(check, "fusing").detail
     assert check.nodes == ["ratslam", "lv_matching with _source:=visual_templates"]
-    assert check.launch[0] == "visual"
+    assert check.launch[3] == "visual"
 
 
 def test_stamps_of_zero_are_a_fault_unless_arrival_counts() -> None:
@@ -319,8 +342,8 @@ def test_every_missing_sensor_is_a_fault() -> None:
 
 
 def test_an_argument_that_is_no_remapping_is_refused_before_anything_is_asked() -> None:
-    from fusionslam.ros.check.robot import check_robot
+    from fusionslam.ros.ros1.robot import connect
 
     with pytest.raises(ConfigError, match="odom=/wheels") as refused:
-        check_robot(["odom=/wheels"], 1.0, lambda what, done, total: None)
+        connect(["odom=/wheels"]).__enter__()
     assert refused.value.code == "no-remapping"

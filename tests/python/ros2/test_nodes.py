@@ -79,7 +79,7 @@ def answer(world: Ros2World, code: str, *arguments: str) -> Any:
 
 
 def test_without_ros_2_the_commands_say_how_to_get_it() -> None:
-    for words in (("run", "data_fusion"), ("play", "drive.bag")):
+    for words in (("run", "data_fusion"), ("play", "drive.bag"), ("check",)):
         assert "make ros2" in fails(2 if words[0] == "run" else 1, "ros2", *words)
 
 

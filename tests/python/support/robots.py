@@ -12,9 +12,10 @@ from bags import SECOND, drive, write_bag
 from fusionslam.datasets.bags import Topic, open_bag
 from fusionslam.doctor import Finding
 from fusionslam.ros.check.evidence import Evidence
-from fusionslam.ros.check.master import Graph
+from fusionslam.ros.check.graph import Advice, Graph
 from fusionslam.ros.check.robot import Check, judge
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig
+from fusionslam.ros.ros1.advice import ADVICE
 from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.topic_choice import choose, roles_of
 from fusionslam.sensors.messages import Event, FrameTransforms
@@ -41,6 +42,9 @@ def check_events(
     unreachable: Mapping[str, str] | None = None,
     sim_time: bool = False,
     clock: bool = True,
+    advice: Advice = ADVICE,
+    reliable: Mapping[str, bool] | None = None,
+    foreign: Mapping[str, Sequence[str]] | None = None,
 ) -> Check:
     """What ``ros check`` finds in a bag of events; ``also`` has types of topics that are silent."""
     events = sorted(events, key=lambda event: event.time_ns)
@@ -53,7 +57,11 @@ def check_events(
         choices = choose(graph_topics, nodes, wanted)
         return judge(
             Evidence(
-                graph=Graph("http://robot:11311", graph_topics, nodes, sim_time),
+                advice=advice,
+                graph=Graph(
+                    *("http://robot:11311", graph_topics, nodes, sim_time),
+                    *(reliable or {}, foreign or {}),
+                ),
                 choices=choices,
                 roles={role: each.topic for role, each in choices.items() if each.topic},
                 bag=bag,

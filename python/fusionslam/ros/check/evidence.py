@@ -18,7 +18,7 @@ from fusionslam.fusion import SENSORS_OF
 from fusionslam.pipelines.bag_overview import Inspection
 from fusionslam.pipelines.first_frame import FirstCloud, try_frames
 from fusionslam.pipelines.overview import Overview, look_at_bag
-from fusionslam.ros.check.master import Graph
+from fusionslam.ros.check.graph import Advice, Graph
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig
 from fusionslam.ros.nodes.frame_node import frame_builder
 from fusionslam.ros.topic_choice import Choice
@@ -26,7 +26,7 @@ from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.frame_builder import FrameBuilder
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
 
-_OF_FILES = ("name", "kind", "folder", "fusion")
+_OF_FILES = ("name", "kind", "folder", "fusion", "checked")
 """Labels of an overview that say nothing about a running robot, or what a finding says."""
 
 
@@ -35,7 +35,8 @@ class Evidence:
     """The evidence gathered by listening.
 
     Attributes:
-        graph: state of the master.
+        advice: of the middleware.
+        graph: the topics of the robot.
         choices: chosen topics by role.
         roles: topics that were listened to, by role.
         bag: the messages that arrived.
@@ -43,9 +44,11 @@ class Evidence:
         seconds: how long it waited for messages, and then listened.
         unreachable: publishers that cannot be reached, with their addresses.
         clock: whether ROS time runs.
-        arguments: remappings and parameters of the nodes.
+        remappings: as given, NAME:=TOPIC.
+        options: the other arguments as given.
     """
 
+    advice: Advice
     graph: Graph
     choices: Mapping[str, Choice]
     roles: Mapping[str, str]
@@ -54,7 +57,8 @@ class Evidence:
     seconds: float
     unreachable: Mapping[str, str]
     clock: bool
-    arguments: Sequence[str] = ()
+    remappings: Sequence[str] = ()
+    options: Sequence[str] = ()
 
     @property
     def by_arrival(self) -> bool:

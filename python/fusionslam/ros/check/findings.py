@@ -16,7 +16,7 @@ from fusionslam.doctor import Finding
 from fusionslam.errors import DataError, cause_of, one_line
 from fusionslam.help_texts import counted
 from fusionslam.ros.check.evidence import Evidence
-from fusionslam.ros.check.master import CLOCK
+from fusionslam.ros.check.graph import CLOCK
 from fusionslam.ros.topic_choice import needed_roles
 from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture, Scan
 
@@ -30,24 +30,14 @@ _WORDS = {
     "truth": "true poses",
 }
 _CAMERA = "start the camera's driver"
-_CALIBRATE = "calibrate the camera (rosrun camera_calibration), its driver then publishes it"
 _ADVICE = {
     "points": "start the scanner's driver",
     "left": _CAMERA,
-    "camera_info": _CALIBRATE,
     "right": _CAMERA,
-    "right_camera_info": _CALIBRATE,
     "odometry": "ratslam and mapper need it; clouds are fused as if the robot stood still",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
 }
 _SET_CLOCKS = "set the clocks (chrony, PTP)"
-_PUBLISH = (
-    "start robot_state_publisher with the robot's URDF, or rosrun tf2_ros "
-    "static_transform_publisher X Y Z YAW PITCH ROLL {parent} {child}"
-)
-_AT_START = (
-    "a bag sends /tf_static once, at its start: start this first, then rosbag play; on a robot, "
-)
 _NO_POINTS = {
     "lidar": "; does the scanner look where the camera looks, and is the frame of the CameraInfo "
     "the optical one (z ahead, x right)?",
@@ -56,11 +46,14 @@ _NO_POINTS = {
 }
 _LATE = (
     "transforms, CameraInfo or odometry come too late or do not reach back to the scans; "
-    "data_fusion can wait longer (_online/wait)"
+    "data_fusion can wait longer ({})"
 )
 _APART_S = 1.0
 # Stamps further than this from ROS time come from another clock; they are not just late.
 _FAR_S = 10.0
+_QUALITIES = {None: "", True: ", reliable", False: ", best effort"}
+_LARGE = ("points", "left", "right")
+"""Roles with messages of many packets."""
 
 
 def list_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -69,6 +62,7 @@ def list_findings(evidence: Evidence) -> Iterator[Finding]:
     yield from _check_clock(evidence)
     for role in evidence.choices:
         yield _check_topic(evidence, role, role in needed)
+        yield from _check_publishers(evidence, role, role in needed)
         if role in evidence.source.roles:
             yield from _check_stamps(evidence, role)
             yield from _check_content(evidence, role)
@@ -80,15 +74,16 @@ def list_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _check_clock(evidence: Evidence) -> Iterator[Finding]:
-    graph = evidence.graph
+    graph, advice = evidence.graph, evidence.advice
     time = "sim time" if graph.sim_time else "wall time"
-    yield Finding("master", f"{graph.uri}, {counted(len(graph.topics), 'topic')}, {time}")
+    state = f"{graph.where}, {counted(len(graph.topics), 'topic')}, {time}"
+    if graph.topics or not advice.no_topics:
+        yield Finding(advice.graph, state)
+    else:
+        yield Finding(advice.graph, f"{state}: {advice.no_topics}", "no-topics")
     if graph.sim_time and not evidence.clock:
         fault = "stands at 0" if CLOCK in graph.topics else "is missing"
-        detail = (
-            f"use_sim_time is set, but {CLOCK} {fault}: start the simulator or rosbag play "
-            "--clock; on a real robot rosparam set use_sim_time false, and restart all nodes"
-        )
+        detail = f"use_sim_time is set, but {CLOCK} {fault}: {advice.no_clock}"
         yield Finding("clock", detail, "no-clock", [CLOCK] if CLOCK in graph.topics else [])
     roles, index = evidence.source.roles, evidence.source.index
     delays = {topic: _delay_s(index.series[topic]) for topic in roles.values()}
@@ -107,8 +102,7 @@ def _check_clock(evidence: Evidence) -> Iterator[Finding]:
     elif abs(usual) >= _FAR_S and not graph.sim_time:
         detail = (
             f"stamps lie {abs(usual):.0f} s {'before' if usual > 0 else 'after'} the time of this "
-            "machine, as in a bag: fine for the nodes; RViz needs rosparam set use_sim_time true "
-            "before rosbag play --clock"
+            f"machine, as in a bag: fine for the nodes; {advice.show_bag}"
         )
         yield Finding("clock", detail)
 
@@ -125,33 +119,55 @@ def _check_topic(evidence: Evidence, role: str, needed: bool) -> Finding:
     nodes = evidence.graph.publishers.get(choice.topic, ())
     if choice.topic and not choice.is_guess:
         if len(nodes) < 2:
-            return Finding(what, f"{choice.topic} of {', '.join(nodes)}")
+            quality = _QUALITIES[evidence.graph.reliable.get(choice.topic)]
+            return Finding(what, f"{choice.topic} of {', '.join(nodes)}{quality}")
         detail = (
-            f"{choice.topic} has {len(nodes)} publishers, {', '.join(nodes)}: nodes hear one of "
-            "them alone; stop the others, or remap them"
+            f"{choice.topic} has {len(nodes)} publishers, {', '.join(nodes)}: "
+            f"{evidence.advice.several}; stop the others, or remap them"
         )
         return Finding(what, detail, "many-publishers", tuple(nodes), optional=True)
     other = evidence.graph.topics.get(choice.asked)
     code = "wrong-type" if other else "not-published"
     detail = f"{choice.asked} is {f'a {other.type}' if other else 'not published'}"
     if not choice.topic:
+        calibrate = evidence.advice.calibrate
         types = " or ".join(name.partition("/")[2] for name in ROLES[role])
-        detail += f", and no other {types} would fit: {_ADVICE[role]}"
+        detail += f", and no other {types} would fit: {_ADVICE.get(role, calibrate)}"
         return Finding(what, detail, code, optional=not needed)
     more = f" (would fit, too: {', '.join(choice.others)})" if choice.others else ""
-    detail += f"; give the nodes {choice.remapping}{more}"
+    detail += f"; give the nodes {evidence.advice.remapping(choice.remapping)}{more}"
     return Finding(what, detail, code, (choice.remapping, *choice.others), optional=not needed)
+
+
+def _check_publishers(evidence: Evidence, role: str, needed: bool) -> Iterator[Finding]:
+    """Report publishers that may lose messages, or whose messages may be misread."""
+    topic, graph = evidence.choices[role].topic, evidence.graph
+    if role in _LARGE and not graph.reliable.get(topic, True):
+        detail = (
+            f"{topic} is best effort, so nodes subscribe as such: messages that lose a packet are "
+            "lost; if the rate is too low, raise net.core.rmem_max, or make the driver reliable"
+        )
+        yield Finding(f"{_WORDS[role]} QoS", detail, "best-effort", (topic,), optional=True)
+    if foreign := graph.foreign.get(topic):
+        detail = (
+            f"{', '.join(foreign)} publishes it with another type or definition than the "
+            f"{graph.topics[topic].type} of this machine (ros2 topic info -v {topic}): use the "
+            "same ROS distribution and the same version of its package"
+        )
+        yield Finding(
+            f"{_WORDS[role]} type", detail, "other-definition", (*foreign,), optional=not needed
+        )
 
 
 def _report_silence(evidence: Evidence, role: str, needed: bool) -> Finding:
     topic, code, fields = evidence.roles[role], "silent", tuple[str, ...]()
-    why = "is the sensor connected, is a bag paused or over?"
+    why = evidence.advice.silent
     for node in evidence.graph.publishers.get(topic, ()):
         if address := evidence.unreachable.get(node):
             code, fields = "unreachable", (node, address)
             why = (
-                f"{node} gives its address as {address}, where nothing answers: set ROS_IP where "
-                "it runs to an address that is known here; if it crashed, rosnode cleanup"
+                f"{node} gives its address as {address}, where nothing answers: "
+                f"{evidence.advice.unreachable}"
             )
     detail = f"nothing arrived on {topic} in {evidence.seconds:g} s: {why}"
     return Finding(f"{_WORDS[role]} rate", detail, code, fields, optional=not needed)
@@ -166,10 +182,14 @@ def _check_stamps(evidence: Evidence, role: str) -> Iterator[Finding]:
         what = f"{missing} of {len(stamps)} stamps are zero" if missing else "stamps do not rise"
         detail = (
             f"{what}: the driver has to stamp each message; until it does, start the nodes "
-            "with _node/stamps:=arrival"
+            f"with {_by_arrival(evidence)}"
         )
         code = "zero-stamps" if missing else "constant-stamps"
         yield Finding(f"{_WORDS[role]} rate", detail, code, (str(missing),))
+
+
+def _by_arrival(evidence: Evidence) -> str:
+    return evidence.advice.parameter("node/stamps", "arrival")
 
 
 def _check_content(evidence: Evidence, role: str) -> Iterator[Finding]:
@@ -184,7 +204,7 @@ def _check_content(evidence: Evidence, role: str) -> Iterator[Finding]:
     if role == "odometry" and isinstance(value, Odometry):
         frame = value.frame_id
         if frame and frame == online.truth_frame != online.odometry_frame:
-            remedy = f"_online/odometry_frame:={frame}"
+            remedy = evidence.advice.parameter("online/odometry_frame", frame)
             detail = f"in '{frame}', which data_fusion takes for true poses: {remedy}"
             yield Finding(what, detail, "taken-for-truth", (remedy,), optional=True)
 
@@ -195,7 +215,7 @@ def _check_delay(evidence: Evidence) -> Iterator[Finding]:
         is_moving = evidence.bag.topics[topic].type in TRANSFORM_TYPES and not is_static(topic)
         delay = _delay_s(series)
         if is_moving and evidence.config.online.wait < delay < _FAR_S:
-            wait = f"_online/wait:={2 * delay:.1f}"
+            wait = evidence.advice.parameter("online/wait", f"{2 * delay:.1f}")
             detail = f"{topic} arrives {delay:.1f} s late: start data_fusion with {wait}"
             yield Finding("TF delay", detail, "late-transforms", (wait,), optional=True)
 
@@ -213,10 +233,10 @@ def _check_links(evidence: Evidence) -> Iterator[Finding]:
             detail = (
                 f"the robot's frame is not known: TF has {', '.join(tree.frames) or 'no frames'}, "
                 "no base_footprint or base_link, and there is no odometry; name it with "
-                "_online/robot_frame:=NAME"
+                f"{evidence.advice.parameter('online/robot_frame', 'NAME')}"
             )
             yield Finding("TF robot", detail, "no-robot-frame")
-    advice = "" if "/tf_static" in evidence.bag.topics else _AT_START
+    advice = "" if "/tf_static" in evidence.bag.topics else evidence.advice.bag_transforms
     for what, target, source in links:
         if target == source:
             continue
@@ -226,8 +246,8 @@ def _check_links(evidence: Evidence) -> Iterator[Finding]:
             is_parent = target in tree.frames or what == "TF robot"
             parent, child = (target, source) if is_parent else (source, target)
             top = tree.root(child)
-            detail = f"{one_line(error)}: {advice}{_PUBLISH.format(parent=parent, child=top)}"
-            yield Finding(what, detail, error.code, (parent, top))
+            publish = evidence.advice.publish.format(parent=parent, child=top)
+            yield Finding(what, f"{one_line(error)}: {advice}{publish}", error.code, (parent, top))
 
 
 def _check_fusing(evidence: Evidence) -> Finding:
@@ -244,10 +264,11 @@ def _check_fusing(evidence: Evidence) -> Finding:
         code, cause = "no-frame", cause_of(overview.error)
         problem = one_line(overview.error)
         if cause[0] == NO_PAIRS:
-            problem += f": {_SET_CLOCKS}, or start the nodes with _node/stamps:=arrival"
+            problem += f": {_SET_CLOCKS}, or start the nodes with {_by_arrival(evidence)}"
     elif overview.fusion is not None and overview.fusion.problem:
         code, problem = "no-frame", overview.fusion.problem
     else:
-        code, problem = "late-messages", _LATE
+        wait = evidence.advice.parameter("online/wait", 2 * evidence.config.online.wait)
+        code, problem = "late-messages", _LATE.format(wait)
     problem = problem.removeprefix(f"{evidence.bag.path}: ")
     return Finding("fusing", f"not possible: {problem}", code, cause)

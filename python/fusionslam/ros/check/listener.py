@@ -3,29 +3,25 @@
 """Listen to a robot as the nodes would, without publishing anything."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
-
-import rospy
 
 from fusionslam.datasets.bags.reader import Bag, OnError, RawMessage, Topic
+from fusionslam.datasets.bags.topics import ROLES, TRANSFORM_TYPES
 from fusionslam.errors import DataError
-from fusionslam.ros.check.master import read_graph
+from fusionslam.ros.check.graph import Robot
 from fusionslam.ros.messages.types import CLOUD, IMAGES
-from fusionslam.ros.ros1.messages import delivery_of
-from fusionslam.ros.ros1.transport import BUFFER_BYTES
 from fusionslam.ros.runtime.message_queue import Arrival, MessageQueue
-from fusionslam.ros.topic_choice import choose
+from fusionslam.ros.runtime.node import Input
+from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.topic_choice import INPUTS, TF_TOPICS, choose
 from fusionslam.sensors.messages import Message
 
 Progress = Callable[[str, int, int], None]
 
-TF_TOPICS = ("/tf", "/tf_static")
-"""The topics of TF, which are roles as well."""
 _LIMIT_BYTES = 1 << 29
 _QUEUE = 1000
 _LOOK_S = 0.2
@@ -99,28 +95,29 @@ class TopicListener:
     """Listens to the topics of the nodes, or to the best guess for a missing topic.
 
     Args:
-        asked: topics of the nodes by role, and the remapped names of /tf and /tf_static; rospy
-            itself must know no remappings, or it would remap the guesses.
+        robot: what it listens to.
+        roles: which the nodes need, of ``INPUTS``.
         only_one_s: as ``MessageQueue``.
 
     Attributes:
         bag: the messages that arrived.
-        graph: the latest answer of the master.
+        graph: the latest one of the robot.
         choices: chosen topics by role.
         roles: topics that were listened to, by role.
 
     Raises:
-        FusionSlamError: the master does not answer.
+        FusionSlamError: nobody knows the topics.
     """
 
-    def __init__(self, asked: Mapping[str, str], only_one_s: float) -> None:
+    def __init__(self, robot: Robot, roles: Sequence[str], only_one_s: float) -> None:
         self.bag, self.roles = ObservedBag(), dict[str, str]()
-        self._asked = {role: topic for role, topic in asked.items() if role not in TF_TOPICS}
+        self._robot = robot
+        self._asked = {role: robot.topics[INPUTS[role]] for role in roles}
         self._waiting = MessageQueue(_QUEUE, only_one_s)
-        self._subscribers: dict[str, Any] = {}
+        self._subscribed: set[str] = set()
         # Subscribe before anyone publishes: a bag sends its static transforms once, at its start.
-        for role in TF_TOPICS:
-            self._subscribe(role, asked[role])
+        for name in TF_TOPICS:
+            self._subscribe(name, robot.topics[name], TRANSFORM_TYPES)
         self._subscribe_new()
 
     def listen(self, seconds: float, progress: Progress) -> None:
@@ -130,10 +127,8 @@ class TopicListener:
         """
         self._poll_until("waiting", seconds, progress, self._has_messages)
         if self._has_messages():
-            self._poll_until("listening", seconds, progress, rospy.is_shutdown)
+            self._poll_until("listening", seconds, progress, self._robot.transport.is_shut_down)
         self._subscribe_new()
-        for subscriber in self._subscribers.values():
-            subscriber.unregister()
 
     def _has_messages(self) -> bool:
         return any(topic in self.bag.topics for topic in self.roles.values())
@@ -154,30 +149,35 @@ class TopicListener:
 
     def _subscribe_new(self) -> None:
         """Subscribe to topics that have appeared since."""
-        self.graph = read_graph()
+        self.graph = self._robot.read_graph()
         self.choices = choose(self.graph.topics, self.graph.publishers, self._asked)
         for role, choice in self.choices.items():
             # Keep topics that have ended meanwhile.
-            if choice.topic and self.roles.get(role) != choice.topic:
-                self.roles[role] = choice.topic
-                self._subscribe(role, choice.topic)
+            if choice.topic:
+                self.roles = {**self.roles, role: choice.topic}  # another thread looks into it
+                self._subscribe(choice.topic, choice.topic, ROLES[role])
 
-    def _subscribe(self, role: str, topic: str) -> None:
-        if role in self._subscribers:
-            self._subscribers[role].unregister()
-        self._subscribers[role] = rospy.Subscriber(
-            topic,
-            rospy.AnyMsg,
-            self._queue,
-            # The name of a transform topic tells whether it is static, even if it was remapped.
-            callback_args=role if role in TF_TOPICS else topic,
-            buff_size=BUFFER_BYTES,
-            tcp_nodelay=True,
-        )
+    def _subscribe(self, name: str, topic: str, types: Sequence[str]) -> None:
+        """Subscribe to a topic once.
 
-    def _queue(self, message: Any, topic: str) -> None:
-        """Note the arrival time in a thread of rospy; leave the rest to the main thread."""
-        now_ns, delivery = rospy.Time.now().to_nsec(), delivery_of(message)
-        # Like the nodes, listen only to the first of two publishers.
-        publisher = None if topic in TF_TOPICS else delivery.sender
-        self._waiting.put(Arrival(topic, delivery, time.monotonic(), now_ns), publisher)
+        Args:
+            name: of a transform topic, which tells whether it is static even if it was remapped.
+            topic: full name.
+            types: messages of other types are ignored.
+        """
+        if topic in self._subscribed:
+            return
+        self._subscribed.add(topic)
+
+        def take(delivery: Delivery) -> None:
+            is_transform = name in TF_TOPICS
+            # A topic that was guessed at first may have given way to the one asked for.
+            if delivery.type in types and (is_transform or name in self.roles.values()):
+                # Like the nodes, listen only to the first of two publishers.
+                publisher = None if is_transform else delivery.sender
+                now_ns = self._robot.transport.now_ns()
+                arrival = Arrival(name, delivery, time.monotonic(), now_ns)
+                self._waiting.put(arrival, publisher)
+
+        entry = Input(topic, types, take, shared=name in TF_TOPICS)
+        self._robot.transport.subscribe(entry, take, queue=_QUEUE)

@@ -63,8 +63,10 @@ def _run(name: str, arguments: Sequence[str]) -> None:
 
 
 @contextmanager
-def ros2_node(name: str, arguments: Sequence[str], is_ending: threading.Event) -> Iterator[Any]:
-    """Make a node of rclpy; SIGINT and SIGTERM set ``is_ending``.
+def ros2_node(
+    name: str, arguments: Sequence[str], is_ending: threading.Event | None = None
+) -> Iterator[Any]:
+    """Make a node of rclpy; SIGINT and SIGTERM set ``is_ending``, or act as in any Python.
 
     Raises:
         ConfigError: an argument that is not one of ROS 2.
@@ -74,16 +76,21 @@ def ros2_node(name: str, arguments: Sequence[str], is_ending: threading.Event) -
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
 
-    _check_arguments(remove_ros_args([name, *arguments])[1:])
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: is_ending.set())
+    if is_ending is not None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: is_ending.set())
     try:
+        others = remove_ros_args([name, *arguments])[1:]
         rclpy.init(args=[name, *arguments], signal_handler_options=SignalHandlerOptions.NO)
         node = rclpy.create_node(name, automatically_declare_parameters_from_overrides=True)
     except (RuntimeError, ValueError, ParameterException) as error:
         rclpy.try_shutdown()
-        raise ConfigError(f"ROS 2 does not start: {' '.join(str(error).split())}") from error
+        reason, _, _ = str(error).partition(", at /")  # a place in rcl's source
+        raise ConfigError(
+            f"ROS 2 does not start: {type(error).__name__}: {' '.join(reason.split())}"
+        ) from error
     try:
+        _check_arguments(others)
         yield node
     finally:
         node.destroy_node()
@@ -103,8 +110,13 @@ def _check_arguments(others: Sequence[str]) -> None:
     )
 
 
+def with_dots(text: str) -> str:
+    """Return a text with names of parameters as ROS 2 writes them: fusion.voxel."""
+    return re.sub(r"~(\w[\w/.]*\w|\w)", lambda found: found[1].replace("/", "."), text)
+
+
 def _log(node: Any, level: int, text: str) -> None:
-    console, text = node.get_logger(), _with_dots(text)
+    console, text = node.get_logger(), with_dots(text)
     if level < logging.WARNING:
         console.info(text)
     elif level == logging.WARNING:
@@ -114,10 +126,5 @@ def _log(node: Any, level: int, text: str) -> None:
 
 
 def _end(code: int, name: str, message: str) -> None:
-    print(message if code != _WRONG else _with_dots(message), file=sys.stderr)
+    print(message if code != _WRONG else with_dots(message), file=sys.stderr)
     raise SystemExit(code)
-
-
-def _with_dots(text: str) -> str:
-    """Return a text with names of parameters as ROS 2 writes them: fusion.voxel."""
-    return re.sub(r"~(\w[\w/.]*\w|\w)", lambda found: found[1].replace("/", "."), text)

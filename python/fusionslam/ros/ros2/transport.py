@@ -99,7 +99,7 @@ class Ros2Transport:
     def has_publisher(self, topic: str, publisher: str) -> bool:
         """As ``Transport``."""
         source = self._sources.get(topic)
-        return source is not None and publisher in map(_sender, source.publishers())
+        return source is not None and publisher in map(sender_of, source.publishers())
 
     def close(self) -> None:
         """Stop spinning: a process that ends while rclpy runs aborts."""
@@ -136,7 +136,7 @@ class _Source:
         """Publishers of the topic other than this node."""
         found = self._node.get_publishers_info_by_topic(self._topic)
         own = self._node.get_fully_qualified_name()
-        return sorted((each for each in found if _sender(each) != own), key=_sender)
+        return sorted((each for each in found if sender_of(each) != own), key=sender_of)
 
     def update(self) -> None:
         """Subscribe, or do so again if publishers offer less than is asked for."""
@@ -145,16 +145,16 @@ class _Source:
             return
         first = usable[0].topic_type
         same = [each for each in usable if each.topic_type == first]
-        is_reliable = all(_is_reliable(each) for each in same)
+        is_reliable = all(offers_reliable(each) for each in same)
         is_kept = all(_is_kept(each) for each in same)
-        named = [each for each in same if _sender(each) != _UNKNOWN]
+        named = [each for each in same if sender_of(each) != _UNKNOWN]
         if not self._entry.shared and len(named) > 1:
             self._report_several(named)
         if self._offered is not None:
             kind, was_reliable, was_kept = self._offered
             if kind == first and was_reliable <= is_reliable and was_kept <= is_kept:
                 return
-        self._subscribe(first, is_reliable, is_kept, _sender(same[0]))
+        self._subscribe(first, is_reliable, is_kept, sender_of(same[0]))
 
     def _subscribe(self, type_name: str, is_reliable: bool, is_kept: bool, sender: str) -> None:
         if self._subscription is not None:
@@ -187,14 +187,14 @@ class _Source:
         """Tell whether a publisher has a type of the input; one of another type is reported."""
         plain = own_type(publisher.topic_type)
         if plain not in self._entry.types:
-            if (publisher.topic_type, _sender(publisher)) not in self._refused:
-                self._refused.add((publisher.topic_type, _sender(publisher)))
-                self._take(Delivery(plain, _sender(publisher), 0, partial(_read, b"", plain)))
+            if (publisher.topic_type, sender_of(publisher)) not in self._refused:
+                self._refused.add((publisher.topic_type, sender_of(publisher)))
+                self._take(Delivery(plain, sender_of(publisher), 0, partial(_read, b"", plain)))
             return False
         return True
 
     def _report_several(self, publishers: list[Endpoint]) -> None:
-        names = " and ".join(map(_sender, publishers))
+        names = " and ".join(map(sender_of, publishers))
         logger.warning(
             "%s: several publishers, %s, whose messages contradict each other: stop one of them, "
             "or remap its topic",
@@ -226,14 +226,16 @@ def _refuse(response: Any, code: str, text: str) -> Any:
     return response
 
 
-def _sender(publisher: Endpoint) -> str:
-    if publisher.node_name.startswith("_"):  # its node is not known yet, or it is of no ROS node
+def sender_of(endpoint: Endpoint) -> str:
+    """Return the full name of the node of a publisher or subscription."""
+    if endpoint.node_name.startswith("_"):  # its node is not known yet, or it is of no ROS node
         return _UNKNOWN
-    space = publisher.node_namespace.rstrip("/")
-    return f"{space}/{publisher.node_name}"
+    space = endpoint.node_namespace.rstrip("/")
+    return f"{space}/{endpoint.node_name}"
 
 
-def _is_reliable(publisher: Endpoint) -> bool:
+def offers_reliable(publisher: Endpoint) -> bool:
+    """Tell whether a publisher resends messages that were lost."""
     return bool(publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
 
 

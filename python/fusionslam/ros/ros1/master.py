@@ -4,8 +4,7 @@
 
 import os
 import socket
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from http.client import HTTPException
 from urllib.parse import urlparse
 from xml.parsers.expat import ExpatError
@@ -13,29 +12,12 @@ from xmlrpc import client
 
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.errors import FusionSlamError
+from fusionslam.ros.check.graph import Graph
 
-CLOCK = "/clock"
 # Errors raised if no ROS master answers at the address.
 _NO_MASTER = (OSError, ValueError, client.Error, HTTPException, ExpatError)
 _OWN = "/fusionslam_check"
 _PATIENCE_S = 3.0
-
-
-@dataclass(frozen=True)
-class Graph:
-    """The state of a ROS master at one time.
-
-    Attributes:
-        uri: address of the master.
-        topics: published topics by name; each counts as one message.
-        publishers: the nodes that publish each topic.
-        sim_time: whether the parameter use_sim_time is set.
-    """
-
-    uri: str
-    topics: Mapping[str, Topic]
-    publishers: Mapping[str, Sequence[str]]
-    sim_time: bool
 
 
 def read_graph() -> Graph:
