@@ -192,7 +192,7 @@ def test_changes_lost_at_the_end_are_logged(
 
 def test_ten_times_as_many_small_messages_may_wait() -> None:
     queue = MessageQueue(limit=3, only_one_s=1.0)
-    lost = [queue.put(Arrival("odom", k, 0.0, 0), "/base", is_small=True) for k in range(31)]
+    lost = [queue.put(Arrival("odom", k, 0.0, 0), "/base", is_many=True) for k in range(31)]
     assert lost == [None] * 30 + [TOO_MANY]
     first = queue.get(0.0)
     assert first is not None and first.message == 1

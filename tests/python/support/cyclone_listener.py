@@ -22,6 +22,10 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 PATIENCE_S = 120
+LOOPBACK = """<CycloneDDS><Domain>
+<General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>
+<Discovery><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
 
 
 @dataclass
@@ -59,6 +63,7 @@ class PointCloud2(IdlStruct, typename="sensor_msgs::msg::dds_::PointCloud2_"):
 
 def main() -> None:
     """Wait for the first cloud."""
+    os.environ["CYCLONEDDS_URI"] = LOOPBACK
     topic, path = sys.argv[1:]
     participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
     quality = Qos(Policy.Reliability.Reliable(duration(seconds=10)), Policy.History.KeepLast(5))

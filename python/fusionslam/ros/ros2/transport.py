@@ -29,6 +29,8 @@ Endpoint = Any
 
 _LOOK_S = 0.1
 _UNKNOWN = "an unknown node"
+_LOOKS = 20
+"""After so many looks a publisher without a known node is taken."""
 _CLOSING_S = 5.0
 
 
@@ -131,6 +133,7 @@ class _Source:
         self._subscription: Subscription | None = None
         self._offered: tuple[str, bool, bool] | None = None
         self._refused: set[tuple[str, str]] = set()
+        self._senders, self._looks = "", 0
 
     def publishers(self) -> list[Endpoint]:
         """Publishers of the topic other than this node."""
@@ -141,22 +144,30 @@ class _Source:
     def update(self) -> None:
         """Subscribe, or do so again if publishers offer less than is asked for."""
         usable = [each for each in self.publishers() if self._is_usable(each)]
-        if not usable:
+        if not usable or not self._are_known(usable):
             return
         first = usable[0].topic_type
         same = [each for each in usable if each.topic_type == first]
+        self._senders = " and ".join(map(sender_of, same))
         is_reliable = all(offers_reliable(each) for each in same)
         is_kept = all(_is_kept(each) for each in same)
-        named = [each for each in same if sender_of(each) != _UNKNOWN]
-        if not self._entry.shared and len(named) > 1:
-            self._report_several(named)
+        if not self._entry.shared and len(same) > 1:
+            self._report_several()
         if self._offered is not None:
             kind, was_reliable, was_kept = self._offered
             if kind == first and was_reliable <= is_reliable and was_kept <= is_kept:
                 return
-        self._subscribe(first, is_reliable, is_kept, sender_of(same[0]))
+        self._subscribe(first, is_reliable, is_kept)
 
-    def _subscribe(self, type_name: str, is_reliable: bool, is_kept: bool, sender: str) -> None:
+    def _are_known(self, publishers: list[Endpoint]) -> bool:
+        """Tell whether the nodes of publishers are known, which is a little later than these.
+
+        Those of programs without ROS never are.
+        """
+        self._looks += any(sender_of(each) == _UNKNOWN for each in publishers)
+        return self._looks > _LOOKS or all(sender_of(each) != _UNKNOWN for each in publishers)
+
+    def _subscribe(self, type_name: str, is_reliable: bool, is_kept: bool) -> None:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
         plain = own_type(type_name)
@@ -167,13 +178,13 @@ class _Source:
             "%s: %s, as %s publishes it",
             self._topic,
             "reliable" if is_reliable else "best effort",
-            sender,
+            self._senders,
         )
         self._subscription = self._node.create_subscription(
             message_class(plain),
             self._topic,
             lambda data: self._take(
-                Delivery(plain, sender, len(data), partial(_read, data, plain))
+                Delivery(plain, self._senders, len(data), partial(_read, data, plain), False)
             ),
             QoSProfile(
                 depth=self._queue,
@@ -193,13 +204,12 @@ class _Source:
             return False
         return True
 
-    def _report_several(self, publishers: list[Endpoint]) -> None:
-        names = " and ".join(map(sender_of, publishers))
+    def _report_several(self) -> None:
         logger.warning(
             "%s: several publishers, %s, whose messages contradict each other: stop one of them, "
             "or remap its topic",
             self._topic,
-            names,
+            self._senders,
             extra={"cause": ("second-publisher", self._topic)},
         )
 

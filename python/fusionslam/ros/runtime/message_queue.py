@@ -75,13 +75,14 @@ class MessageQueue:
         with self._changed:
             return self._dropped.copy()
 
-    def put(self, arrival: Arrival, publisher: str | None, *, is_small: bool = False) -> str | None:
+    def put(self, arrival: Arrival, publisher: str | None, *, is_many: bool = False) -> str | None:
         """Add a message; return the reason if a message of the topic was dropped, else None.
 
         Args:
             arrival: the message.
             publisher: its sender, if the topic must have only one publisher; else None.
-            is_small: whether the topic's messages are small and many, such as odometry.
+            is_many: whether the topic's messages are small and many, such as odometry, or of
+                several publishers.
         """
         with self._changed:
             self._taken[arrival.topic] += 1
@@ -89,7 +90,7 @@ class MessageQueue:
                 self._dropped[arrival.topic, SECOND_PUBLISHER] += 1
                 return SECOND_PUBLISHER
             queue = self._waiting.setdefault(arrival.topic, deque())
-            is_full = len(queue) == self.limit_of(is_many=is_small or publisher is None)
+            is_full = len(queue) == self.limit_of(is_many=is_many)
             if is_full:
                 queue.popleft()
                 self._dropped[arrival.topic, TOO_MANY] += 1

@@ -15,7 +15,9 @@ class Delivery:
 
     Attributes:
         type: its ROS type, as "nav_msgs/Odometry".
-        sender: the full name of the node that published it.
+        sender: the full name of the node that published it; where the middleware does not tell
+            the publishers of a topic apart, the names of all.
+        is_of_sender: whether it tells them apart.
         size: bytes.
         read: deserialises it, as another type if one is given. Raises DataError.
     """
@@ -24,6 +26,7 @@ class Delivery:
     sender: str
     size: int
     read: Callable[..., Any]
+    is_of_sender: bool = True
 
 
 class Publisher(Protocol):

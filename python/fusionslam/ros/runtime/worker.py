@@ -79,8 +79,8 @@ class Worker:
         sender = delivery.sender
         arrival = Arrival(topic, delivery, time.monotonic(), self._now_ns())
         entry = self.inputs[topic]
-        publisher = None if entry.shared else sender
-        lost = self.queue.put(arrival, publisher, is_small=entry.small)
+        publisher = sender if delivery.is_of_sender and not entry.shared else None
+        lost = self.queue.put(arrival, publisher, is_many=entry.small or entry.shared)
         if lost == SECOND_PUBLISHER:
             first = self.queue.publisher_of(topic)
             self.problems.add(
