@@ -63,8 +63,22 @@ def test_types_and_bytes_are_those_that_rosbags_makes(
         assert type_name.startswith("fusionslam_msgs/msg/")
         assert hashes[topic] == type_store().hash_rihs01(type_name)
     for _, type_name, data in contents:
-        message = type_store().deserialize_cdr(data, type_name)
-        assert bytes(type_store().serialize_cdr(message, type_name)) == data
+        assert_same_bytes(data, type_name)
+
+
+def assert_same_bytes(data: bytes, type_name: str) -> None:
+    """Those of rosbags, but for what fills gaps before larger numbers and at the end."""
+    store = type_store()
+
+    def write(content: bytes) -> bytes:
+        return bytes(store.serialize_cdr(store.deserialize_cdr(content, type_name), type_name))
+
+    wanted = write(data)
+    assert len(data) == len(wanted) + -len(wanted) % 4
+    for place in (k for k in range(len(wanted)) if wanted[k] != data[k]):
+        changed = bytearray(wanted)
+        changed[place] ^= 255
+        assert write(bytes(changed)) == wanted
 
 
 def test_another_distribution_reads_the_clouds(played_bag: PlayedBag, tmp_path: Path) -> None:

@@ -137,13 +137,24 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
 def test_a_best_effort_scanner_is_heard_and_a_second_one_is_named(tmp_path: Path) -> None:
     with Ros2World(tmp_path) as world:
         node = world.node("data_fusion")
-        run(world, "first", PUBLISH, "PointCloud2", "RELIABLE")
-        wait_until(lambda: "/velodyne_points: reliable" in world.log("data_fusion"), "the first")
-        run(world, "second", PUBLISH, "PointCloud2", "BEST_EFFORT")
+        run(world, "first", PUBLISH, "PointCloud2", "BEST_EFFORT")
+        wait_until(lambda: "points: best effort" in world.log("data_fusion"), "the first")
+        # What it sends has no fields.
+        wait_until(lambda: "point fields are none" in world.log("data_fusion"), "what it sends")
+        run(world, "second", PUBLISH, "PointCloud2", "RELIABLE")
         wait_until(lambda: "several publishers" in world.log("data_fusion"), "the second")
-        wait_until(lambda: "points: best effort" in world.log("data_fusion"), "best effort")
-        wait_until(lambda: "stamp is zero" in world.log("data_fusion"), "what both send")
         assert world.end(node, signal.SIGTERM) == 0
+
+
+@needs_ros2
+def test_a_node_asks_for_less_when_a_publisher_offers_less(tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        world.node("data_fusion")
+        first = run(world, "first", PUBLISH, "PointCloud2", "RELIABLE")
+        wait_until(lambda: "points: reliable" in world.log("data_fusion"), "the first")
+        world.end(first)
+        run(world, "second", PUBLISH, "PointCloud2", "BEST_EFFORT")
+        wait_until(lambda: "points: best effort" in world.log("data_fusion"), "the second")
 
 
 @needs_ros2

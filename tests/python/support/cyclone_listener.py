@@ -71,14 +71,9 @@ def main() -> None:
     print("ready", flush=True)
     for cloud in reader.take_iter(timeout=duration(seconds=PATIENCE_S)):
         stamp = cloud.header.stamp
-        found = (
-            stamp.sec * 10**9 + stamp.nanosec,
-            cloud.header.frame_id,
-            cloud.width,
-            cloud.point_step,
-        )
+        about = stamp.sec * 10**9 + stamp.nanosec, cloud.header.frame_id, cloud.width
         with open(path, "wb") as file:
-            pickle.dump((*found, bytes(cloud.data)), file)
+            pickle.dump((*about, bytes(cloud.data)), file)
         return
     raise SystemExit(f"nothing came on {topic}")
 
