@@ -15,7 +15,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from benchmarks.ros.world import ROOT, Listener, RosWorld
+from benchmarks.ros.world import ROOT, Listener, RosWorld, wait_until
 
 JAZZY = ROOT / ".venv-ros2"
 PEERS = ROOT / ".venv-ros2-peers"
@@ -50,6 +50,18 @@ class Ros2World(RosWorld):
         command = [*fusionslam("ros2", "run"), name, "--ros-args", *given]
         return self.start_node(name, command, ready=ready)
 
+    def connect(self, listener: "Ros2Listener | None" = None, **heard: str) -> None:
+        """Wait until nodes have subscribed to topics of others, and a listener to all of theirs.
+
+        Args:
+            listener: what is to hear the same topics.
+            heard: topic by node.
+        """
+        for node, topic in heard.items():
+            wait_until(lambda n=node, t=topic: f" {t}: " in self.log(n), f"{node} to hear {topic}")
+            if listener is not None:
+                listener.wait_for(topic)
+
     def peer(self, name: str, script: Path, *arguments: str) -> "subprocess.Popen[Any]":
         """A program in the environment of others."""
         return self.run(name, [str(PEERS / "bin" / "python"), str(script), *arguments])
@@ -78,6 +90,11 @@ class Ros2Listener(Listener):
         path = self._world.folder / f"{id(self)}.pickle"
         self._ask(f"keep {path}")
         return [(topic, kind, data) for topic, kind, data, _ in pickle.loads(path.read_bytes())]
+
+    def wait_for(self, *topics: str) -> None:
+        """Wait until topics that it listens to are subscribed to."""
+        for topic in {*topics} & {*self._topics}:
+            wait_until(lambda t=topic: self.type_hash(t), f"the listener to hear {topic}")
 
     def type_hash(self, topic: str) -> str:
         """The hash of the type that a topic's publisher gives; empty without one."""

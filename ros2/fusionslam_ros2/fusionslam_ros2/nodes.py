@@ -12,7 +12,7 @@ from launch_ros.actions import Node
 
 PACKAGE = "fusionslam_ros2"
 SENSORS = "scan", "image", "camera_info", "odom"
-COMMON = "parameters", "rviz", "use_sim_time"
+COMMON = "parameters", "rviz", "live", "use_sim_time"
 ARGUMENTS = {  # of each the default and a description; that of a topic is the nodes' name for it
     "scan": ("velodyne_points", "topic of the scans"),
     "image": ("camera/rgb/image_raw", "topic of the images, compressed or not"),
@@ -28,6 +28,7 @@ ARGUMENTS = {  # of each the default and a description; that of a topic is the n
     "read_only": ("false", "whether the robot is only found on the map"),
     "parameters": ("", "YAML of parameters, by node"),
     "rviz": ("false", "whether to show all in RViz 2"),
+    "live": ("false", "whether to serve Foxglove, at ws://127.0.0.1:8765"),
     "use_sim_time": ("false", "whether the time is that of /clock"),
 }
 Given = Mapping[str, str]
@@ -98,12 +99,15 @@ def mapper(given: Given) -> Node:
     return _node(given, "mapper", _topics(given, *SENSORS), of_the_map)
 
 
-def rviz(given: Given, picture: str) -> list[Node]:
-    """Show a picture in RViz 2, if that is wanted."""
-    if given["rviz"] != "true":
-        return []
+def tools(given: Given, picture: str) -> list[Node]:
+    """Show a picture in RViz 2, and serve a live view, if that is wanted."""
+    shown = [_rviz(given, picture)] if given["rviz"] == "true" else []
+    return [*shown, *([_node(given, "live_view")] if given["live"] == "true" else [])]
+
+
+def _rviz(given: Given, picture: str) -> Node:
     path = Path(get_package_share_directory(PACKAGE)) / "rviz" / f"{picture}.rviz"
-    shown = Node(
+    return Node(
         package="rviz2",
         executable="rviz2",
         name="rviz",
@@ -111,7 +115,6 @@ def rviz(given: Given, picture: str) -> list[Node]:
         parameters=[_clock(given)],
         remappings=[*_topics(given, "image").items()],
     )
-    return [shown]
 
 
 def _node(

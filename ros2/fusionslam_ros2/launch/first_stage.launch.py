@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The first experiment: places recognised by their objects."""
 
-from fusionslam_ros2.nodes import SENSORS, data_fusion, describe, rviz, views
+from fusionslam_ros2.nodes import SENSORS, data_fusion, describe, tools, views
 from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
     return describe(
         (*SENSORS, "truth", "views_file"),
-        lambda given: [data_fusion(given), *views(given, "objects"), *rviz(given, "clouds")],
+        lambda given: [data_fusion(given), *views(given, "objects"), *tools(given, "clouds")],
     )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loops closed by the descriptors of coloured clouds."""
 
-from fusionslam_ros2.nodes import SENSORS, data_fusion, describe, loop_closure, rviz
+from fusionslam_ros2.nodes import SENSORS, data_fusion, describe, loop_closure, tools
 from launch import LaunchDescription
 
 
@@ -12,6 +12,6 @@ def generate_launch_description() -> LaunchDescription:
         lambda given: [
             data_fusion(given, keep_ground=True),
             loop_closure(given),
-            *rviz(given, "loops"),
+            *tools(given, "loops"),
         ],
     )

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map that lasts: extended by the robot's drive, or known, to find the robot on."""
 
-from fusionslam_ros2.nodes import SENSORS, describe, mapper, rviz
+from fusionslam_ros2.nodes import SENSORS, describe, mapper, tools
 from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
     return describe(
         (*SENSORS, "site", "session", "read_only"),
-        lambda given: [mapper(given), *rviz(given, "mapper")],
+        lambda given: [mapper(given), *tools(given, "mapper")],
     )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The third experiment: a map of recognised places."""
 
-from fusionslam_ros2.nodes import SENSORS, data_fusion, describe, ratslam, rviz, views
+from fusionslam_ros2.nodes import SENSORS, data_fusion, describe, ratslam, tools, views
 from launch import LaunchDescription
 
 
@@ -13,6 +13,6 @@ def generate_launch_description() -> LaunchDescription:
             data_fusion(given, keep_ground=given["views"] == "cm2dp"),
             *views(given, given["views"]),
             ratslam(given),
-            *rviz(given, "map"),
+            *tools(given, "map"),
         ],
     )

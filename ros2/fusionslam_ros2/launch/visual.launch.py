@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The original RatSLAM: places recognised by images."""
 
-from fusionslam_ros2.nodes import describe, ratslam, rviz, views
+from fusionslam_ros2.nodes import describe, ratslam, tools, views
 from launch import LaunchDescription
 
 
@@ -12,6 +12,6 @@ def generate_launch_description() -> LaunchDescription:
         lambda given: [
             *views(given, "visual_templates"),
             ratslam(given),
-            *rviz(given, "visual"),
+            *tools(given, "visual"),
         ],
     )

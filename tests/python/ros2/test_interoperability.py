@@ -19,6 +19,7 @@ from benchmarks.ros.ros2_world import (
 from benchmarks.ros.world import wait_until
 from fusionslam.datasets.bags.messages import value_of
 from fusionslam.sensors.messages import Scan
+from live_results import CONNECTIONS
 from ros_master import PlayedBag
 
 pytestmark = pytest.mark.skipif(bool(lacking), reason=lacking)
@@ -53,6 +54,7 @@ def test_types_and_bytes_are_those_that_rosbags_makes(
     with Ros2World(tmp_path) as world:
         listener = world.listen(*OURS)
         start_all(world, played_bag)
+        world.connect(listener, **CONNECTIONS, loop_closure="/rgb_cloud")
         world.play(played_bag.path, "--rate", "5")
         listener.settle()
         contents = [each for each in listener.contents() if each[0] in OURS]

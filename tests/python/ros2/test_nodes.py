@@ -165,6 +165,9 @@ def test_views_go_on_after_their_node_was_killed(played_bag: PlayedBag, tmp_path
         matching = world.node("lv_matching", keep)
         world.node("lv_builder")
         world.node("data_fusion", *played_bag.sensors)
+        heard = {"lv_builder": "/rgb_cloud", "lv_matching": "/current_scene_description"}
+        world.connect(**heard)
+        listener.wait_for("/LocalView/Template")
         world.play(played_bag.path, "--rate", "8", "--stop", "10")
         listener.settle()
         before = listener.messages()["/LocalView/Template"]

@@ -19,6 +19,12 @@ from ros_master import PlayedBag
 
 POINTS = ("--topic", "points=/velodyne_points")
 CLOUD = ("--set", "fusion.frame=robot", "--set", "fusion.ground=height")
+CONNECTIONS = {
+    "lv_builder": "/rgb_cloud",
+    "lv_matching": "/current_scene_description",
+    "ratslam": "/LocalView/Template",
+}
+"""Of whom nodes hear that turn clouds into a map."""
 OUTPUTS = (
     "/rgb_cloud",
     "/LocalView/Template",

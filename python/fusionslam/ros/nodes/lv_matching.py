@@ -113,7 +113,21 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def _take_odometry(self, odometry: Odometry) -> None:
         self._has_odometry = True
         if self._order is not None:
-            self._process(self._order.add(odometry))
+            self._sort(self._order, odometry, ODOM)
+
+    def _sort(self, order: StampOrder, event: Event, topic: str) -> None:
+        """Process what an event completes."""
+        before = order.too_late
+        events = order.add(event)
+        if order.too_late > before:
+            self.counts["too late"] += 1
+            self.problems.add(
+                topic,
+                "a message came after later ones had been used and is dropped: its way here takes "
+                f"longer than ~order/wait, which is {self.config.order.wait:g} s",
+                "too-late",
+            )
+        self._process(events)
 
     def _process(self, events: Sequence[Event]) -> None:
         for event in events:
@@ -135,7 +149,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
         if self._order is None:
             self._look(view, stamp_ns, frame_id)
             return
-        self._process(self._order.add(Look(stamp_ns, _Waiting(view, frame_id))))
+        self._sort(self._order, Look(stamp_ns, _Waiting(view, frame_id)), DESCRIPTIONS)
         self._stop_waiting(stamp_ns)
 
     def _stop_waiting(self, stamp_ns: int) -> None:
