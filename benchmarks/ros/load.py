@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What data_fusion loses and adds in ROS 2 under load: python -m benchmarks.ros.load.
+"""What data_fusion loses and adds in ROS 2 under load: python -m benchmarks.ros.load [--write].
 
 A process of plain rclpy publishes clouds of 120,000 points and images of 640 x 480 at 10 Hz for a
 minute, reliably, on the loopback; another one listens to them and to what data_fusion makes of
 them. Latency added is from the arrival of a cloud at the listener to that of the coloured one.
+With --write the table goes into docs/guides/ros2.md.
 """
 
 import argparse
@@ -13,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.markdown import table
+from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.ros.__main__ import first_arrivals, processor_shares
 from benchmarks.ros.ros2_world import JAZZY, PUBLISHER, Ros2World, lacking
 from benchmarks.ros.world import REPORTS
 
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "ros2.md"
 SCANS, CLOUDS = "/velodyne_points", "/rgb_cloud"
 INPUTS = (SCANS, "/camera/rgb/image_raw", "/camera/rgb/camera_info")
 _MARGIN_S = 600
@@ -29,10 +31,14 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=120_000)
     parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--write", action="store_true")
     arguments = parser.parse_args()
     if lacking:
         raise SystemExit(lacking)
-    print(measure(arguments.points, arguments.rate, arguments.seconds))
+    found = measure(arguments.points, arguments.rate, arguments.seconds)
+    print(found)
+    if arguments.write:
+        write_between(PAGE, "load", found)
 
 
 def measure(points: int, rate: float, seconds: float) -> str:
