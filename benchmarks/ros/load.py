@@ -46,6 +46,7 @@ def measure(points: int, rate: float, seconds: float) -> str:
     with tempfile.TemporaryDirectory() as folder, Ros2World(Path(folder)) as world:
         listener = world.listen(*INPUTS, CLOUDS, REPORTS)
         world.node("data_fusion", "_online.robot_frame:=camera", "_fusion.frame:=scan")
+        listener.wait_for(CLOUDS)
         python, sizes = str(JAZZY / "bin" / "python"), map(str, (points, rate, seconds))
         publisher = world.run("publisher", [python, str(PUBLISHER), *sizes])
         assert publisher.wait(seconds + _MARGIN_S) == 0, world.log("publisher")
