@@ -14,6 +14,7 @@ import pytest
 from cli import succeeds
 from fusionslam.datasets import open_dataset
 from fusionslam.mapping import PlaceMap
+from place_maps import assert_same_map
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
 pytestmark = needs_ros
@@ -72,27 +73,6 @@ def count_keyframes(path: Path) -> int:
         return 0
     with PlaceMap.open(path, read_only=True) as site:
         return len(site)
-
-
-def assert_same_map(path: Path, other: Path) -> None:
-    with PlaceMap.open(path, read_only=True) as found, PlaceMap.open(other, read_only=True) as site:
-        assert found.check() == [] and found.sessions == site.sessions
-        for session in (each.name for each in site.sessions):
-            stamps, poses = found.trajectory(session)
-            wanted_stamps, wanted = site.trajectory(session)
-            assert stamps.tolist() == wanted_stamps.tolist()
-            assert found.frames(session).tolist() == site.frames(session).tolist()
-            np.testing.assert_allclose(poses, wanted, rtol=0, atol=1e-9)
-        assert len(found.edges) == len(site.edges)
-        for edge, same in zip(found.edges, site.edges, strict=True):
-            assert (edge.kind, edge.a, edge.b, edge.state) == (
-                same.kind,
-                same.a,
-                same.b,
-                same.state,
-            )
-            np.testing.assert_allclose(edge.pose, same.pose, rtol=0, atol=1e-9)
-            np.testing.assert_allclose(edge.covariance, same.covariance, rtol=1e-6, atol=1e-12)
 
 
 def test_the_map_of_two_drives_is_that_of_the_command(

@@ -12,13 +12,10 @@ import pytest
 
 from cli import succeeds
 from fusionslam import LoopDetector
-from fusionslam.datasets.bags.messages import stamp_of, value_of
+from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.evaluation.views.judge import judge_views
-from fusionslam.fusion import ROBOT_FUSION
-from fusionslam.registration import RegistrationConfig
-from fusionslam.sensors.frame import Cloud
-from fusionslam.sensors.messages import Scan
 from fusionslam.views.scene_set import SceneSet
+from live_results import assert_same_loops
 from ros_master import PlayedBag, RosWorld, needs_ros
 
 pytestmark = needs_ros
@@ -63,27 +60,9 @@ def driven(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> D
 
 
 def test_loops_are_those_of_the_detector(driven: Driven) -> None:
-    planar = RegistrationConfig(method="planar")
-    detector = LoopDetector("cm2dp", window=2, fusion=ROBOT_FUSION, registration=planar)
-    scans = [
-        value_of(message, "sensor_msgs/PointCloud2", "")
-        for message in driven.messages["/rgb_cloud"]
-    ]
-    wanted = []
-    for scan in scans:
-        assert isinstance(scan, Scan)
-        loop = detector.add(Cloud(scan.points, scan.colors), stamp_ns=scan.stamp_ns)
-        wanted += [loop] if loop else []
-    found = driven.messages["/loop_closures"]
-    assert len(wanted) > 3
-    assert [(each.query, each.match) for each in found] == [(w.query, w.match) for w in wanted]
-    np.testing.assert_array_equal([e.distance for e in found], [w.distance for w in wanted])
-    assert [(each.probability, each.overlap) for each in found] == [
-        (loop.probability, loop.overlap) for loop in wanted
-    ]
-    for each in found:
-        assert stamp_of(each.match_stamp) == scans[each.match].stamp_ns
-    assert len(LoopDetector.load(driven.folder / "loops")) == len(scans)
+    clouds = driven.messages["/rgb_cloud"]
+    assert_same_loops(driven.messages["/loop_closures"], clouds)
+    assert len(LoopDetector.load(driven.folder / "loops")) == len(clouds)
 
 
 def test_a_loop_says_where_the_robot_is_against_then(driven: Driven) -> None:

@@ -12,8 +12,12 @@ from cli import succeeds
 from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.se2 import wrapped
+from fusionslam.loop_closure import LoopDetector
 from fusionslam.ratslam.map_export import link_offsets
+from fusionslam.registration import RegistrationConfig
+from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import NANOSECONDS, Scan
 from ros_master import PlayedBag
 
@@ -165,3 +169,23 @@ def heading(rotation: Any) -> float:
 
 def ground(position: Any, rotation: Any) -> tuple[float, float, float]:
     return position.x, position.y, heading(rotation)
+
+
+def assert_same_loops(loops: list[Any], clouds: list[Any]) -> None:
+    """Messages of loop_closure, with a window of 2, are what a detector finds in the clouds."""
+    planar = RegistrationConfig(method="planar")
+    detector = LoopDetector("cm2dp", window=2, fusion=ROBOT_FUSION, registration=planar)
+    scans = [value_of(message, "sensor_msgs/PointCloud2", "") for message in clouds]
+    wanted = []
+    for scan in scans:
+        assert isinstance(scan, Scan)
+        loop = detector.add(Cloud(scan.points, scan.colors), stamp_ns=scan.stamp_ns)
+        wanted += [loop] if loop else []
+    assert len(wanted) > 3
+    assert [(each.query, each.match) for each in loops] == [(w.query, w.match) for w in wanted]
+    np.testing.assert_array_equal([each.distance for each in loops], [w.distance for w in wanted])
+    found = [(each.probability, each.overlap) for each in loops]
+    assert found == [(loop.probability, loop.overlap) for loop in wanted]
+    stamps_ns = [stamp_of(message.header.stamp) for message in clouds]
+    for each in loops:
+        assert stamp_of(each.match_stamp) == stamps_ns[each.match]
