@@ -191,3 +191,20 @@ def test_services_answer_with_the_reason(tmp_path: Path) -> None:
         found, code, reason, solved = answer(world, LOCALIZE)
         assert not found and code == "no-frame" and "sensors" in reason and solved
         assert world.end(node) == 0
+
+
+@needs_ros2
+def test_a_bag_that_is_played_again_gives_all_clouds_again(
+    played_bag: PlayedBag, tmp_path: Path
+) -> None:
+    with Ros2World(tmp_path) as world:
+        listener = world.listen("/rgb_cloud")
+        world.node("data_fusion", *played_bag.sensors, "_online.wait:=60.0")
+        listener.wait_for("/rgb_cloud")
+        for _ in range(2):
+            world.play(played_bag.path, "--rate", "8")
+            listener.settle()
+        stamps = [stamp_of(each.header.stamp) for each in listener.messages()["/rgb_cloud"]]
+        assert "the clock went back" in world.log("data_fusion")
+    assert len(stamps) == 2 * played_bag.scans
+    assert stamps[: played_bag.scans] == stamps[played_bag.scans :]
