@@ -323,11 +323,11 @@ class LoopDetector:
         with self._lock:
             if not len(self._memory):
                 self._check_length(own)
-            if not np.any(own):  # to metrics of sets a set of length zero
-                self._added += 1
-                return _Pending(self._added - 1)
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
+            if not np.any(own):
+                self._added += 1
+                return _Pending(self._added - 1)
             if seen.evidence is not None and self._observer.fits_lengths:
                 self._fix_lengths(seen.evidence.cloud.config)
             number, nearest = self._added, found[self.descriptor]

@@ -88,12 +88,19 @@ class FrameMemory:
     ) -> dict[str, list[tuple[int, float]]]:
         """Return the k nearest candidates of a new frame by descriptor: (number, distance).
 
-        Numbers in ``excluded`` are none, besides those of the window.
+        Numbers in ``excluded`` are none, besides those of the window. A descriptor of zeros, which
+        describes nothing, has none, but is checked like any other.
         """
-        found = {}
+        found: dict[str, list[tuple[int, float]]] = {}
         for name, vector in vectors.items():
             index = self._indexes.get(name) or self._new_index(name, len(vector))
-            rows, distances = index.query(vector, k=k + len(excluded), stamp_ns=stamp_ns)
+            is_blank = not np.any(vector)
+            # Metrics of sets do not take zeros, a set of length zero.
+            asked = np.ones_like(vector) if is_blank else vector
+            rows, distances = index.query(asked, k=k + len(excluded), stamp_ns=stamp_ns)
+            if is_blank:
+                found[name] = []
+                continue
             pairs = zip(self._numbers.all[rows].tolist(), distances.tolist(), strict=True)
             found[name] = [pair for pair in pairs if pair[0] not in excluded][:k]
         return found

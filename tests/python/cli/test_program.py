@@ -238,7 +238,11 @@ FOREIGN = {
     "--wait-for-subscribers": "rosbag play",
     "--force-reinstall": "pip",
     "--no-install-recommends": "apt-get",
-    "--ros-args": "ros2 run",
+    **dict.fromkeys(("--ros-args", "--remap"), "ros2 run"),
+    **dict.fromkeys(
+        ("--yaw", "--pitch", "--roll", "--frame-id", "--child-frame-id"),
+        "static_transform_publisher",
+    ),
 }
 """Options of other programs that messages name."""
 

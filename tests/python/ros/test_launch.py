@@ -156,7 +156,10 @@ def play(world: RosWorld, *arguments: str) -> int:
 
 def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path: Path) -> None:
     # However slow the machine is, nothing is dropped.
-    patient = {name: {"node": {"queue": 1000}} for name in EXPERIMENTS["ratslam"]}
+    patient: dict[str, Any] = {name: {"node": {"queue": 1000}} for name in EXPERIMENTS["ratslam"]}
+    patient["data_fusion"]["online"] = {"wait": 60.0}
+    for name in ("lv_matching", "ratslam"):
+        patient[name]["order"] = {"wait": 60.0}
     (tmp_path / "patient.yaml").write_text(yaml.safe_dump(patient))
     with RosWorld(tmp_path) as world:
         # As an earlier roslaunch leaves it.

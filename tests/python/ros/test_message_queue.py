@@ -89,8 +89,8 @@ def test_after_a_driver_is_gone_the_next_one_is_heard_at_once() -> None:
 def test_topics_that_many_publish_on_hear_all() -> None:
     queue = MessageQueue(9, 2.0)
     for number in range(90):
-        assert queue.put(Arrival("/tf", number, 0.0), None) is None
-    assert queue.put(Arrival("/tf", 90, 0.0), None) == TOO_MANY
+        assert queue.put(Arrival("/tf", number, 0.0), None, is_many=True) is None
+    assert queue.put(Arrival("/tf", 90, 0.0), None, is_many=True) == TOO_MANY
     assert drain(queue) == list(range(1, 91))
 
 

@@ -10,6 +10,7 @@ from benchmarks.ros.ros2_world import Ros2World, lacking
 from live_results import CONNECTIONS, OUTPUTS, Offline, assert_same_results, run_offline
 from ros_master import PlayedBag
 
+PATIENT = "_node.queue:=1000"
 pytestmark = pytest.mark.skipif(bool(lacking), reason=lacking)
 
 
@@ -24,11 +25,11 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
 ) -> None:
     with Ros2World(tmp_path) as world:
         listener = world.listen(*OUTPUTS)
-        # On a busy machine clouds are many seconds of a fast bag behind odometry.
+        # On a busy machine messages are many seconds of a fast bag behind others.
         for name in ("ratslam", "lv_matching"):
-            world.node(name, "_order.wait:=60.0")
-        world.node("lv_builder")
-        world.node("data_fusion", *offline.bag.sensors)
+            world.node(name, "_order.wait:=60.0", PATIENT)
+        world.node("lv_builder", PATIENT)
+        world.node("data_fusion", *offline.bag.sensors, "_online.wait:=60.0", PATIENT)
         world.connect(listener, **CONNECTIONS)
         world.play(offline.bag.path, "--rate", str(rate))
         listener.settle()
