@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.ros.ros2_world import JAZZY, Ros2World, lacking
+from benchmarks.ros.ros2_world import JAZZY, PUBLISHER, Ros2World, lacking
 from benchmarks.ros.world import wait_until
 from cli import fails
 from fusionslam.config import unit_of, walk
@@ -63,6 +63,36 @@ print("is ready", flush=True)
 while True:
     publisher.publish(kind())
     rclpy.spin_once(node, timeout_sec=0.1)
+"""
+LATE = """
+sys.path.insert(0, sys.argv[1])
+import publisher
+from geometry_msgs.msg import TransformStamped
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+messages = {publisher.SCANS: publisher.cloud(2000), publisher.IMAGES: publisher.image(),
+            publisher.INFO: publisher.calibration()}
+publishers = {topic: node.create_publisher(type(message), topic, 50)
+              for topic, message in messages.items()}
+kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+transforms = node.create_publisher(TFMessage, "/tf_static", kept)
+while any(each.get_subscription_count() < 1 for each in publishers.values()):
+    time.sleep(0.1)
+for number in range(12):
+    if number == 6:
+        link = TransformStamped(header=Header(frame_id="scanner"), child_frame_id="optical")
+        transforms.publish(TFMessage(transforms=[link]))
+    for topic, message in messages.items():
+        frame = "scanner" if topic == publisher.SCANS else "optical"
+        message.header = Header(stamp=rclpy.time.Time(seconds=100 + 0.2 * number).to_msg(),
+                                frame_id=frame)
+        for _ in range(2 if topic == publisher.SCANS else 1):
+            publishers[topic].publish(message)
+    time.sleep(0.2)
+for each in (*publishers.values(), transforms):
+    each.wait_for_all_acked(Duration(seconds=30))
 """
 
 
@@ -208,3 +238,18 @@ def test_a_bag_that_is_played_again_gives_all_clouds_again(
         assert "the clock went back" in world.log("data_fusion")
     assert len(stamps) == 2 * played_bag.scans
     assert stamps[: played_bag.scans] == stamps[played_bag.scans :]
+
+
+@needs_ros2
+def test_scans_wait_for_late_transforms_and_count_once(tmp_path: Path) -> None:
+    with Ros2World(tmp_path) as world:
+        listener = world.listen("/rgb_cloud")
+        frames = ("_online.robot_frame:=scanner", "_fusion.frame:=scan", "_online.wait:=60.0")
+        world.node("data_fusion", *frames)
+        listener.wait_for("/rgb_cloud")
+        driver = run(world, "driver", LATE, str(PUBLISHER.parent))
+        assert driver.wait(timeout=300) == 0, world.log("driver")
+        listener.settle()
+        stamps = [stamp_of(each.header.stamp) for each in listener.messages()["/rgb_cloud"]]
+        assert "is its driver running twice" in world.log("data_fusion")
+    assert len(stamps) == 12 and stamps == sorted(set(stamps))
