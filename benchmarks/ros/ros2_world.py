@@ -6,8 +6,6 @@ Nodes run with the Python of .venv-ros2, which ``make ros2`` makes; tests with t
 """
 
 import functools
-import itertools
-import os
 import pickle
 import random
 import socket
@@ -114,7 +112,7 @@ def fusionslam(*arguments: str) -> list[str]:
 
 def free_domain() -> int:
     """The number of a domain that no process on this machine is in."""
-    numbers = random.Random(os.getpid() + next(_worlds)).sample(_DOMAINS, len(_DOMAINS))
+    numbers = random.sample(_DOMAINS, len(_DOMAINS))
     for number in numbers:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -123,9 +121,6 @@ def free_domain() -> int:
                 continue
             return number
     raise AssertionError("every domain of ROS 2 is in use")
-
-
-_worlds = itertools.count()
 
 
 @functools.cache
