@@ -78,7 +78,7 @@ publishers = {topic: node.create_publisher(type(message), topic, 50)
               for topic, message in messages.items()}
 kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 transforms = node.create_publisher(TFMessage, "/tf_static", kept)
-while any(each.get_subscription_count() < 1 for each in publishers.values()):
+while any(each.get_subscription_count() < 1 for each in (*publishers.values(), transforms)):
     time.sleep(0.1)
 for number in range(12):
     if number == 6:
