@@ -8,6 +8,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 venv=$PWD/.venv-ros2 python=python3.11
 command -v $python >/dev/null || { echo "The wheels of ROS 2 need Python 3.11, which is not on PATH" >&2; exit 1; }
+.venv/bin/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' ||
+  { echo "The wheels of ROS 2 need a .venv with Python 3.11 (make setup)" >&2; exit 1; }
 [ "$(uname -m)" = x86_64 ] || { echo "There are no wheels of ROS 2 for $(uname -m)" >&2; exit 1; }
 
 # Whether something is newer than a stamp.

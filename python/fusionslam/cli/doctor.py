@@ -12,8 +12,9 @@ def doctor() -> None:
     """Check what works on this machine, and say what to install."""
     from fusionslam.doctor import examine
     from fusionslam.ros.ros1.environment import check_ros
+    from fusionslam.ros.ros2.environment import check_ros2
 
-    findings = [*examine(missing_extras()), check_ros()]
+    findings = [*examine(missing_extras()), check_ros(), check_ros2()]
     print_findings(findings, "missing")
     if not all(finding.fine or finding.optional for finding in findings):
         raise typer.Exit(DATA)

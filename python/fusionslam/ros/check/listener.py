@@ -173,11 +173,11 @@ class TopicListener:
             is_transform = name in TF_TOPICS
             # A topic that was guessed at first may have given way to the one asked for.
             if delivery.type in types and (is_transform or name in self.roles.values()):
-                # Like the nodes, listen only to the first of two publishers.
-                publisher = None if is_transform else delivery.sender
                 now_ns = self._robot.transport.now_ns()
                 arrival = Arrival(name, delivery, time.monotonic(), now_ns)
-                self._waiting.put(arrival, publisher)
+                # Like the nodes, listen only to the first of two publishers.
+                publisher = delivery.publisher(entry)
+                self._waiting.put(arrival, publisher, is_many=is_transform)
 
         entry = Input(topic, types, take, shared=name in TF_TOPICS)
         self._robot.transport.subscribe(entry, take, queue=_QUEUE)

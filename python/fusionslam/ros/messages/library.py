@@ -68,6 +68,12 @@ def own_type(type_name: str) -> str:
     return f"{OWN if package == _library().package else package}/{name}"
 
 
+def shown_type(type_name: str) -> str:
+    """Return a type as users of the ROS in use know it; the opposite of ``own_type``."""
+    package, _, name = type_name.partition("/")
+    return f"{_library().package if package == OWN else package}/{name}"
+
+
 def make(type_name: str, /, **fields: Any) -> Any:
     """Make a message from its fields."""
     library = _library()
@@ -105,8 +111,8 @@ def _library() -> MessageLibrary:
 
 @functools.cache
 def _find_class(type_name: str, kind: str) -> type[Any]:
-    package, _, name = type_name.partition("/")
-    module = f"{_library().package if package == OWN else package}.{kind}"
+    package, _, name = shown_type(type_name).partition("/")
+    module = f"{package}.{kind}"
     try:
         return getattr(import_module(module), name)  # type: ignore[no-any-return]
     except (ImportError, AttributeError):

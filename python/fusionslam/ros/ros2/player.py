@@ -62,7 +62,7 @@ def play_bag(path: Path, how: Playing, progress: Callable[[str, int, int], None]
 
     Raises:
         FusionSlamError: ROS 2 is not installed.
-        DataError: the bag cannot be read, or lacks a topic.
+        DataError: the bag cannot be read, lacks a topic, or has no message in that part.
     """
     need_ros2()
     is_ending = threading.Event()
@@ -90,6 +90,12 @@ class _Player:
             self._publishers[raw.topic].publish(message)
             count += 1
             progress("playing", *self._seconds(raw.time_ns))
+        if not count and not self._is_ending.is_set():
+            raise DataError(
+                f"{self._bag.path}: none of the topics has a message from {self._how.start:g} s on"
+                f"{'' if self._how.stop is None else f' until {self._how.stop:g} s'}",
+                code="no-message",
+            )
         self._wait_for_receipt()
         return count
 
@@ -138,10 +144,13 @@ class _Player:
         from rclpy.duration import Duration
 
         until = time.monotonic() + _CLOSING_S
-        for publisher in self._publishers.values():
+        for topic, publisher in self._publishers.items():
             while not publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
-                if self._is_ending.is_set() or time.monotonic() > until:
+                if self._is_ending.is_set():
                     return
+                if time.monotonic() > until:
+                    logger.warning("%s: a subscriber has not received all messages", topic)
+                    break
 
     def _publisher(self, topic: str) -> Any:
         from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -52,6 +52,7 @@ class Ros2Transport:
         self._node, self._is_ending = node, is_ending
         self._sources: dict[str, _Source] = {}
         node.create_timer(_LOOK_S, self._look_for_publishers)
+        self._failure: Exception | None = None
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._spinning = threading.Thread(target=self._spin, name="rclpy", daemon=True)
@@ -104,18 +105,24 @@ class Ros2Transport:
         return source is not None and publisher in map(sender_of, source.publishers())
 
     def close(self) -> None:
-        """Stop spinning: a process that ends while rclpy runs aborts."""
+        """Stop spinning: a process that ends while rclpy runs aborts.
+
+        Raises:
+            FusionSlamError: rclpy had failed, which ended the node.
+        """
         self._executor.shutdown(timeout_sec=_CLOSING_S)
         self._spinning.join(_CLOSING_S)
+        if self._failure is not None:
+            raise FusionSlamError(f"rclpy failed: {self._failure!r}") from self._failure
 
     def _spin(self) -> None:
         try:
             self._executor.spin()
         except ExternalShutdownException:
             self._is_ending.set()
-        except BaseException:
+        except Exception as error:  # rclpy raises exceptions of many types
+            self._failure = error
             self._is_ending.set()
-            raise
 
     def _look_for_publishers(self) -> None:
         for source in tuple(self._sources.values()):
@@ -200,7 +207,8 @@ class _Source:
         if plain not in self._entry.types:
             if (publisher.topic_type, sender_of(publisher)) not in self._refused:
                 self._refused.add((publisher.topic_type, sender_of(publisher)))
-                self._take(Delivery(plain, sender_of(publisher), 0, partial(_read, b"", plain)))
+                read = partial(_read, b"", plain)
+                self._take(Delivery(plain, sender_of(publisher), 0, read, False))
             return False
         return True
 

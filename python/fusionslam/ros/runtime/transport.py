@@ -28,6 +28,10 @@ class Delivery:
     read: Callable[..., Any]
     is_of_sender: bool = True
 
+    def publisher(self, entry: Input) -> str | None:
+        """Return the sender if no other one may publish the topic meanwhile; else None."""
+        return self.sender if self.is_of_sender and not entry.shared else None
+
 
 class Publisher(Protocol):
     """A topic that a node publishes."""

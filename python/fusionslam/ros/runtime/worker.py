@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from fusionslam.datasets.bags.messages import is_known, stamp_of, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
-from fusionslam.ros.messages.library import ros_time
+from fusionslam.ros.messages.library import ros_time, shown_type
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
 from fusionslam.ros.runtime.node import Input, Node
 from fusionslam.ros.runtime.transport import Delivery
@@ -79,8 +79,8 @@ class Worker:
         sender = delivery.sender
         arrival = Arrival(topic, delivery, time.monotonic(), self._now_ns())
         entry = self.inputs[topic]
-        publisher = sender if delivery.is_of_sender and not entry.shared else None
-        lost = self.queue.put(arrival, publisher, is_many=entry.small or entry.shared)
+        is_many = entry.small or entry.shared
+        lost = self.queue.put(arrival, delivery.publisher(entry), is_many=is_many)
         if lost == SECOND_PUBLISHER:
             first = self.queue.publisher_of(topic)
             self.problems.add(
@@ -134,7 +134,7 @@ class Worker:
                 "nothing has arrived on %s: is it published, as %s, or must it be remapped "
                 "(%s:=/its/name)?",
                 self._full_name(entry.topic),
-                " or ".join(entry.types),
+                " or ".join(map(shown_type, entry.types)),
                 entry.topic,
                 extra={"cause": ("silent", entry.topic)},
             )
@@ -239,8 +239,8 @@ def _read(delivery: Delivery, entry: Input) -> Any:
     """Deserialise a message. Raises DataError for a wrong type, and as ``Delivery.read``."""
     if delivery.type not in entry.types:
         raise DataError(
-            f"its type is {delivery.type}, expected {' or '.join(entry.types)}: remap "
-            f"{entry.topic} to the right topic",
+            f"its type is {shown_type(delivery.type)}, expected "
+            f"{' or '.join(map(shown_type, entry.types))}: remap {entry.topic} to the right topic",
             code="wrong-type",
             fields=(delivery.type,),
         )
