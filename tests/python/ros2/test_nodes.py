@@ -155,6 +155,24 @@ def test_arguments_of_ros_1_are_refused(tmp_path: Path) -> None:
 
 
 @needs_ros2
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--topic", "/x"), "has no topic /x: expected"),
+        (("--start", "99"), "none of the topics has a message from 99 s on"),
+        (("--rate", "0"), "--rate is 0"),
+    ],
+)
+def test_a_bag_that_cannot_be_played_as_asked_says_why(
+    options: tuple[str, str], words: str, played_bag: PlayedBag, tmp_path: Path
+) -> None:
+    with Ros2World(tmp_path) as world:
+        player = world.start_player(played_bag.path, "--wait", "0", *options)
+        assert player.wait(timeout=300) in (1, 2)
+        assert words in world.log("rosbag") and "Traceback" not in world.log("rosbag")
+
+
+@needs_ros2
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
     with Ros2World(tmp_path) as world:
         run(world, "wrong", PUBLISH, "String", "RELIABLE")

@@ -174,7 +174,7 @@ class Bag:
 
         Messages that cannot be decoded are passed to ``on_error``; without it they raise DataError.
         """
-        names = self._names(topics)
+        names = self.known_topics(topics)
         # A separate reader: the bag may be iterated over several times at once.
         reader = self._open()
         try:
@@ -197,7 +197,7 @@ class Bag:
         Raises:
             DataError: there is none, or it cannot be read.
         """
-        names = self._names([topic])
+        names = self.known_topics([topic])
         with self._lock:
             found = self._messages(self._reader, names, time_ns, time_ns + 1)
             stored = next(islice(found, occurrence, None), None)
@@ -206,6 +206,22 @@ class Bag:
             raise DataError(message, code="no-message", fields=(topic, str(time_ns)))
         with naming(self.path):
             return self._decode(*stored).value()
+
+    def known_topics(self, topics: Sequence[str] | None = None) -> list[str]:
+        """Return these topics; without any, all of known type.
+
+        Raises DataError for a topic that does not exist or is of unknown type.
+        """
+        if topics is None:
+            return [topic.name for topic in self.topics.values() if topic.is_known]
+        for name in topics:
+            if name not in self.topics:
+                message = f"{self.path} has no topic {name}: expected {', '.join(self.topics)}"
+                raise DataError(message, code="no-topic", fields=(name,))
+            if not self.topics[name].is_known:
+                message = f"{self.path}: {name} is of type {self.topics[name].type}, not supported"
+                raise DataError(message, code="topic-type", fields=(name,))
+        return list(topics)
 
     def close(self) -> None:
         """Close the file; the bag cannot be read afterwards."""
@@ -221,18 +237,6 @@ class Bag:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-    def _names(self, topics: Sequence[str] | None) -> list[str]:
-        if topics is None:
-            return [topic.name for topic in self.topics.values() if topic.is_known]
-        for name in topics:
-            if name not in self.topics:
-                message = f"{self.path} has no topic {name}: expected {', '.join(self.topics)}"
-                raise DataError(message, code="no-topic", fields=(name,))
-            if not self.topics[name].is_known:
-                message = f"{self.path}: {name} is of type {self.topics[name].type}, not supported"
-                raise DataError(message, code="topic-type", fields=(name,))
-        return list(topics)
 
     def _messages(
         self, reader: "Reader1 | Reader2", names: list[str], start: int | None, stop: int | None

@@ -78,7 +78,7 @@ class ObservedBag(Bag):
         on_error: OnError | None = None,
     ) -> Iterator[RawMessage]:
         """As ``Bag.raw``; unreadable messages keep their header, so ``on_error`` is not called."""
-        names = self._names(topics)
+        names = self.known_topics(topics)
         for raw in self._received:
             is_early = start is not None and raw.time_ns < start
             is_late = stop is not None and raw.time_ns >= stop

@@ -73,9 +73,8 @@ def play_bag(path: Path, how: Playing, progress: Callable[[str, int, int], None]
 class _Player:
     def __init__(self, bag: Bag, node: Any, how: Playing, is_ending: threading.Event) -> None:
         self._bag, self._node, self._how, self._is_ending = bag, node, how, is_ending
-        known = [topic.name for topic in bag.topics.values() if topic.is_known]
-        self._topics = known if how.topics is None else list(how.topics)
-        others = sorted(set(bag.topics) - set(known))
+        self._topics = bag.known_topics(how.topics)
+        others = sorted(set(bag.topics) - set(self._topics))
         if others and how.topics is None:
             logger.warning("not played, as their types are not known: %s", ", ".join(others))
         if not self._topics:
