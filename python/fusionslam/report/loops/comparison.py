@@ -261,6 +261,7 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
         axis.xaxis.set_minor_formatter("")
         axis.set_ylim(-0.03, 1.03)
         axis.grid(color="#eeeeee", zorder=0)
+        _separate_labels(axis)
     if len(set(sources)) > 1:
         for place, source in enumerate(dict.fromkeys(sources)):
             axes[0].plot([], [], "o", color=_color(place), label=source_name(source, sources))
@@ -283,6 +284,25 @@ def _mark(
     area = 12 + 6 * np.sqrt((point["bytes"] or 0.0) / 256)
     axis.scatter(cost, value, s=area, color=_color(place), alpha=0.75, zorder=2, lw=0)
     axis.annotate(label, (cost, value), (3, 3), textcoords="offset points", fontsize=6.5, zorder=3)
+
+
+_OFFSETS = [(3, 3), (3, -8), (3, 10), (3, -15), (3, 17), (3, -22), (3, 24)]
+"""Of a label from its mark, in points, the best one first."""
+
+
+def _separate_labels(axis: "Axes") -> None:
+    """Move the labels of marks above or below those that they would cover."""
+    from matplotlib.text import Annotation
+
+    labels = [each for each in axis.texts if isinstance(each, Annotation)]
+    placed: list[Any] = []
+    for label in sorted(labels, key=lambda each: each.xy[1]):
+        for offset in _OFFSETS:
+            label.set_position(offset)
+            extent = label.get_window_extent()
+            if not any(extent.overlaps(other) for other in placed):
+                break
+        placed.append(extent)
 
 
 def _color(place: int) -> str:
