@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -261,11 +261,13 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
         axis.xaxis.set_minor_formatter("")
         axis.set_ylim(-0.03, 1.03)
         axis.grid(color="#eeeeee", zorder=0)
-        _separate_labels(axis)
     if len(set(sources)) > 1:
         for place, source in enumerate(dict.fromkeys(sources)):
             axes[0].plot([], [], "o", color=_color(place), label=source_name(source, sources))
         figure.legend(loc="outside lower center", ncols=3)
+    figure.canvas.draw()  # sets the layout, on which it depends what overlaps
+    for axis in axes:
+        _separate_labels(axis)
     return figure
 
 
@@ -286,19 +288,25 @@ def _mark(
     axis.annotate(label, (cost, value), (3, 3), textcoords="offset points", fontsize=6.5, zorder=3)
 
 
-_OFFSETS = [(3, 3), (3, -8), (3, 10), (3, -15), (3, 17), (3, -22), (3, 24)]
-"""Of a label from its mark, in points, the best one first."""
+_PLACES: Sequence[tuple[tuple[float, float], Literal["left", "right"]]] = (
+    ((3, 3), "left"),
+    ((3, -8), "left"),
+    ((-3, 3), "right"),
+    ((-3, -8), "right"),
+)
+"""Of a label beside its mark, in points, and its end that is there; the best one first."""
 
 
 def _separate_labels(axis: "Axes") -> None:
-    """Move the labels of marks above or below those that they would cover."""
+    """Move labels to a side of their marks where they cover no other one, if there is one."""
     from matplotlib.text import Annotation
 
     labels = [each for each in axis.texts if isinstance(each, Annotation)]
     placed: list[Any] = []
-    for label in sorted(labels, key=lambda each: each.xy[1]):
-        for offset in _OFFSETS:
+    for label in sorted(labels, key=lambda each: -each.xy[1]):
+        for offset, end in (*_PLACES, _PLACES[0]):
             label.set_position(offset)
+            label.set_horizontalalignment(end)
             extent = label.get_window_extent()
             if not any(extent.overlaps(other) for other in placed):
                 break
