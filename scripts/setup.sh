@@ -35,7 +35,7 @@ if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
   # Build tools stay there, so that a second build compiles only what changed.
   "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
     "scikit-build-core==1.1.2" "pybind11==3.1.0" "hatch-fancy-pypi-readme==25.1.0" "torch==2.13.0"
-  extras=".[all,dev,docs]"
+  extras=".[all,fleet,dev,docs]"
   rm -f "$stamp"
 fi
 if [ ! -e "$stamp" ] || lacks_messages ||

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Places of a fleet: what is added to a database of them, what it finds, and what it is asked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
+
+ABOUT = ("session", "robot", "site", "region")
+"""What is known of a place's recording: its name, who drove, and where."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places to add to a database, each described by one vector.
+
+    Attributes:
+        keys: their names, each place's own; those of ``fusionslam fleet`` are CHUNK:ROW.
+        vectors: descriptors, float32 (n, D).
+        stamps_ns: int64 (n), when they were seen.
+        frames: int64 (n), numbers of the frames in their recording.
+        session: name of the recording, one for all or one for each.
+        robot, site, region: the same; "" where they are unknown.
+        poses: float64 (n, 4, 4), site_from_robot in a frame of the recording; NaN where unknown.
+    """
+
+    keys: Sequence[str]
+    vectors: Floats32
+    stamps_ns: Integers
+    frames: Integers
+    session: str | Sequence[str]
+    robot: str | Sequence[str] = ""
+    site: str | Sequence[str] = ""
+    region: str | Sequence[str] = ""
+    poses: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def column(self, name: str) -> list[str]:
+        """Return one of ``ABOUT`` for each place."""
+        value: str | Sequence[str] = getattr(self, name)
+        return [value] * len(self) if isinstance(value, str) else list(value)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place that looks like a query.
+
+    Attributes:
+        key: of the place.
+        distance: of both descriptors, exact.
+        session, robot, site, region: of its recording.
+        frame: its number in the recording.
+        stamp_ns: when it was seen.
+        pose: float64 (4, 4), site_from_robot in a frame of its recording; None if unknown.
+    """
+
+    key: str
+    distance: float
+    session: str
+    robot: str
+    site: str
+    region: str
+    frame: int
+    stamp_ns: int
+    pose: Matrix | None = None
+
+
+@dataclass(frozen=True)
+class PlaceFilter:
+    """Which places are meant: those of which all that is given holds; None is any.
+
+    Attributes:
+        site, region, robot, session: as of ``Places``.
+        since_ns, until_ns: seen at or after, and before, these times.
+    """
+
+    site: str | None = None
+    region: str | None = None
+    robot: str | None = None
+    session: str | None = None
+    since_ns: int | None = None
+    until_ns: int | None = None
+
+    @property
+    def is_any(self) -> bool:
+        """Whether nothing is given."""
+        return all(getattr(self, each.name) is None for each in fields(self))
+
+    def sql(self) -> str:
+        """Return the condition as SQL; "true" for any."""
+        named = {name: getattr(self, name) for name in ABOUT}
+        terms = [f"{name} = {_quote(value)}" for name, value in named.items() if value is not None]
+        if self.since_ns is not None:
+            terms.append(f"stamp_ns >= {int(self.since_ns)}")
+        if self.until_ns is not None:
+            terms.append(f"stamp_ns < {int(self.until_ns)}")
+        return " AND ".join(terms) or "true"
+
+
+def _quote(value: str) -> str:
+    """A text as SQL has it."""
+    doubled = value.replace("'", "''")
+    return f"'{doubled}'"
