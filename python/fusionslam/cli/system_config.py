@@ -5,6 +5,7 @@
 from fusionslam.calibration.search import CalibrationCheckConfig
 from fusionslam.config import option
 from fusionslam.datasets.range_recording import RecordingConfig
+from fusionslam.fleet.config import FleetConfig
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.mapping.config import MapConfig
 from fusionslam.odometry import LidarOdometryConfig
@@ -41,3 +42,4 @@ class SystemConfig(PipelineConfig):
         DRIFT, "ratslam, map build: how far odometry is off, --odometry truth+noise"
     )
     mapping: MapConfig = option(MapConfig(), "map build: keyframes, and how odometry drifts")
+    fleet: FleetConfig = option(FleetConfig(), "fleet describe: work and places")
