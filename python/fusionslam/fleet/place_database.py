@@ -211,6 +211,11 @@ class PlaceDatabase:
                 table.add(rows)
             return int(rows.num_rows)
 
+    def known_keys(self, keys: Sequence[str]) -> set[str]:
+        """Those of some keys that the database has."""
+        with self._reading() as table:
+            return set(_known_keys(table, list(keys)))
+
     def delete(self, where: PlaceFilter) -> int:
         """Delete places and return how many there were; no query finds them any more.
 
