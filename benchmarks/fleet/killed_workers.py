@@ -20,10 +20,10 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
+from unittest import mock
 
 import numpy as np
 import typer
@@ -150,14 +150,9 @@ def poisonous_chunk(chunk: Chunk, settings: FleetSettings, folder: Path) -> None
     describe_chunk(chunk, settings, folder)
 
 
-@contextmanager
-def other_work(function: Callable[..., None]) -> Iterator[None]:
+def other_work(function: Callable[..., None]) -> "mock._patch[Callable[..., None]]":
     """Let chunks be described by another function."""
-    work.describe_chunk = function
-    try:
-        yield
-    finally:
-        work.describe_chunk = describe_chunk
+    return mock.patch.object(work, "describe_chunk", function)
 
 
 def describe(
@@ -242,8 +237,10 @@ def remove_node(fleet: Fleet, name: str) -> Case:
     from ray.cluster_utils import Cluster
 
     folder = fleet.folder(name)
-    node = {"num_cpus": 1, "object_store_memory": 100_000_000}
-    cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+    node: dict[str, Any] = {"num_cpus": 1, "object_store_memory": 100_000_000}
+    cluster: Any = Cluster(
+        initialize_head=True, head_node_args={**node, "include_dashboard": False}
+    )
     lost = [cluster.add_node(**node) for _ in range(2)][:1]
 
     def remove(share: float) -> None:

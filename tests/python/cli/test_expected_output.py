@@ -15,6 +15,7 @@ NEEDED = {
     **dict.fromkeys(("info", "fuse"), "rosbags"),
     **dict.fromkeys(("sim", "demo"), "embreex"),
     **dict.fromkeys(("bench", "bench_views", "report", "views_match", "views_show"), "matplotlib"),
+    "fleet": "lancedb",
     "tune": "pymoo",
 }
 """The optional package without which a command says something else."""

@@ -23,8 +23,8 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Drives in the order of their names: elsewhere; there and back; back; one that is bad."""
     root = tmp_path_factory.mktemp("drives")
     write_drive(root / "yard/r0/a-elsewhere", WAY[:3], 300, place=7)
-    write_drive(root / "yard/r1/b-monday", WAY, 0)
-    write_drive(root / "yard/r2/c-tuesday", RETURN, 100)
+    write_drive(root / "yard/r1/b-monday", WAY[:6], 0)
+    write_drive(root / "yard/r2/c-tuesday", RETURN[3:], 100)
     bad = write_drive(root / "yard/r2/d-bad", WAY[:2], 0)
     for path in (bad / "clouds").iterdir():
         path.write_bytes(b"12345")
@@ -51,6 +51,7 @@ def names(sessions: object) -> set[str]:
     return {each.rpartition("/")[2] for each in sessions}
 
 
+@pytest.mark.slow
 def test_drives_are_joined_as_they_arrive_and_the_others_wait(drives: Path, tmp_path: Path) -> None:
     # Alone, one that no other joins begins the map.
     first = merge(drives, tmp_path, "a-elsewhere", "d-bad")

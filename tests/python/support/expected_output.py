@@ -21,6 +21,7 @@ import typer.main
 from bags import drive as drive_events
 from bags import write_bag
 from cli import FRAMES, run
+from fleets import write_fleet
 from fusionslam.cli import app
 from fusionslam.datasets import write_cloud
 from fusionslam.sensors.frame import Cloud
@@ -53,6 +54,7 @@ DATA: dict[str, tuple[str, Callable[[Path], object]]] = {
     "RANGES": ("ranges.npz", lambda path: write_recording(path, LAPS)),
     "SCENES": ("scenes.npz", lambda path: drive((*LAPS, -1)).save(path)),
     "PLAIN": ("plain.npz", lambda path: drive(LAPS, poses=False).save(path)),
+    "FLEET": ("fleet", write_fleet),
     "OUT": ("out", lambda path: None),
 }
 """By the name in a command: name and maker of a file or folder."""

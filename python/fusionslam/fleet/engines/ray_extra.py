@@ -171,7 +171,8 @@ def _connect(ray: Any, jobs: int, address: str | None) -> None:
 @contextmanager
 def _on_loopback() -> Iterator[None]:
     """Let a Ray that starts listen on 127.0.0.1, not to the network, as it does on macOS."""
-    name, constants = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", import_module(_CONSTANTS)
+    name = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+    constants: Any = import_module(_CONSTANTS)
     before, constants.ENABLE_RAY_CLUSTER = constants.ENABLE_RAY_CLUSTER, False
     os.environ[name] = "0"  # for the processes of it
     try:
