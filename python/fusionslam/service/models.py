@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Answers of the service, as its OpenAPI page lists them."""
+
+from typing import Self
+
+import numpy as np
+from pydantic import BaseModel
+
+from fusionslam.fleet.places import Candidate
+from fusionslam.report.page.html import group_by
+from fusionslam.service.search import Located, Positions
+from fusionslam.storage.arrays import Matrix
+
+Rows = list[list[float]]
+"""A matrix, row by row."""
+
+
+class Problem(BaseModel):
+    """Why a request was not answered: programs decide by code and fields."""
+
+    code: str
+    message: str
+    fields: list[str]
+
+
+class Described(BaseModel):
+    """The descriptor of a cloud."""
+
+    descriptor: str
+    length: int
+    points: int
+    vector: list[float]
+
+
+class FoundPlace(BaseModel):
+    """A place that looks like a query; pose is site_from_robot, null if unknown."""
+
+    key: str
+    distance: float
+    session: str
+    robot: str
+    site: str
+    region: str
+    frame: int
+    stamp_ns: int
+    pose: Rows | None
+
+    @classmethod
+    def of(cls, found: Candidate) -> Self:
+        """Return a candidate as an answer."""
+        return cls(**{**vars(found), "pose": _rows(found.pose)})
+
+
+class Found(BaseModel):
+    """For each query the places that look like it, nearest first."""
+
+    descriptor: str
+    results: list[list[FoundPlace]]
+
+
+class LocatedCloud(BaseModel):
+    """What looks like a cloud, and where registration proves it to be.
+
+    Attributes:
+        candidates: nearest first.
+        best: the one that was proven; null if none was, then ``reason`` says why.
+        best_from_query: maps points of the cloud to those of ``best``.
+        pose: of the robot that sent the cloud, site_from_robot in the frame of ``best``.
+        covariance: of ``best_from_query``, translation first.
+        probability: that it is right.
+    """
+
+    candidates: list[FoundPlace]
+    best: FoundPlace | None
+    best_from_query: Rows | None
+    pose: Rows | None
+    covariance: Rows | None
+    probability: float | None
+    reason: str | None
+
+    @classmethod
+    def of(cls, located: Located) -> Self:
+        """Return what was found as an answer."""
+        best, moved = located.best, located.best_from_query
+        known = best is not None and best.pose is not None and moved is not None
+        return cls(
+            candidates=[FoundPlace.of(each) for each in located.candidates],
+            best=None if best is None else FoundPlace.of(best),
+            best_from_query=_rows(moved),
+            pose=_rows(best.pose @ moved) if known else None,  # type: ignore[union-attr, operator]
+            covariance=_rows(located.covariance),
+            probability=located.probability,
+            reason=located.reason,
+        )
+
+
+class Counts(BaseModel):
+    """How many places there are, and of what."""
+
+    descriptor: str
+    length: int
+    places: int
+    sites: dict[str, int]
+    regions: dict[str, int]
+    sessions: dict[str, int]
+    robots: dict[str, int]
+
+
+class SessionPath(BaseModel):
+    """Places of a recording whose position is known: x, y, z in metres, and their frames."""
+
+    session: str
+    places: int
+    frames: list[int]
+    positions: Rows
+
+
+class SitePaths(BaseModel):
+    """The places of a site by recording; ``every`` n-th of them is listed."""
+
+    site: str
+    places: int
+    every: int
+    sessions: list[SessionPath]
+
+    @classmethod
+    def of(cls, site: str, found: Positions, most: int) -> Self:
+        """Return positions as an answer, thinned out evenly to at most so many."""
+        every = max(1, -(-len(found.sessions) // most))
+        rows_of = group_by(range(len(found.sessions)), found.sessions.__getitem__)
+        is_known = np.isfinite(found.poses[:, :3, 3]).all(axis=1)
+        paths = []
+        for name, rows in rows_of.items():
+            kept = [row for row in rows[::every] if is_known[row]]
+            paths.append(
+                SessionPath(
+                    session=name,
+                    places=len(rows),
+                    frames=found.frames[kept].tolist(),
+                    positions=found.poses[kept, :3, 3].tolist(),
+                )
+            )
+        return cls(site=site, places=len(found.sessions), every=every, sessions=paths)
+
+
+class Health(BaseModel):
+    """Whether the service can answer; ``places`` is null if it cannot."""
+
+    status: str
+    places: int | None
+
+
+def _rows(matrix: Matrix | None) -> Rows | None:
+    rows: Rows | None = None if matrix is None else matrix.tolist()
+    return rows
+
