@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Finds where a cloud was seen before by any robot, and proves it by registration."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fusionslam.descriptors import describe, for_clouds
+from fusionslam.errors import DataError
+from fusionslam.fleet.chunk_store import PlaceCloud
+from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.places import Candidate, PlaceFilter
+from fusionslam.fusion import fuse, robot_from_cloud
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.observation import fusion_of_scans, prepare_cloud
+from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
+from fusionslam.registration import PreparedCloud, Refusal
+from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.storage.arrays import Floats32, Matrix
+
+
+class PlaceSearch(Protocol):
+    """What is asked of a database of places."""
+
+    def query(
+        self, vectors: Floats32, k: int = 10, where: PlaceFilter | None = None
+    ) -> list[list[Candidate]]:
+        """Return the k nearest places of each vector."""
+
+
+class PlaceClouds(Protocol):
+    """What is asked for the clouds of places."""
+
+    def cloud(self, key: str) -> PlaceCloud:
+        """Return the cloud of a place. Raises DataError (code "no-cloud") if there is none."""
+
+
+@dataclass(frozen=True)
+class FleetLocalization:
+    """Where a robot is, as far as any robot has been there.
+
+    Attributes:
+        candidates: places that look alike, the nearest descriptor first.
+        place: the one that a pose was proven with; None if none was.
+        place_from_robot: float64 (4, 4), the robot's pose in the frame of the robot that saw the
+            place; None without a proof.
+        site_from_robot: float64 (4, 4), the same in the frame of the place's recording; None if
+            its pose is unknown.
+        covariance: float64 (6, 6), as of ``Localization``; None without a pose.
+        probability: of the pose, 0 to 1.
+        reason: why there is no pose; None if there is one.
+    """
+
+    candidates: Sequence[Candidate]
+    place: Candidate | None = None
+    place_from_robot: Matrix | None = None
+    site_from_robot: Matrix | None = None
+    covariance: Matrix | None = None
+    probability: float = 0.0
+    reason: Refusal | None = None
+
+
+class FleetLocator:
+    """Describes clouds as those of a folder were, and finds where they were seen.
+
+    Args:
+        search: the database of places.
+        clouds: of the places.
+        settings: of the folder.
+        loops: which candidates are tried and accepted.
+    """
+
+    def __init__(
+        self,
+        search: PlaceSearch,
+        clouds: PlaceClouds,
+        settings: FleetSettings,
+        loops: LoopConfig | None = None,
+    ) -> None:
+        self._search, self._clouds, self._settings = search, clouds, settings
+        self._loops = loops or LoopConfig()
+
+    def describe(self, frame_or_cloud: Frame | Cloud) -> Floats32:
+        """Return the vector by which places are looked for, float32 (D,).
+
+        Raises:
+            DataError: a cloud that cannot be described, or a frame that cannot be fused.
+        """
+        frame, cloud = _fused(frame_or_cloud, self._settings)
+        return self._describe(frame, cloud)
+
+    def find(
+        self, frame_or_cloud: Frame | Cloud, k: int = 10, where: PlaceFilter | None = None
+    ) -> list[Candidate]:
+        """Return the k places that look most like a cloud.
+
+        Args:
+            frame_or_cloud: a frame, or a cloud in the frame of the places' clouds
+                (``fusion.frame``), metres.
+            k: number of places, at least 1.
+            where: which places are asked.
+
+        Raises:
+            DataError: as ``describe``.
+        """
+        (found,) = self._search.query(self.describe(frame_or_cloud)[None], k, where)
+        return found
+
+    def localize(
+        self, frame_or_cloud: Frame | Cloud, k: int = 10, where: PlaceFilter | None = None
+    ) -> FleetLocalization:
+        """Find a cloud, and prove it by registration with the candidates.
+
+        Arguments and errors as of ``find``; candidates whose clouds are not stored prove nothing.
+        """
+        frame, cloud = _fused(frame_or_cloud, self._settings)
+        vector = self._describe(frame, cloud)
+        (candidates,) = self._search.query(vector[None], k, where)
+        if not candidates:
+            text = "no place is stored that is asked for"
+            return FleetLocalization(candidates, reason=Refusal("no-candidates", 0, text))
+        clouds = self._load(candidates)
+        if not clouds:
+            text = "the clouds of the candidates are not stored: nothing can be proven"
+            return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
+        mount = np.eye(4)
+        if frame is not None:
+            mount = robot_from_cloud(frame, self._settings.fusion)
+        return self._prove(self._prepare(frame, cloud), mount, candidates, clouds)
+
+    def _describe(self, frame: Frame | None, cloud: Cloud) -> Floats32:
+        name = self._settings.names[0]
+        config = for_clouds(self._settings.descriptors, name, self._settings.fusion, frame)
+        return describe(cloud, name, config)
+
+    def _load(self, candidates: Sequence[Candidate]) -> dict[int, PlaceCloud]:
+        """Return the clouds of the candidates that have one, by their rank."""
+        found = {}
+        for rank, each in enumerate(candidates):
+            try:
+                found[rank] = self._clouds.cloud(each.key)
+            except DataError as error:
+                if error.code != "no-cloud":
+                    raise
+        return found
+
+    def _prepare(self, frame: Frame | None, cloud: Cloud) -> PreparedCloud:
+        registration = self._settings.registration
+        scans = fusion_of_scans(self._settings.fusion, registration)
+        whole = cloud if frame is None or scans == self._settings.fusion else fuse(frame, scans)
+        return prepare_cloud(whole, cloud, registration, fits_lengths=False, is_first=False)
+
+    def _prove(
+        self,
+        cloud: PreparedCloud,
+        mount: Matrix,
+        candidates: Sequence[Candidate],
+        clouds: Mapping[int, PlaceCloud],
+    ) -> FleetLocalization:
+        """Register a cloud with its candidates; return the first pose that counts."""
+        distances = {rank: candidates[rank].distance for rank in clouds}
+        frames: Mapping[int, StoredFrame] = {rank: each.frame for rank, each in clouds.items()}
+        pairs = PairComparisons(cloud, frames.__getitem__)
+        best, _ = verify_candidates(-1, distances, pairs, self._loops)
+        if best is None:
+            text = "no candidate's cloud has anything in common with this one"
+            return FleetLocalization(candidates, reason=Refusal("no-match", 0, text))
+        probability = best.probability or 0.0
+        if best.reason is not None or best.match_from_query is None:
+            return FleetLocalization(candidates, probability=probability, reason=best.reason)
+        place = candidates[best.match]
+        pose = clouds[best.match].robot_from_cloud @ best.match_from_query @ np.linalg.inv(mount)
+        return FleetLocalization(
+            candidates,
+            place,
+            pose,
+            None if place.pose is None else place.pose @ pose,
+            best.covariance,
+            probability,
+        )
+
+
+def _fused(frame_or_cloud: Frame | Cloud, settings: FleetSettings) -> tuple[Frame | None, Cloud]:
+    """Return the frame, if it is one, and its cloud."""
+    if isinstance(frame_or_cloud, Frame):
+        return frame_or_cloud, fuse(frame_or_cloud, settings.fusion)
+    return None, frame_or_cloud

@@ -1,0 +1,114 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settles what all places of a folder share, by the first recording that can be opened."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fusionslam.config import Section, merged
+from fusionslam.datasets import Dataset
+from fusionslam.datasets.base import CloudDataset
+from fusionslam.descriptors import find_descriptor
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
+from fusionslam.fleet.recordings import Found
+from fusionslam.fusion import fuse
+from fusionslam.loop_closure.observation import fusion_of_scans
+from fusionslam.pipelines.describe import (
+    PipelineConfig,
+    first_that_works,
+    fix_radius,
+    for_source,
+)
+from fusionslam.pipelines.recording import settle_frame
+from fusionslam.registration import (
+    RegistrationConfig,
+    fit_lengths,
+    has_lengths,
+    without_lengths,
+)
+
+
+def settle_settings(
+    found: Found,
+    names: Sequence[str],
+    config: PipelineConfig,
+    fleet: FleetConfig,
+    folder: Path,
+    *,
+    source: str | None = None,
+) -> FleetSettings:
+    """Return the settings of a folder: those that it has, or new ones, which are stored.
+
+    What depends on the data, such as the source of clouds, the radius of normals and the lengths
+    of registration, is that of the first recording that can be opened.
+
+    Args:
+        found: the recordings.
+        names: descriptors, the first for the database.
+        config: sections fusion, descriptors and registration count.
+        fleet: how work is cut.
+        folder: of the results.
+        source: of clouds; None for the first that the recording allows.
+
+    Raises:
+        ConfigError: the folder was made with others (code "other-configuration"), or an unknown
+            descriptor.
+        DataError: no recording can be opened, or the folder not be written.
+    """
+    for name in names:
+        find_descriptor(name)
+    if (folder / FILE).exists():
+        stored = FleetSettings.load(folder)
+        asked = FleetSettings.of(tuple(names), _take_fitted(config, stored, source), fleet)
+        stored.check_same(asked, folder)
+        return stored
+    dataset, chosen = _open_first(found, source)
+    settings = FleetSettings.of(tuple(names), _fit(dataset, names, config, chosen), fleet)
+    settings.save(folder)
+    return settings
+
+
+def _take_fitted(
+    config: PipelineConfig, stored: FleetSettings, source: str | None
+) -> PipelineConfig:
+    """Return a configuration with what was fitted to the data when the folder was made."""
+    config = for_source(config, source or stored.fusion.source)
+    changes: dict[str, Section] = {"fusion": merged(config.fusion, {"frame": stored.fusion.frame})}
+    if not has_lengths(config.registration):
+        fitted = stored.registration.model_dump() | without_lengths(config.registration)
+        changes["registration"] = RegistrationConfig(**fitted)
+    if config.descriptors.normal_radius is None:
+        radius = {"normal_radius": stored.descriptors.normal_radius}
+        changes["descriptors"] = config.descriptors.model_copy(update=radius)
+    return config.model_copy(update=changes)
+
+
+def _open_first(found: Found, source: str | None) -> tuple[Dataset, str]:
+    """Open the first recording that can be; return it and the source of its clouds."""
+    problems = list(map(str, found.refused.values()))
+    for each in found.recordings:
+        try:
+            chosen = source or each.recording.sources()[0]
+            return each.recording.open(chosen), chosen
+        except FusionSlamError as error:
+            problems.append(f"{each.session}: {error}")
+    raise DataError(
+        f"no recording can be opened: {'; '.join(problems) or 'there is none'}",
+        code="no-recording",
+    )
+
+
+def _fit(
+    dataset: Dataset, names: Sequence[str], config: PipelineConfig, source: str
+) -> PipelineConfig:
+    """Fix what follows from the first frame that can be described."""
+    config = for_source(config, source)
+    if not isinstance(dataset, CloudDataset):
+        config = config.model_copy(update={"fusion": settle_frame(config.fusion, dataset)})
+    config = fix_radius(dataset, names, config, "skip")
+    if has_lengths(config.registration) or config.registration.method == "planar":
+        return config
+    scans = fusion_of_scans(config.fusion, config.registration)
+    cloud = first_that_works(dataset, lambda index: fuse(dataset[index], scans), "skip")
+    return config.model_copy(update={"registration": fit_lengths([cloud], config.registration)})
