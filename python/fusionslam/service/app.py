@@ -4,6 +4,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 
 from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
@@ -12,10 +13,10 @@ from fusionslam._core import __version__
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import CountRequests, Metrics
+from fusionslam.service.places import ServedPlaces
 from fusionslam.service.problems import answer_problems
 from fusionslam.service.rates import Rates
-from fusionslam.service.routes import pages, places, searches, status
-from fusionslam.service.search import PlaceSearch
+from fusionslam.service.routes import pages, searches, sites, status
 from fusionslam.service.state import State
 from fusionslam.service.workers import Workers
 
@@ -26,19 +27,22 @@ _ABOUT = (
 
 
 def create_app(
-    search: PlaceSearch, config: ServiceConfig | None = None, keys: ApiKeys | None = None
+    folder: Path, config: ServiceConfig | None = None, keys: ApiKeys | None = None
 ) -> FastAPI:
     """Make the application.
 
     Args:
-        search: the places; they are closed with the application.
+        folder: of ``fusionslam fleet describe``, whose places are served.
         config: limits; None for the defaults.
         keys: who may use it; None for everybody on this machine.
+
+    Raises:
+        DataError: it is no such folder, or it is damaged.
     """
     config = config or ServiceConfig()
     shared = State(
         config,
-        search,
+        ServedPlaces(folder),
         keys or ApiKeys(),
         Rates(config.requests_per_minute),
         Workers(config.workers, config.max_waiting),
@@ -49,7 +53,7 @@ def create_app(
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
         shared.workers.close()
-        search.close()
+        shared.places.close()
 
     app = FastAPIOffline(
         title="fusionslam",
@@ -62,6 +66,6 @@ def create_app(
     app.state.shared = shared
     app.add_middleware(CountRequests, metrics=shared.metrics)
     answer_problems(app)
-    for each in (searches, places, status, pages):
+    for each in (searches, sites, status, pages):
         app.include_router(each.router)
     return app

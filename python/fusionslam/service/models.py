@@ -7,9 +7,10 @@ from typing import Self
 import numpy as np
 from pydantic import BaseModel
 
+from fusionslam.fleet.localization import FleetLocalization
+from fusionslam.fleet.place_database import Positions
 from fusionslam.fleet.places import Candidate
 from fusionslam.report.page.html import group_by
-from fusionslam.service.search import Located, Positions
 from fusionslam.storage.arrays import Matrix
 
 Rows = list[list[float]]
@@ -60,38 +61,32 @@ class Found(BaseModel):
 
 
 class LocatedCloud(BaseModel):
-    """What looks like a cloud, and where registration proves it to be.
+    """What looks like a cloud, and where registration proves the robot that sent it to be.
 
-    Attributes:
-        candidates: nearest first.
-        best: the one that was proven; null if none was, then ``reason`` says why.
-        best_from_query: maps points of the cloud to those of ``best``.
-        pose: of the robot that sent the cloud, site_from_robot in the frame of ``best``.
-        covariance: of ``best_from_query``, translation first.
-        probability: that it is right.
+    ``place`` is the candidate that proves it, ``place_from_robot`` the robot's pose in the frame of
+    the robot that saw the place, with its covariance; ``site_from_robot`` is in the frame of the
+    place's recording. They are null without a proof; then ``reason`` says why.
     """
 
     candidates: list[FoundPlace]
-    best: FoundPlace | None
-    best_from_query: Rows | None
-    pose: Rows | None
+    place: FoundPlace | None
+    place_from_robot: Rows | None
+    site_from_robot: Rows | None
     covariance: Rows | None
-    probability: float | None
+    probability: float
     reason: str | None
 
     @classmethod
-    def of(cls, located: Located) -> Self:
+    def of(cls, found: FleetLocalization) -> Self:
         """Return what was found as an answer."""
-        best, moved = located.best, located.best_from_query
-        known = best is not None and best.pose is not None and moved is not None
         return cls(
-            candidates=[FoundPlace.of(each) for each in located.candidates],
-            best=None if best is None else FoundPlace.of(best),
-            best_from_query=_rows(moved),
-            pose=_rows(best.pose @ moved) if known else None,  # type: ignore[union-attr, operator]
-            covariance=_rows(located.covariance),
-            probability=located.probability,
-            reason=located.reason,
+            candidates=[FoundPlace.of(each) for each in found.candidates],
+            place=None if found.place is None else FoundPlace.of(found.place),
+            place_from_robot=_rows(found.place_from_robot),
+            site_from_robot=_rows(found.site_from_robot),
+            covariance=_rows(found.covariance),
+            probability=found.probability,
+            reason=None if found.reason is None else str(found.reason),
         )
 
 

@@ -12,9 +12,9 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import Metrics
+from fusionslam.service.places import ServedPlaces
 from fusionslam.service.problems import RequestError
 from fusionslam.service.rates import Rates
-from fusionslam.service.search import PlaceSearch
 from fusionslam.service.workers import Workers
 
 
@@ -23,7 +23,7 @@ class State:
     """What the routes of one application share."""
 
     config: ServiceConfig
-    search: PlaceSearch
+    places: ServedPlaces
     keys: ApiKeys
     rates: Rates
     workers: Workers

@@ -40,12 +40,12 @@ _NOT_STORED = {501: {"model": Problem, "description": "The clouds of places are 
 @router.post("/describe", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=False))
 async def describe(request: Request, state: Shared, format: Format = None) -> Described:
     """Describe a cloud as the places are described."""
-    search = state.search
+    places = state.places
 
     def work(cloud: Cloud) -> Described:
-        vector = search.describe(cloud)
+        vector = places.describe(cloud)
         return Described(
-            descriptor=search.descriptor,
+            descriptor=places.descriptor,
             length=len(vector),
             points=len(cloud),
             vector=vector.tolist(),
@@ -59,23 +59,23 @@ async def query(
     request: Request, state: Shared, where: Where, k: Count = 10, format: Format = None
 ) -> Found:
     """Find the places that look like a cloud, or like each of some vectors."""
-    search = state.search
+    places = state.places
 
     def find(vectors: Floats32) -> Found:
-        results = search.query(vectors, k, where)
+        results = places.query(vectors, k, where)
         rows = [[FoundPlace.of(each) for each in found] for found in results]
-        return Found(descriptor=search.descriptor, results=rows)
+        return Found(descriptor=places.descriptor, results=rows)
 
     form = choose_format(request, format, _FORMATS)
     if form in CLOUD_FORMATS:
         return await _with_cloud(
-            request, state, form, lambda cloud: find(np.atleast_2d(search.describe(cloud)))
+            request, state, form, lambda cloud: find(np.atleast_2d(places.describe(cloud)))
         )
     most = state.config.max_vectors
     with state.workers.place():
-        body = await read_body(request, state.config, most_bytes(state.config, search.length))
+        body = await read_body(request, state.config, most_bytes(state.config, places.length))
         return await state.workers.run(
-            lambda: find(parse_vectors(body, form, search.length, most))
+            lambda: find(parse_vectors(body, form, places.length, most))
         )
 
 
@@ -88,7 +88,7 @@ async def locate(
     """Find where a cloud is, proven by registration with the clouds of its candidates."""
 
     def work(cloud: Cloud) -> LocatedCloud:
-        return LocatedCloud.of(state.search.locate(cloud, k, where))
+        return LocatedCloud.of(state.places.locate(cloud, k, where))
 
     return await _with_cloud(request, state, format, work)
 

@@ -34,6 +34,6 @@ async def metrics(state: Shared) -> Response:
 async def _count(state: State) -> int | None:
     """Return the number of places; None if they cannot be read."""
     try:
-        return await state.workers.run(lambda: len(state.search))
+        return await state.workers.run(lambda: len(state.places))
     except FusionSlamError:
         return None

@@ -16,15 +16,15 @@ _NO_SITE = {404: {"model": Problem, "description": "There is no such site."}}
 @router.get("/places")
 async def count_places(state: Shared) -> Counts:
     """Count the places by site, region, session and robot."""
-    search = state.search
+    served = state.places
 
     def work() -> Counts:
-        columns = {f"{name}s": search.count_by(name) for name in ("region", "session", "robot")}
+        columns = {f"{name}s": served.count_by(name) for name in ("region", "session", "robot")}
         return Counts(
-            descriptor=search.descriptor,
-            length=search.length,
-            places=len(search),
-            sites=search.count_by("site"),
+            descriptor=served.descriptor,
+            length=served.length,
+            places=len(served),
+            sites=served.count_by("site"),
             **columns,
         )
 
@@ -37,7 +37,7 @@ async def show_site(site: str, state: Shared) -> SitePaths:
     """Return where the places of a site are, by session; an empty name is that of no site."""
 
     def work() -> SitePaths:
-        found = state.search.positions(site)
+        found = state.places.positions(site)
         if not found.sessions:
             message = f"there is no site {site!r}; /v1/places lists them"
             raise RequestError(404, message, code="unknown-site", fields=(site,))
