@@ -37,6 +37,7 @@ def _same(*names: str) -> dict[str, str]:
 
 _KISS_MATCHER = {"kiss-matcher": "kiss_matcher"} if sys.version_info < (3, 13) else {}
 _KISS_ICP = {"kiss-icp": "kiss_icp"} if sys.version_info < (3, 14) else {}
+_RAY = {"ray": "ray"} if sys.version_info < (3, 14) else {}
 """These have no packages for later ones."""
 
 EXTRAS = {
@@ -67,6 +68,12 @@ EXTRAS = {
         ),
     ),
     "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
+    "fleet": Extra(
+        _RAY
+        | _same("lancedb", "fastapi", "uvicorn", "limits")
+        | {"prometheus-client": "prometheus_client"},
+        ("fleet", "serve", "fusionslam.fleet", "fusionslam.service"),
+    ),
 }
 
 

@@ -15,6 +15,7 @@ from fusionslam.cli import (
     describe,
     doctor,
     evaluate,
+    fleet,
     fuse,
     info,
     loops,
@@ -95,6 +96,7 @@ app.command()(config.config)
 app.command()(doctor.doctor)
 app.command("help")(show_help)
 app.add_typer(maps.app, name="map")
+app.add_typer(fleet.app, name="fleet")
 app.add_typer(views.app, name="views")
 app.add_typer(ros.app, name="ros")
 app.add_typer(ros2.app, name="ros2")

@@ -5,6 +5,7 @@
 from fusionslam.calibration.search import CalibrationCheckConfig
 from fusionslam.config import option
 from fusionslam.datasets.range_recording import RecordingConfig
+from fusionslam.fleet.config import FleetConfig
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.mapping.config import MapConfig
 from fusionslam.odometry import LidarOdometryConfig
@@ -43,3 +44,4 @@ class SystemConfig(PipelineConfig):
     )
     mapping: MapConfig = option(MapConfig(), "map build: keyframes, and how odometry drifts")
     service: ServiceConfig = option(ServiceConfig(), "serve: where it listens, and its limits")
+    fleet: FleetConfig = option(FleetConfig(), "fleet describe: work and places")

@@ -58,6 +58,10 @@ class Chunk:
         """Return the file of the chunk in a folder of ``fleet describe``."""
         return chunk_path(folder, self.key)
 
+    def place_key(self, row: int) -> str:
+        """Return the key of a place, by its row among the frames that were described."""
+        return f"{self.key}:{row}"
+
     def __str__(self) -> str:
         return f"{self.recording.session}, frames {self.first} to {self.first + self.count - 1}"
 

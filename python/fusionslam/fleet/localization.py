@@ -14,6 +14,7 @@ from fusionslam.fleet.chunk_store import PlaceCloud
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.fusion import fuse, robot_from_cloud
+from fusionslam.geometry.se3 import adjoint
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.observation import fusion_of_scans, prepare_cloud
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
@@ -173,12 +174,13 @@ class FleetLocator:
             return FleetLocalization(candidates, probability=probability, reason=best.reason)
         place = candidates[best.match]
         pose = clouds[best.match].robot_from_cloud @ best.match_from_query @ np.linalg.inv(mount)
+        carry = adjoint(mount)  # small motions of the cloud's frame are the robot's
         return FleetLocalization(
             candidates,
             place,
             pose,
             None if place.pose is None else place.pose @ pose,
-            best.covariance,
+            None if best.covariance is None else carry @ best.covariance @ carry.T,
             probability,
         )
 

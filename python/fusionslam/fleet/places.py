@@ -5,6 +5,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 
 ABOUT = ("session", "robot", "site", "region")
@@ -42,6 +44,24 @@ class Places:
         """Return one of ``ABOUT`` for each place."""
         value: str | Sequence[str] = getattr(self, name)
         return [value] * len(self) if isinstance(value, str) else list(value)
+
+
+def join_places(parts: Sequence[Places]) -> Places | None:
+    """Return the places of several parts together; None if there are none."""
+    parts = [part for part in parts if len(part)]
+    if not parts:
+        return None
+    unknown = np.full((1, 4, 4), np.nan)
+    poses = [np.repeat(unknown, len(e), axis=0) if e.poses is None else e.poses for e in parts]
+    about = {name: [text for part in parts for text in part.column(name)] for name in ABOUT}
+    return Places(
+        keys=[key for part in parts for key in part.keys],
+        vectors=np.concatenate([part.vectors for part in parts]),
+        stamps_ns=np.concatenate([part.stamps_ns for part in parts]),
+        frames=np.concatenate([part.frames for part in parts]),
+        poses=np.concatenate(poses),
+        **about,
+    )
 
 
 @dataclass(frozen=True)

@@ -120,10 +120,35 @@ class Plan:
         ]
         save_json(folder / PLAN, PLAN_FORMAT, {"root": self.root, "recordings": recordings})
 
+    def joined(self, earlier: "Plan") -> tuple["Plan", list[PlannedRecording]]:
+        """Return this plan with the recordings of an earlier one, and those that have changed.
+
+        Recordings that are not found any more stay: robots make room for new ones. One of another
+        path with the name of an earlier one is refused.
+        """
+        known = {each.recording.session: each for each in earlier.recordings}
+        plan, changed = Plan(self.root, failures=[*self.failures]), []
+        for new in self.recordings:
+            old = known.get(new.recording.session, new)
+            if old.recording.recording.path != new.recording.recording.path:
+                plan.failures.append(_same_name(new, old))
+                continue
+            known[new.recording.session] = new
+            if old.keys != new.keys:
+                changed.append(old)
+        plan.recordings.extend(known[session] for session in sorted(known))
+        return plan, changed
+
     @property
     def frames(self) -> int:
         """Number of frames of all recordings."""
         return sum(each.frames for each in self.recordings)
+
+
+def _same_name(new: PlannedRecording, old: PlannedRecording) -> Failure:
+    session, path = new.recording.session, old.recording.recording.path
+    reason = f"{new.recording.recording.path} has the name of {path}, which is known already"
+    return Failure(session, None, None, "same-name", reason)
 
 
 def load_failures(folder: Path) -> list[Failure]:

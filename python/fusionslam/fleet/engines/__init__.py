@@ -39,6 +39,16 @@ class Engine(Protocol):
         """End the workers."""
 
 
+def check_engine(name: str) -> None:
+    """Raise ConfigError unless an engine has this name (code "choice")."""
+    if name not in ("local", "ray") and not name.startswith("ray://"):
+        raise ConfigError(
+            f"--engine is {name!r}: expected one of {', '.join(ENGINES)}",
+            code="choice",
+            fields=("--engine", name),
+        )
+
+
 def open_engine(name: str, jobs: int) -> Engine:
     """Return an engine.
 
@@ -52,16 +62,11 @@ def open_engine(name: str, jobs: int) -> Engine:
         FusionSlamError: Ray is not installed (code "missing-extra").
         DataError: the cluster cannot be reached (code "no-cluster").
     """
+    check_engine(name)
     if name == "local":
         from fusionslam.fleet.engines.local import LocalEngine
 
         return LocalEngine(jobs)
-    if name == "ray" or name.startswith("ray://"):
-        from fusionslam.fleet.engines.ray_extra import RayEngine
+    from fusionslam.fleet.engines.ray_extra import RayEngine
 
-        return RayEngine(jobs, None if name == "ray" else name)
-    raise ConfigError(
-        f"--engine is {name!r}: expected one of {', '.join(ENGINES)}",
-        code="choice",
-        fields=("--engine", name),
-    )
+    return RayEngine(jobs, None if name == "ray" else name)

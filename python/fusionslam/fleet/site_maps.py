@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The joint map of all drives at a site, which grows as drives arrive."""
+
+import hashlib
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fusionslam.config import merged
+from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.recordings import FleetRecording
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.mapping import PlaceMap
+from fusionslam.mapping.config import MapConfig
+from fusionslam.pipelines.place_maps import MapOdometry, build_map, check_odometry, odometry_of
+from fusionslam.storage.files import atomic_path
+from fusionslam.storage.progress import Step, label_progress
+
+MAPS = "maps"
+_WINDOW = 20
+"""Keyframes that are no candidates, as of ``map build``."""
+
+
+@dataclass
+class SiteMerge:
+    """What became of the drives at a site.
+
+    Attributes:
+        path: of the joint map.
+        known: sessions that it had already.
+        added: sessions that it took in now.
+        left_out: reasons by session that it could not take in, yet.
+    """
+
+    path: Path
+    known: list[str] = field(default_factory=list)
+    added: list[str] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def site_map_path(folder: Path, site: str) -> Path:
+    """Return the file of a site's joint map."""
+    return folder / MAPS / f"{_file_name(site)}.fsmap"
+
+
+def merge_site(
+    folder: Path,
+    site: str,
+    recordings: Sequence[FleetRecording],
+    settings: FleetSettings,
+    *,
+    odometry: MapOdometry = "recorded",
+    mapping: MapConfig | None = None,
+    jobs: int = 1,
+    step: Step | None = None,
+) -> SiteMerge:
+    """Build the map of each drive at a site, and join them.
+
+    What is done already is not done again. A drive that no three loops join with the others waits
+    for those that come later.
+
+    Args:
+        folder: of ``fleet describe``.
+        site: name of the site.
+        recordings: all of the fleet; those of the site count.
+        settings: of the folder.
+        odometry: where the motion of the drives is from.
+        mapping: of new maps.
+        jobs: number of frames read ahead.
+        step: progress callback.
+
+    Raises:
+        ConfigError: no recording is of this site (code "unknown-site").
+        DataError: a map cannot be written; what was joined stays.
+    """
+    drives = [each for each in recordings if each.site == site]
+    if not drives:
+        known = sorted({each.site for each in recordings})
+        raise ConfigError(
+            f"no recording is of the site {site!r}: expected one of {', '.join(map(repr, known))}",
+            code="unknown-site",
+            fields=("site", site),
+        )
+    merge = SiteMerge(site_map_path(folder, site))
+    built: dict[str, Path] = {}
+    merge.known = _sessions(merge.path)
+    for drive in drives:
+        if drive.session in merge.known:
+            continue
+        path = merge.path.with_suffix("") / f"{_file_name(drive.session)}.fsmap"
+        try:
+            _build(path, drive, settings, odometry, mapping or MapConfig(), jobs, step)
+        except FusionSlamError as error:
+            merge.left_out[drive.session] = str(error)
+        else:
+            built[drive.session] = path
+    _join_all(merge, built, step)
+    return merge
+
+
+def _sessions(path: Path) -> list[str]:
+    """Return the sessions of a map; none if there is no map."""
+    if not path.exists():
+        return []
+    with PlaceMap.open(path, read_only=True) as site:
+        return [each.name for each in site.sessions]
+
+
+def _build(
+    path: Path,
+    drive: FleetRecording,
+    settings: FleetSettings,
+    odometry: MapOdometry,
+    mapping: MapConfig,
+    jobs: int,
+    step: Step | None,
+) -> None:
+    """Build the map of one drive, or go on with it."""
+    dataset = drive.recording.open(settings.fusion.source)
+    check_odometry(dataset, odometry)
+    moved = odometry_of(dataset, odometry, jobs=jobs, step=step)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    loops = merged(LoopConfig(), {"window": _WINDOW})
+    with PlaceMap.open(
+        path,
+        drive.session,
+        descriptor=settings.names[0],
+        loops=loops,
+        describe=settings.descriptors,
+        fusion=settings.fusion,
+        registration=settings.registration,
+        config=mapping,
+    ) as site:
+        progress = label_progress(step, f"mapping {drive.session}")
+        build_map(site, dataset, moved, bad_frames="skip", jobs=jobs, progress=progress)
+
+
+def _join_all(merge: SiteMerge, built: dict[str, Path], step: Step | None) -> None:
+    """Take maps into the joint one until none of the others can be."""
+    waiting = dict(built)
+    if waiting and not merge.path.exists():
+        first = next(iter(waiting))
+        _copy(waiting.pop(first), merge.path)
+        merge.added.append(first)
+    grew = True
+    while waiting and grew:
+        grew = False
+        for session, path in [*waiting.items()]:
+            reason = _join(merge.path, path, session, step)
+            if reason is not None:
+                merge.left_out[session] = reason
+                continue
+            merge.added.append(session)
+            merge.left_out.pop(session, None)
+            del waiting[session]
+            grew = True
+
+
+def _join(path: Path, other: Path, session: str, step: Step | None) -> str | None:
+    """Take a map into the joint one; return why not, or None."""
+    with PlaceMap.open(path) as site:
+        done = site.merge(other, progress=label_progress(step, f"joining {session}"))
+    return None if done.reason is None else done.reason.text
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a closed map, whole or not at all."""
+    with atomic_path(target) as temporary:
+        shutil.copyfile(source, temporary)
+
+
+def _file_name(name: str) -> str:
+    """A name with nothing that a file's name cannot have, and no other name's."""
+    kept = "".join(each if each.isalnum() or each in "-_." else "_" for each in name).lstrip(".")
+    return kept if kept == name else f"{kept}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
