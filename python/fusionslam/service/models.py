@@ -91,10 +91,11 @@ class LocatedCloud(BaseModel):
 
 
 class Counts(BaseModel):
-    """How many places there are, and of what."""
+    """How many places there are, and of what; ``proves`` is whether ``/v1/locate`` answers."""
 
     descriptor: str
     length: int
+    proves: bool
     places: int
     sites: dict[str, int]
     regions: dict[str, int]

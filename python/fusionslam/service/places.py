@@ -72,6 +72,11 @@ class ServedPlaces:
         """Length of its vectors."""
         return self._opened.database.settings.length
 
+    @property
+    def proves(self) -> bool:
+        """Whether the clouds of places are stored, with which a query is proven."""
+        return self._opened.settings.fleet.clouds and (self._folder / CHUNKS).is_dir()
+
     def describe(self, cloud: Cloud) -> Floats32:
         """Describe a cloud in the robot's frame, as the places were; float32 (D,).
 
@@ -94,11 +99,10 @@ class ServedPlaces:
             DataError: the cloud cannot be described.
             RequestError: the clouds of places are not stored (501, code "no-clouds").
         """
-        opened = self._opened
-        if not opened.settings.fleet.clouds or not (self._folder / CHUNKS).is_dir():
+        if not self.proves:
             message = "the clouds of these places are not stored: nothing can be proven"
             raise RequestError(501, message, code="no-clouds")
-        return opened.locator.localize(_frame_of(cloud), k, where)
+        return self._opened.locator.localize(_frame_of(cloud), k, where)
 
     def cloud(self, key: str) -> PlaceCloud:
         """Return the cloud of a place, for the locator."""

@@ -61,16 +61,18 @@ export class SiteMap {
     this.svg.setAttribute(
       "viewBox", `${left - margin} ${-high - margin} ${width} ${high - low + 3 * margin}`,
     );
-    this.addScale(left, -low + margin, width);
+    this.addScale(left, -low + margin, width, high - low + 3 * margin);
   }
 
   // A line of 1, 2 or 5 times a power of ten, about a fifth of the width.
-  addScale(x, y, width) {
+  addScale(x, y, width, height) {
     const power = 10 ** Math.floor(Math.log10(width / 5));
     const length = power * [5, 2, 1].find((factor) => factor * power <= width / 5);
     const line = shape("path", { class: "scale", d: `M${x} ${y}h${length}` });
-    const text = shape("text", { x, y: y - width / 100 });
-    text.style.fontSize = `${width / 45}px`;
+    const { clientWidth, clientHeight } = this.svg;
+    const pixel = Math.max(width / (clientWidth || 600), height / (clientHeight || 400));
+    const text = shape("text", { x, y: y - 5 * pixel });
+    text.style.fontSize = `${13 * pixel}px`;
     text.textContent = length < 1000 ? `${length} m` : `${length / 1000} km`;
     this.svg.append(line, text);
   }

@@ -12,6 +12,7 @@ const LISTED = 100; // sites with a link of their own
 const site = location.pathname.startsWith(PAGE)
   ? decodeURIComponent(location.pathname.slice(PAGE.length)) : null;
 let shown = site;
+let proves = false; // whether the clouds of places are stored
 
 class Problem extends Error {
   constructor(status, { code, message }) {
@@ -41,6 +42,7 @@ async function start() {
   at("key-form").hidden = true;
   const sites = Object.keys(counts.sites).sort();
   shown = site ?? sites[0] ?? null;
+  proves = counts.proves;
   at("sites").replaceChildren(...sites.slice(0, LISTED).map(link));
   at("only").hidden = sites.length < 2;
   at("lead").textContent = [
@@ -73,14 +75,10 @@ async function find(file) {
   const format = file.name.split(".").pop().toLowerCase();
   const parameters = new URLSearchParams({ format, k: 10 });
   if (at("here").checked && shown !== null) parameters.set("site", shown);
-  const send = (route) => ask(`/v1/${route}?${parameters}`, { method: "POST", body: file });
-  try {
-    return await send("locate");
-  } catch (error) {
-    if (error.status !== 501) throw error;
-    const { results } = await send("query");
-    return { candidates: results[0], place: null, reason: error.message };
-  }
+  const route = proves ? "locate" : "query";
+  const found = await ask(`/v1/${route}?${parameters}`, { method: "POST", body: file });
+  const reason = "the clouds of these places are not stored";
+  return proves ? found : { candidates: found.results[0], place: null, reason };
 }
 
 function showFound({ candidates, place, site_from_robot: pose, probability, reason }) {

@@ -23,6 +23,7 @@ async def count_places(state: Shared) -> Counts:
         return Counts(
             descriptor=served.descriptor,
             length=served.length,
+            proves=served.proves,
             places=len(served),
             sites=served.count_by("site"),
             **columns,
