@@ -112,7 +112,7 @@ class PlaceFilter:
     def sql(self) -> str:
         """Return the condition as SQL; "true" for any."""
         named = {name: getattr(self, name) for name in ABOUT}
-        terms = [f"{name} = {_quote(value)}" for name, value in named.items() if value is not None]
+        terms = [f"{name} = {quote(value)}" for name, value in named.items() if value is not None]
         if self.since_ns is not None:
             terms.append(f"stamp_ns >= {int(self.since_ns)}")
         if self.until_ns is not None:
@@ -120,7 +120,7 @@ class PlaceFilter:
         return " AND ".join(terms) or "true"
 
 
-def _quote(value: str) -> str:
+def quote(value: str) -> str:
     """A text as SQL has it."""
     doubled = value.replace("'", "''")
     return f"'{doubled}'"

@@ -63,11 +63,9 @@ def _read(scan: Path, frame: int | None, folder: "FleetFolder") -> "Frame | Clou
     from fusionslam.datasets import read_cloud
     from fusionslam.errors import ConfigError
     from fusionslam.pipelines.recording import Recording
-    from fusionslam.sensors.frame import Cloud
 
     if frame is None:
-        cloud = read_cloud(scan)
-        return cloud if isinstance(cloud, Cloud) else Cloud(*cloud)
+        return read_cloud(scan)
     dataset = Recording.at(scan).open(folder.settings.fusion.source)
     numbers = dataset.numbers.tolist()
     if frame not in numbers:

@@ -1,0 +1,463 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""A database of places that several recordings and robots have seen."""
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from fusionslam.config import explain_choice
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.fleet import lance_extra, vector_index
+from fusionslam.fleet.place_rows import (
+    SHOWN,
+    DatabaseSettings,
+    candidate_of,
+    check_vectors,
+    poses_of,
+    rows_of,
+    schema_of,
+    settings_of,
+)
+from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
+from fusionslam.fleet.vector_index import IndexReport, Progress, Search
+from fusionslam.fleet.write_lock import WriteLock
+from fusionslam.storage.arrays import Floats, Integers
+from fusionslam.storage.files import PathLike
+
+__all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
+
+_FEW = 20_000  # rows that a filter leaves are searched without index
+_KEYS = 2_000  # looked up at a time
+
+
+@dataclass(frozen=True)
+class Session:
+    """A recording in the database.
+
+    Attributes:
+        session, robot, site, region: its name, who drove, and where.
+        places: number of them.
+        first_ns, last_ns: when the first and the last were seen.
+    """
+
+    session: str
+    robot: str
+    site: str
+    region: str
+    places: int
+    first_ns: int
+    last_ns: int
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Where the places of a site are.
+
+    Attributes:
+        sessions: names of their recordings, (n).
+        frames: int64 (n), numbers in their recordings.
+        stamps_ns: int64 (n).
+        poses: float64 (n, 4, 4), in a frame of the recording; NaN where unknown.
+    """
+
+    sessions: Sequence[str]
+    frames: Integers
+    stamps_ns: Integers
+    poses: Floats
+
+
+@dataclass(frozen=True)
+class Version:
+    """A state of the database: each change makes one.
+
+    Attributes:
+        number: of the version.
+        time: when it was made.
+        places: number of them.
+    """
+
+    number: int
+    time: datetime
+    places: int
+
+
+class PlaceDatabase:
+    """Places in a folder or an object store; ``create`` or ``open`` makes it.
+
+    Any number of processes read; they see changes at their next call. One at a time changes it,
+    which a lock in the folder ensures. Object stores have no lock: let one process write.
+
+    Attributes:
+        location: of the folder, or an address such as s3://bucket/places.
+        settings: what its vectors are.
+        read_only: whether this one changes nothing.
+    """
+
+    def __init__(
+        self, location: str, table: Any, *, lock: WriteLock | None = None, read_only: bool = False
+    ) -> None:
+        self.location = location
+        self.settings = settings_of(table.schema, location)
+        self.read_only = read_only
+        self._table, self._lock = table, lock
+        self._is_pinned = self._is_closed = False
+        self._plan: tuple[int, Search | None] = (-1, None)
+
+    @classmethod
+    def create(
+        cls,
+        location: PathLike,
+        settings: DatabaseSettings,
+        *,
+        storage_options: Mapping[str, str] | None = None,
+    ) -> Self:
+        """Make an empty database and open it.
+
+        Args:
+            location: of a folder that is made, or an address such as s3://bucket/places.
+            settings: what its vectors are.
+            storage_options: of the object store, as LanceDB documents them.
+
+        Raises:
+            ConfigError: the descriptor is unknown or not compared by l2.
+            DataError: there is one already (code "exists"), or it cannot be written.
+            FusionSlamError: LanceDB is not installed (code "missing-extra").
+        """
+        settings.check()
+        place = str(location)
+        table = lance_extra.create_table(place, schema_of(settings), storage_options)
+        return cls(place, table, lock=_lock(place))
+
+    @classmethod
+    def open(
+        cls,
+        location: PathLike,
+        *,
+        expected: DatabaseSettings | None = None,
+        read_only: bool = False,
+        storage_options: Mapping[str, str] | None = None,
+    ) -> Self:
+        """Open a database.
+
+        Args:
+            location, storage_options: as for ``create``.
+            expected: settings that it must have.
+            read_only: whether nothing is changed; then others may write meanwhile.
+
+        Raises:
+            DataError: there is none (code "not-found"), something else is there ("other-format"),
+                it is of a later version ("newer-version"), damaged ("damaged"), or another process
+                changes it ("locked").
+            ConfigError: its settings are others (code "other-descriptor"); ``fields`` has the
+                name of the first that differs, what was found, and what was expected.
+            FusionSlamError: LanceDB is not installed (code "missing-extra").
+        """
+        place = str(location)
+        table = lance_extra.open_table(place, storage_options)
+        database = cls(place, table, read_only=read_only)
+        if expected is not None:
+            database.settings.require(expected)
+        if not read_only:
+            database._lock = _lock(place)
+            table.checkout_latest()  # another process may have changed it before
+        return database
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        with self._reading() as table:
+            return int(table.count_rows())
+
+    def close(self) -> None:
+        """Let others change the database; it cannot be used any more."""
+        self._is_closed = True
+        if self._lock is not None:
+            self._lock.release()
+
+    def add(self, places: Places) -> int:
+        """Add places, all of them or none, and return how many are new.
+
+        Those whose keys are there already are left out: adding again what a killed process may
+        have added is right.
+
+        Raises:
+            ShapeError: an array of another length or shape; the first of ``fields`` is its name.
+            DataError: vectors that are not finite (code "not-finite"), a key that is empty
+                ("bad-key") or there twice ("duplicate-key"), a database that is read-only
+                ("read-only"), or it cannot be written ("cannot-write").
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        rows = rows_of(places, self.settings)
+        with self._writing() as table:
+            known = _known_keys(table, list(places.keys))
+            if known:
+                is_known = pc.is_in(rows["key"], value_set=pa.array(known, pa.string()))
+                rows = rows.filter(pc.invert(is_known))
+            if rows.num_rows:
+                table.add(rows)
+            return int(rows.num_rows)
+
+    def known_keys(self, keys: Sequence[str]) -> set[str]:
+        """Those of some keys that the database has."""
+        with self._reading() as table:
+            return set(_known_keys(table, list(keys)))
+
+    def delete(self, where: PlaceFilter) -> int:
+        """Delete places and return how many there were; no query finds them any more.
+
+        Their bytes leave the disk with ``compact``.
+
+        Raises:
+            ConfigError: a filter that any place passes (code "empty-filter").
+            DataError: read-only (code "read-only"), or it cannot be written ("cannot-write").
+        """
+        if where.is_any:
+            raise ConfigError(
+                "where: expected a site, region, robot, session or time, not any place",
+                code="empty-filter",
+                fields=("where",),
+            )
+        with self._writing() as table:
+            return int(table.delete(where.sql()).num_deleted_rows)
+
+    def build_index(self, *, recall: float = 0.99, progress: Progress | None = None) -> IndexReport:
+        """Build the index anew, and measure its recall on the database's own vectors.
+
+        Queries are 200 stored vectors with noise. So many partitions are searched that they find
+        that share of the ten nearest, or all partitions. Small databases need no index.
+
+        Args:
+            recall: to reach, of the ten nearest.
+            progress: called with a line of text for each step.
+
+        Raises:
+            ConfigError: recall is not within (0, 1] (code "limit").
+            DataError: as ``add``.
+        """
+        if not 0 < recall <= 1:
+            raise ConfigError(
+                f"recall: expected more than 0, at most 1, not {recall}",
+                code="limit",
+                fields=("recall",),
+            )
+        with self._writing() as table:
+            if table.count_rows() < vector_index.FEWEST_ROWS:
+                return vector_index.no_index(table)
+            return vector_index.build(table, recall, progress)
+
+    @property
+    def index(self) -> IndexReport | None:
+        """The report of the last ``build_index`` or ``compact``; None without index."""
+        with self._reading() as table:
+            return vector_index.read_report(table)
+
+    def compact(self, *, keep_s: float = 3600.0, progress: Progress | None = None) -> None:
+        """Merge small files, put new rows into the index, and drop old versions.
+
+        Args:
+            keep_s: age of versions that stay, for readers that are in the middle of one.
+            progress: called with a line of text for each step.
+
+        Raises:
+            DataError: as ``add``.
+        """
+        with self._writing() as table:
+            report = vector_index.read_report(table)
+            keep = timedelta(seconds=max(keep_s, 1e-6))  # LanceDB warns of zero
+            table.optimize(cleanup_older_than=keep, delete_unverified=self._lock is not None)
+            if report is not None:
+                say = progress or (lambda text: None)
+                vector_index.measure(table, report.partitions, 0.99, say, time.monotonic())
+
+    def query(
+        self, vectors: Any, k: int = 10, where: PlaceFilter | None = None, *, exact: bool = False
+    ) -> list[list[Candidate]]:
+        """Find the places nearest to each vector, nearest first.
+
+        The index finds candidates; rows that are not in it yet are searched, too. Distances are
+        exact.
+
+        Args:
+            vectors: float32 (q, D), or (D,) for one.
+            k: number of places to find, at most.
+            where: which places may be found.
+            exact: whether all places are compared, which takes longer.
+
+        Returns:
+            A list for each vector.
+
+        Raises:
+            ShapeError: vectors of another length.
+            DataError: vectors that are not finite (code "not-finite"), or the database is damaged.
+            ConfigError: k is less than 1 (code "limit").
+        """
+        if k < 1:
+            raise ConfigError(f"k: expected at least 1, not {k}", code="limit", fields=("k",))
+        queries = np.asarray(vectors)
+        if queries.ndim not in (1, 2):
+            raise ShapeError(
+                f"vectors: expected float32 (q, {self.settings.length}), not {queries.shape}",
+                fields=("vectors",),
+            )
+        rows = check_vectors("vectors", np.atleast_2d(queries), self.settings.length)
+        with self._reading() as table:
+            search = self._search(table, k, where, exact)
+            return [_best(*found, k) for found in vector_index.nearest_rows(table, rows, search)]
+
+    def count_by(self, column: str) -> dict[str, int]:
+        """Number of places by one of site, region, robot and session.
+
+        Raises:
+            ConfigError: another column (code "choice").
+        """
+        if column not in ABOUT:
+            raise ConfigError(
+                f"column {column!r}: {explain_choice(column, ABOUT)}",
+                code="choice",
+                fields=("column", column),
+            )
+        counts: Counter[str] = Counter()
+        with self._reading() as table:
+            for batch in vector_index.scan(table, [column]):
+                for pair in batch[column].value_counts().to_pylist():
+                    counts[pair["values"]] += pair["counts"]
+        return dict(sorted(counts.items()))
+
+    def sessions(self) -> list[Session]:
+        """Recordings in the database, by name."""
+        import pyarrow as pa
+
+        columns = [*ABOUT, "stamp_ns"]
+        with self._reading() as table:
+            found = pa.Table.from_batches(
+                vector_index.scan(table, columns),
+                pa.schema([table.schema.field(name) for name in columns]),
+            )
+        spans = [("stamp_ns", "count"), ("stamp_ns", "min"), ("stamp_ns", "max")]
+        rows = found.group_by(list(ABOUT)).aggregate(spans).to_pylist()
+        return sorted((_session(row) for row in rows), key=lambda one: (one.session, one.robot))
+
+    def positions(self, site: str) -> Positions:
+        """Where the places of a site are, by recording and frame."""
+        columns = ["session", "frame", "stamp_ns", "pose"]
+        with self._reading() as table:
+            sql = PlaceFilter(site=site).sql()
+            found = table.search().select(columns).where(sql).to_arrow()
+        found = found.sort_by([("session", "ascending"), ("frame", "ascending")])
+        return Positions(
+            found["session"].to_pylist(),
+            found["frame"].to_numpy(),
+            found["stamp_ns"].to_numpy(),
+            poses_of(found["pose"]),
+        )
+
+    def versions(self) -> list[Version]:
+        """States of the database that ``at_version`` shows, oldest first."""
+        with self._reading() as table:
+            return [
+                Version(
+                    int(one["version"]),
+                    one["timestamp"],
+                    int(one["metadata"].get("total_rows", 0)),
+                )
+                for one in table.list_versions()
+            ]
+
+    def at_version(self, number: int) -> "PlaceDatabase":
+        """A state of the database as it was, which nothing changes.
+
+        Raises:
+            DataError: there is none of this number any more (code "not-found").
+        """
+        if number not in {version.number for version in self.versions()}:
+            raise DataError(
+                f"{self.location} has no version {number} any more",
+                code="not-found",
+                fields=(self.location, str(number)),
+            )
+        with self._reading() as table, lance_extra.errors(self.location):
+            then = table._conn.open_table(table.name)
+            then.checkout(number)
+        database = PlaceDatabase(self.location, then, read_only=True)
+        database._is_pinned = True
+        return database
+
+    @contextmanager
+    def _reading(self) -> Iterator[Any]:
+        """The table as it is now."""
+        if self._is_closed:
+            raise DataError(f"{self.location} is closed", code="closed", fields=(self.location,))
+        with lance_extra.errors(self.location):
+            if not self._is_pinned and self._lock is None:
+                self._table.checkout_latest()
+            yield self._table
+
+    @contextmanager
+    def _writing(self) -> Iterator[Any]:
+        if self.read_only:
+            raise DataError(
+                f"{self.location} is open read-only",
+                code="read-only",
+                fields=(self.location,),
+            )
+        with self._reading() as table:
+            yield table
+
+    def _search(self, table: Any, k: int, where: PlaceFilter | None, exact: bool) -> Search:
+        sql = None if where is None or where.is_any else where.sql()
+        version = table.version
+        if self._plan[0] != version:
+            self._plan = version, vector_index.usual_search(table)
+        usual = self._plan[1]
+        if exact or usual is None or (sql is not None and table.count_rows(sql) <= _FEW):
+            return vector_index.exactly(k, sql)
+        return Search(usual.nprobes, max(usual.candidates, 4 * k), sql)
+
+
+def _lock(location: str) -> WriteLock | None:
+    return None if lance_extra.is_remote(location) else WriteLock(Path(location))
+
+
+def _known_keys(table: Any, keys: list[str]) -> list[str]:
+    """Those of the keys that a table has."""
+    if not table.count_rows():
+        return []
+    known: list[str] = []
+    for first in range(0, len(keys), _KEYS):
+        some = keys[first : first + _KEYS]
+        sql = f"key IN ({', '.join(quote(key) for key in some)})"
+        found = table.search().where(sql).select(["key"]).limit(2 * len(some) + 1).to_arrow()
+        known += found["key"].to_pylist()
+    return known
+
+
+def _best(rows: Any, order: list[int], distances: list[float], k: int) -> list[Candidate]:
+    """The k nearest, each key once."""
+    shown = rows.select(list(SHOWN))
+    best: dict[str, Candidate] = {}
+    for row, distance in zip(order, distances, strict=True):
+        if len(best) == k:
+            break
+        (values,) = shown.slice(row, 1).to_pylist()
+        best.setdefault(values["key"], candidate_of(values, distance))
+    return list(best.values())
+
+
+def _session(row: dict[str, Any]) -> Session:
+    about = {name: row[name] for name in ABOUT}
+    span = row["stamp_ns_count"], row["stamp_ns_min"], row["stamp_ns_max"]
+    return Session(**about, places=span[0], first_ns=span[1], last_ns=span[2])

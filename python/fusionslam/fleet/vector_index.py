@@ -1,0 +1,277 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Searches a table of places by its index, whose recall is measured on the table's own vectors."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fusionslam import DescriptorIndex
+from fusionslam.fleet.place_rows import METRIC, SHOWN, vectors_of
+from fusionslam.storage.arrays import Floats, Floats32
+
+FEWEST_ROWS = 5_000
+"""Of a table that has an index: smaller ones are searched as fast without."""
+
+K = 10
+"""Neighbours whose recall is measured."""
+
+Progress = Callable[[str], None]
+
+_QUERIES = 200
+_NOISE = 0.2  # of queries that measure recall, in deviations of the vectors
+_SEED = 1
+_PARTITION = 2_000  # rows
+_TRAINING = 64  # rows for each partition
+_ROUNDS = 10  # of k-means
+_CANDIDATES = (100, 200, 400)
+_CAREFUL = 0.1  # of the partitions are searched while recall is not measured
+_BLOCK = 8_192  # rows read at a time
+_BATCH = 32  # queries at a time
+_KEY = "fusionslam.index"
+
+
+@dataclass(frozen=True)
+class IndexReport:
+    """How good the index of a table is, and how it is searched.
+
+    Attributes:
+        rows: of the table when recall was measured.
+        partitions: number of the index's lists; 0 without index.
+        kind: "IVF_SQ", or "exact" for a small table, which has no index.
+        nprobes: partitions searched by a query.
+        candidates: rows that are compared exactly.
+        recall: share of the true ten nearest that queries find.
+        queries: number of them that recall was measured with.
+        seconds: that building and measuring took.
+        version: of the table when recall was measured.
+        index: identity of the index that was measured.
+    """
+
+    rows: int
+    partitions: int
+    kind: str
+    nprobes: int
+    candidates: int
+    recall: float
+    queries: int
+    seconds: float
+    version: int
+    index: str
+
+
+class Search(NamedTuple):
+    """How a table is searched.
+
+    Attributes:
+        nprobes: partitions of the index that are searched; 0 for all rows without index.
+        candidates: rows that are compared exactly, of each query.
+        where: condition that rows fulfil, as SQL; None for any.
+    """
+
+    nprobes: int
+    candidates: int
+    where: str | None = None
+
+
+def exactly(k: int, where: str | None = None) -> Search:
+    """Search all rows for k neighbours; some more are compared, as their order may change."""
+    return Search(0, 2 * k + 20, where)
+
+
+def nearest_rows(
+    table: Any, queries: Floats32, search: Search
+) -> Iterator[tuple[Any, list[int], list[float]]]:
+    """For each query yield rows with columns ``SHOWN``, their order, nearest first, and distances.
+
+    Args:
+        table: LanceDB's.
+        queries: float32 (q, D).
+        search: how.
+    """
+    for first in range(0, len(queries), _BATCH):
+        batch = queries[first : first + _BATCH]
+        for query, found in zip(batch, _candidates(table, batch, search), strict=True):
+            yield found, *_order(query, vectors_of(found["vector"], len(query)))
+
+
+def read_report(table: Any) -> IndexReport | None:
+    """The report that a table carries."""
+    text = (table.schema.field("vector").metadata or {}).get(_KEY.encode())
+    return IndexReport(**json.loads(text)) if text else None
+
+
+def write_report(table: Any, report: IndexReport) -> None:
+    """Store a report in the table, which is one commit."""
+    table.update_field_metadata({"path": "vector", "metadata": {_KEY: json.dumps(asdict(report))}})
+
+
+def usual_search(table: Any) -> Search | None:
+    """How the table's index is searched for the measured recall; None without index.
+
+    An index that was not measured yet, as its process was killed, is searched with care.
+    """
+    index, report = _vector_index(table), read_report(table)
+    if index is None:
+        return None
+    if report is not None and report.index == index.index_uuid:
+        return Search(report.nprobes, report.candidates)
+    return Search(math.ceil(_CAREFUL * _partitions(table.count_rows())), _CANDIDATES[-1])
+
+
+def build(table: Any, recall: float, progress: Progress | None) -> IndexReport:
+    """Build the index of vectors, and those of keys and filters, and measure recall.
+
+    Args:
+        table: LanceDB's, of ``FEWEST_ROWS`` or more.
+        recall: to reach, by searching more partitions.
+        progress: called with a line of text for each step.
+    """
+    from lancedb.index import Bitmap, BTree, IvfSq
+
+    say = progress or (lambda text: None)
+    started, partitions = time.monotonic(), _partitions(table.count_rows())
+    say("index of keys and filters")
+    table.create_index("key", config=BTree())
+    for name in ("site", "robot", "session"):
+        table.create_index(name, config=Bitmap())
+    say(f"index of vectors, {partitions} partitions")
+    config = IvfSq(
+        distance_type="l2",
+        num_partitions=partitions,
+        sample_rate=_TRAINING,
+        max_iterations=_ROUNDS,
+    )
+    table.create_index("vector", config=config)
+    return measure(table, partitions, recall, say, started)
+
+
+def measure(
+    table: Any, partitions: int, recall: float, say: Progress, started: float
+) -> IndexReport:
+    """Find how many partitions to search for a recall; the report is stored in the table."""
+    queries = _sample(table)
+    say(f"exact answers of {len(queries)} queries")
+    limits = _distances_of_neighbours(table, queries)
+    index = _vector_index(table)
+    rows, best = table.count_rows(), None
+    for search in _searches(partitions):
+        found = _recall(table, queries, limits, search)
+        say(f"{search.nprobes} partitions, {search.candidates} candidates: recall {found:.4f}")
+        if best is None or found > best.recall:
+            best = IndexReport(
+                rows=rows,
+                partitions=partitions,
+                kind="IVF_SQ",
+                nprobes=search.nprobes,
+                candidates=search.candidates,
+                recall=found,
+                queries=len(queries),
+                seconds=0.0,
+                version=table.version,
+                index=index.index_uuid,
+            )
+        if found >= recall:
+            break
+    assert best is not None
+    report = replace(best, seconds=time.monotonic() - started)
+    write_report(table, report)
+    return report
+
+
+def no_index(table: Any) -> IndexReport:
+    """The report of a table that is searched as a whole."""
+    rows = table.count_rows()
+    return IndexReport(rows, 0, "exact", 0, 0, 1.0, 0, 0.0, table.version, "")
+
+
+def scan(table: Any, columns: list[str], where: str | None = None) -> Iterator[Any]:
+    """Yield columns of all rows, so many at a time, as Arrow's batches."""
+    search = table.search().select(columns)
+    yield from (search if where is None else search.where(where)).to_batches(_BLOCK)
+
+
+def _vector_index(table: Any) -> Any:
+    return next((one for one in table.list_indices() if one.columns == ["vector"]), None)
+
+
+def _partitions(rows: int) -> int:
+    return max(1, rows // _PARTITION)
+
+
+def _searches(partitions: int) -> Iterator[Search]:
+    for candidates in _CANDIDATES:
+        nprobes = 1
+        while nprobes < partitions:
+            yield Search(nprobes, candidates)
+            nprobes *= 2
+        yield Search(partitions, candidates)
+
+
+def _candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Any]:
+    """For each query yield a table of rows that may be near."""
+    import pyarrow.compute as pc
+
+    several = len(queries) > 1
+    builder = table.search(list(queries) if several else queries[0], vector_column_name="vector")
+    builder = builder.distance_type(METRIC).select([*SHOWN, "vector", "_distance"])
+    if search.nprobes:
+        builder = builder.minimum_nprobes(search.nprobes).maximum_nprobes(
+            0 if search.where else search.nprobes
+        )
+    else:
+        builder = builder.bypass_vector_index()
+    if search.where:
+        builder = builder.where(search.where)
+    found = builder.limit(search.candidates).to_arrow()
+    for number in range(len(queries)):
+        yield found.filter(pc.equal(found["query_index"], number)) if several else found
+
+
+def _order(query: Floats32, rows: Floats32) -> tuple[list[int], list[float]]:
+    """Rows by their exact distance to a query, and these distances."""
+    if not len(rows):
+        return [], []
+    index = DescriptorIndex(len(query), metric=METRIC)
+    for row in rows:
+        index.add(row)
+    order, distances = index.query(query, k=len(rows))
+    return order.tolist(), distances.tolist()
+
+
+def _sample(table: Any) -> Floats32:
+    """Stored vectors from all over the table with noise, float32 (q, D)."""
+    rng = np.random.default_rng(_SEED)
+    rows = table.count_rows()
+    offsets = np.sort(rng.choice(rows, min(_QUERIES, rows), replace=False))
+    found = table.take_offsets(offsets.tolist()).select(["vector"]).to_arrow()["vector"]
+    stored = vectors_of(found, found.type.list_size)
+    noise = _NOISE * stored.std(axis=0) * rng.standard_normal(stored.shape)
+    return np.asarray(stored + noise, np.float32)
+
+
+def _distances_of_neighbours(table: Any, queries: Floats32) -> Floats:
+    """Distance of each query to its K-th nearest of all rows, float64 (q); rows come in blocks."""
+    wide = queries.astype(np.float64)
+    norms = (wide**2).sum(axis=1)[:, None]
+    nearest = np.full((len(wide), K), np.inf)
+    for batch in scan(table, ["vector"]):
+        rows = vectors_of(batch["vector"], wide.shape[1]).astype(np.float64)
+        squares = norms - 2 * wide @ rows.T + (rows**2).sum(axis=1)
+        nearest = np.partition(np.hstack([nearest, squares]), K - 1, axis=1)[:, :K]
+    limits: Floats = np.sqrt(np.maximum(nearest.max(axis=1), 0))
+    return limits
+
+
+def _recall(table: Any, queries: Floats32, limits: Floats, search: Search) -> float:
+    """Share of K neighbours found; rows as near as the K-th are as good as it."""
+    found = 0
+    most = limits * (1 + 1e-5) + 1e-6 * np.abs(queries).max()
+    for limit, (_, _, distances) in zip(most, nearest_rows(table, queries, search), strict=True):
+        found += sum(distance <= limit for distance in distances[:K])
+    return found / (K * len(queries))
