@@ -45,7 +45,14 @@ def serve(
     The page at its address shows sites and finds scans; /docs lists the interface. Keys also come
     from the environment: FUSIONSLAM_API_KEYS.
     """
-    for module in ("fastapi", "fastapi_offline", "lancedb", "limits", "prometheus_client", "uvicorn"):
+    for module in (
+        "fastapi",
+        "fastapi_offline",
+        "lancedb",
+        "limits",
+        "prometheus_client",
+        "uvicorn",
+    ):
         needs_extra("fleet", module=module)
     from fusionslam.service.app import create_app
     from fusionslam.service.keys import ApiKeys

@@ -150,4 +150,3 @@ class Health(BaseModel):
 def _rows(matrix: Matrix | None) -> Rows | None:
     rows: Rows | None = None if matrix is None else matrix.tolist()
     return rows
-

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Places of a small fleet, described from clouds, and a client of the service of them."""
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli import succeeds
 from clouds import Points, scan_blocks
 from fusionslam.datasets import write_cloud
+from fusionslam.fleet.chunk import Chunk
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.places import Places
+from fusionslam.fleet.recordings import Labels, find_recordings
+from fusionslam.fleet.settings import settle_settings
+from fusionslam.fleet.work import Plan
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.config import ServiceConfig
@@ -48,10 +52,41 @@ def describe_fleet(folder: Path) -> Path:
             write_cloud(recording / f"{frame:06d}.bin", Cloud(scan_at(site, frame, seed=frame)))
         rows = [" ".join(map(str, pose_at(frame)[:3].ravel())) for frame in range(FRAMES)]
         (recording / "poses.txt").write_text("\n".join(rows) + "\n")
-    places = folder / "places"
-    options = ("-d", "m2dp", "--source", "cloud", "--folders", "site/robot", "--jobs", "1")
-    succeeds("fleet", "describe", folder / "recordings", "-o", places, *options)
-    return places
+    found = find_recordings(folder / "recordings", Labels(("site", "robot")))
+    places = FleetFolder(
+        folder / "places",
+        settle_settings(
+            found, ("m2dp",), PipelineConfig(), FleetConfig(), folder / "places", source="cloud"
+        ),
+    )
+    plan = Plan.make(folder / "recordings", found, places.settings, None)
+    assert not places.describe(plan, _InThisProcess())
+    return places.path
+
+
+class _InThisProcess:
+    """An engine without workers."""
+
+    def run(self, chunks: Sequence[Chunk], work: Any, *, alone: bool = False) -> Iterator[Any]:
+        for chunk in chunks:
+            work(chunk)
+            yield chunk, None
+
+    def close(self) -> None:
+        """Nothing was begun."""
+
+
+def as_npy(array: Any) -> bytes:
+    """An array as a .npy file."""
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def as_npz(array: Any) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, array)
+    return buffer.getvalue()
 
 
 def make_folder(path: Path, *, clouds: bool = False) -> FleetFolder:

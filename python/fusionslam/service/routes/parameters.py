@@ -14,6 +14,8 @@ from fusionslam.service.problems import RequestError
 from fusionslam.service.state import Shared
 
 _LATEST = 2**63 - 1
+_USUAL = 10
+"""Candidates of each query."""
 _Name = Annotated[str | None, Query(max_length=500, pattern=r"^[^\x00-\x1f\x7f]*$")]
 _Time = Annotated[int | None, Query(ge=-_LATEST, le=_LATEST, description="Nanoseconds.")]
 
@@ -37,11 +39,15 @@ async def _filter_of(
 
 
 async def _number_of_candidates(
-    state: Shared, k: Annotated[int, Query(ge=1, description="Candidates of each query.")] = 10
+    state: Shared,
+    k: Annotated[int | None, Query(ge=1, description="Candidates of each query; 10.")] = None,
 ) -> int:
-    if k > state.config.max_k:
-        message = f"k is {k}, expected at most {state.config.max_k}"
-        raise RequestError(422, message, code="parameter", fields=("k", str(state.config.max_k)))
+    most = state.config.max_k
+    if k is None:
+        return min(_USUAL, most)
+    if k > most:
+        message = f"k is {k}, expected at most {most}"
+        raise RequestError(422, message, code="parameter", fields=("k", str(most)))
     return k
 
 
@@ -85,4 +91,3 @@ def describe_body(*, vectors: bool) -> dict[str, Any]:
 
 def _list_of(items: dict[str, Any]) -> dict[str, Any]:
     return {"type": "array", "items": items}
-

@@ -56,7 +56,7 @@ async def describe(request: Request, state: Shared, format: Format = None) -> De
 
 @router.post("/query", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=True))
 async def query(
-    request: Request, state: Shared, where: Where, k: Count = 10, format: Format = None
+    request: Request, state: Shared, where: Where, k: Count, format: Format = None
 ) -> Found:
     """Find the places that look like a cloud, or like each of some vectors."""
     places = state.places
@@ -74,16 +74,14 @@ async def query(
     most = state.config.max_vectors
     with state.workers.place():
         body = await read_body(request, state.config, most_bytes(state.config, places.length))
-        return await state.workers.run(
-            lambda: find(parse_vectors(body, form, places.length, most))
-        )
+        return await state.workers.run(lambda: find(parse_vectors(body, form, places.length, most)))
 
 
 @router.post(
     "/locate", responses=BODY_ANSWERS | _NOT_STORED, openapi_extra=describe_body(vectors=False)
 )
 async def locate(
-    request: Request, state: Shared, where: Where, k: Count = 10, format: Format = None
+    request: Request, state: Shared, where: Where, k: Count, format: Format = None
 ) -> LocatedCloud:
     """Find where a cloud is, proven by registration with the clouds of its candidates."""
 
@@ -100,6 +98,4 @@ async def _with_cloud(
     form = choose_format(request, format, CLOUD_FORMATS)
     with state.workers.place():
         async with body_file(request, state.config, form) as path:
-            return await state.workers.run(
-                lambda: work(load_cloud(path, state.config.max_points))
-            )
+            return await state.workers.run(lambda: work(load_cloud(path, state.config.max_points)))
