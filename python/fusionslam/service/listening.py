@@ -70,7 +70,7 @@ def serve(app: FastAPI, listener: socket.socket) -> None:
     """Answer requests until SIGINT or SIGTERM; what is worked on then is finished."""
     settings = uvicorn.Config(
         app,
-        log_level="warning",
+        log_level="error",
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=_GRACE_S,

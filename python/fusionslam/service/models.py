@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers of the service, as its OpenAPI page lists them."""
 
+from collections import defaultdict
 from typing import Self
 
 import numpy as np
@@ -10,7 +11,6 @@ from pydantic import BaseModel
 from fusionslam.fleet.localization import FleetLocalization
 from fusionslam.fleet.place_database import Positions
 from fusionslam.fleet.places import Candidate
-from fusionslam.report.page.html import group_by
 from fusionslam.storage.arrays import Matrix
 
 Rows = list[list[float]]
@@ -124,8 +124,10 @@ class SitePaths(BaseModel):
     def of(cls, site: str, found: Positions, most: int) -> Self:
         """Return positions as an answer, thinned out evenly to at most so many."""
         every = max(1, -(-len(found.sessions) // most))
-        rows_of = group_by(range(len(found.sessions)), found.sessions.__getitem__)
-        is_known = np.isfinite(found.poses[:, :3, 3]).all(axis=1)
+        rows_of = defaultdict(list)
+        for row, session in enumerate(found.sessions):
+            rows_of[session].append(row)
+        is_known = np.isfinite(found.poses[:, :3, 3].sum(axis=1))
         paths = []
         for name, rows in rows_of.items():
             kept = [row for row in rows[::every] if is_known[row]]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of the service, in headless Chromium."""
 
+import hashlib
 import socket
 import threading
 from collections.abc import Iterator
@@ -30,7 +31,7 @@ def urls(fleet: Path) -> Iterator[dict[str, str]]:
     from fusionslam.service.app import create_app
     from fusionslam.service.keys import ApiKeys
 
-    keys = ApiKeys([__import__("hashlib").sha256(KEY.encode()).digest()])
+    keys = ApiKeys([hashlib.sha256(KEY.encode()).digest()])
     started: list[tuple[Any, threading.Thread]] = []
     addresses = {}
     for name, given in (("open", ApiKeys()), ("locked", keys)):
@@ -71,9 +72,7 @@ def test_the_page_shows_a_site_and_where_a_scan_was_found(
     assert page.messages == []
 
 
-def test_a_file_that_is_no_scan_is_named(
-    page: Page, urls: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_scan_is_named(page: Page, urls: dict[str, str], tmp_path: Path) -> None:
     scan = tmp_path / "scan.ply"
     scan.write_bytes(b"no cloud")
     page.open(urls["open"])

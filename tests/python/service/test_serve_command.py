@@ -17,6 +17,7 @@ import pytest
 
 from cli import error_of
 from fleet_service import KEY, LENGTH, add_places
+from fusionslam.service.config import ServiceConfig
 
 
 @contextmanager
@@ -46,7 +47,7 @@ def test_a_process_answers_and_ends_cleanly_on_sigterm(made: Path, tmp_path: Pat
     keys = tmp_path / "keys"
     keys.write_text(f"red {KEY}\n")
     head = {"Authorization": f"Bearer {KEY}"}
-    options = ("--api-keys", keys, "--set", "service.body_timeout_s=0.5")
+    options = ("--api-keys", keys, "--set", "service.body_timeout_s=2")
     with served(made, *options) as (process, url), httpx.Client(base_url=url) as client:
         assert client.get("/health").json() == {"status": "ready", "places": 23}
         assert client.get("/v1/places").status_code == 401
@@ -56,24 +57,46 @@ def test_a_process_answers_and_ends_cleanly_on_sigterm(made: Path, tmp_path: Pat
         assert "server" not in query.headers
         assert b"408" in answer_to_slow_body(url)
         assert b"400" in answer_to(url, b"no request at all\r\n\r\n")
-        process.send_signal(signal.SIGTERM)
+        with begun_query(url) as (line, rest_of_body):
+            threading.Timer(0.2, lambda: process.send_signal(signal.SIGTERM)).start()
+            threading.Timer(0.4, lambda: line.sendall(rest_of_body)).start()
+            assert line.recv(100).startswith(b"HTTP/1.1 200")  # it is finished
         rest, errors = process.communicate(timeout=30)
     assert (process.returncode, rest, errors) == (0, "ended\n", "")
 
 
-def test_what_is_worked_on_is_finished_after_ctrl_c(made: Path) -> None:
-    with served(made) as (process, url):
-        host, port = url.removeprefix("http://").split(":")
-        body = b'{"vector": [' + b",".join([b"0"] * LENGTH) + b"]}"
-        head = f"POST /v1/query HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
-        head += "Content-Type: application/json\r\n\r\n"
-        with socket.create_connection((host, int(port)), timeout=20) as line:
-            line.sendall(head.encode() + body[:50])
-            threading.Timer(0.5, lambda: process.send_signal(signal.SIGINT)).start()
-            threading.Timer(1.5, lambda: line.sendall(body[50:])).start()
-            assert line.recv(100).startswith(b"HTTP/1.1 200")
-        rest, errors = process.communicate(timeout=30)
-    assert (process.returncode, rest, errors) == (0, "ended\n", "")
+def test_ctrl_c_ends_the_service(made: Path) -> None:
+    from fusionslam.service.app import create_app
+    from fusionslam.service.listening import listen, serve, url_of
+
+    config = ServiceConfig(port=0)
+
+    def interrupt() -> None:
+        wait_for(url)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with listen(config) as listener:
+        url = url_of(listener)
+        threading.Thread(target=interrupt).start()
+        serve(create_app(made, config), listener)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def wait_for(url: str) -> None:
+    httpx = pytest.importorskip("httpx")
+    assert httpx.get(f"{url}/health", timeout=30).json()["status"] == "ready"
+
+
+@contextmanager
+def begun_query(url: str) -> Iterator[tuple[socket.socket, bytes]]:
+    """Yield a connection with a query that was sent in part, and the rest of it."""
+    host, port = url.removeprefix("http://").split(":")
+    body = b'{"vector": [' + b",".join([b"0"] * LENGTH) + b"]}"
+    head = f"POST /v1/query HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
+    head += f"Authorization: Bearer {KEY}\r\nContent-Type: application/json\r\n\r\n"
+    with socket.create_connection((host, int(port)), timeout=20) as line:
+        line.sendall(head.encode() + body[:50])
+        yield line, body[50:]
 
 
 def answer_to_slow_body(url: str) -> bytes:

@@ -15,10 +15,11 @@ _FILES = {
     "page.js": (_PAGE / "page.js", "text/javascript"),
     "map.js": (_PAGE / "map.js", "text/javascript"),
     # The look of all pages of fusionslam.
-    "style.css": (files("fusionslam.report") / "page" / "templates" / "style.css", "text/css"),
+    "style.css": (files("fusionslam") / "report" / "page" / "templates" / "style.css", "text/css"),
 }
 _HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'none'",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; form-action 'none'; "
+    "frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",

@@ -57,7 +57,10 @@ Format = Annotated[
     str | None, Query(description="Of the body, unless its content type says it.", max_length=20)
 ]
 
-ANSWERS: dict[int | str, dict[str, Any]] = {
+Answers = dict[int | str, dict[str, Any]]
+"""What routes say of statuses other than 200."""
+
+ANSWERS: Answers = {
     status: {"model": Problem, "description": text}
     for status, text in {
         401: "No API key, or a wrong one.",
@@ -66,7 +69,7 @@ ANSWERS: dict[int | str, dict[str, Any]] = {
         503: "Too busy, or the places cannot be read now.",
     }.items()
 }
-BODY_ANSWERS: dict[int | str, dict[str, Any]] = ANSWERS | {
+BODY_ANSWERS: Answers = ANSWERS | {
     status: {"model": Problem, "description": text}
     for status, text in {
         408: "The body did not come in time.",

@@ -22,6 +22,7 @@ from fusionslam.service.bodies import (
 from fusionslam.service.models import Described, Found, FoundPlace, LocatedCloud, Problem
 from fusionslam.service.routes.parameters import (
     BODY_ANSWERS,
+    Answers,
     Count,
     Format,
     Where,
@@ -34,7 +35,9 @@ T = TypeVar("T")
 
 router = APIRouter(prefix="/v1", dependencies=[ADMITTED], tags=["clouds"])
 _FORMATS = (*CLOUD_FORMATS, VECTORS, "json")
-_NOT_STORED = {501: {"model": Problem, "description": "The clouds of places are not stored."}}
+_NOT_STORED: Answers = {
+    501: {"model": Problem, "description": "The clouds of places are not stored."}
+}
 
 
 @router.post("/describe", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=False))
