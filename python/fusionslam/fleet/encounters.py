@@ -64,15 +64,12 @@ def find_encounters(
 
 
 def _spread(folder: FleetFolder, keys: tuple[str, ...], most: int) -> Places | None:
-    """Return some places of a drive: the first of chunks that are spread evenly, or all of few."""
+    """Return some places of a drive, of chunks that are spread evenly."""
     there = [key for key in keys if folder.store.has(key)]
     chosen = np.unique(np.linspace(0, len(there) - 1, min(most, len(there))).astype(int))
-    share = -(-most // max(len(chosen), 1))
     store = folder.store
-    return join_places([_first(store.places(there[row]), share) for row in chosen.tolist()])
-
-
-def _first(places: Places, most: int) -> Places:
-    """Return so many places at most, spread evenly."""
+    places = join_places([store.places(there[row]) for row in chosen.tolist()])
+    if places is None:
+        return None
     rows = np.unique(np.linspace(0, len(places) - 1, min(most, len(places))).astype(int))
     return places.take(rows)
