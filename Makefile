@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros ros2 clean
+.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros ros2 fleet clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -94,6 +94,10 @@ ros:
 
 ros2: setup
 	@scripts/ros2.sh
+
+# A small fleet in made towns, by Ray on this machine; ends with the path of its page.
+fleet: setup
+	$(BIN)/fusionslam fleet demo -o out/fleet --engine ray
 
 clean:
 	rm -rf build .venv .venv-* out

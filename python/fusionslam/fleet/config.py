@@ -101,8 +101,8 @@ class FleetSettings:
         for name, value in ours.items():
             if theirs[name] != value:
                 raise ConfigError(
-                    f"{folder} was made with another {name}: it has {theirs[name]!r}, not "
-                    f"{value!r}; expected the same, or another folder (--output)",
+                    f"{folder} was made with {name} {value!r}, not {theirs[name]!r}: expected the "
+                    "same, or another folder (--output)",
                     code="other-configuration",
                     fields=(str(folder), name),
                 )

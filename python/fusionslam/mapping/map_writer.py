@@ -107,7 +107,7 @@ class MapWriter:
         if self._last is not None and self._doubt is None and not self._is_far(robot, self._last):
             return MapStep(None, (), (), self._predict(robot, self._last), back)
         seen = self._detector.observe(frame, stamp_ns=frame.stamp_ns, odometry=robot @ mount)
-        if not np.any(seen.vectors[self.settings.descriptor]):
+        if not np.any(seen.vectors[self._detector.descriptor]):
             raise DataError(
                 f"frame {frame.number} has nothing that {self.settings.descriptor} describes"
             )

@@ -534,7 +534,7 @@ class PlaceMap:
     ) -> LoopDetector:
         detector = settings.new_detector()
         numbers = self._content.numbers
-        for name in {settings.descriptor, *vectors}:
+        for name in {detector.descriptor, *vectors}:
             known = vectors[name][0] if name in vectors else numbers[:0]
             if not np.array_equal(known, numbers):
                 raise DataError(

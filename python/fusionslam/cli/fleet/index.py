@@ -34,7 +34,7 @@ def index(
         else:
             report = database.build_index(recall=recall, progress=lambda text: step(text, 0, 1))
         count = len(database)
-    if report is None or report.kind == "none":
+    if report is None or not report.partitions:
         print(f"{count} places: so few are compared exactly, without an index")
         return
     print(

@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 Places = Annotated[
     Path, typer.Argument(metavar="PLACES", help="A folder that fleet describe wrote.")
 ]
+Engine = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="[local|ray|ray://HOST:PORT]",
+        help="What runs the workers: processes, Ray on this machine, or a Ray cluster.",
+    ),
+]
 Site = Annotated[str | None, typer.Option("--site", metavar="NAME", help="Of this site alone.")]
 Region = Annotated[
     str | None, typer.Option("--region", metavar="NAME", help="Of this region alone.")

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command fleet query: whether any robot has been here."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,10 +74,11 @@ def _read(scan: Path, frame: int | None, folder: "FleetFolder") -> "Frame | Clou
             code="choice",
             fields=("--frame", str(frame)),
         )
-    return dataset[numbers.index(frame)]
+    seen: Frame = dataset[numbers.index(frame)]
+    return seen
 
 
-def _print_candidates(candidates: "Any") -> None:
+def _print_candidates(candidates: "Sequence[Candidate]") -> None:
     rows = [_row(each) for each in candidates]
     print_table(["distance", "site", "robot", "recording", "frame", "seen"], rows)
 
