@@ -272,7 +272,7 @@ class PlaceDatabase:
         """
         with self._writing() as table:
             report = vector_index.read_report(table)
-            keep = timedelta(seconds=max(keep_s, 1e-6))  # LanceDB warns of zero
+            keep = timedelta(seconds=max(keep_s, 1e-3))  # LanceDB warns of zero
             table.optimize(cleanup_older_than=keep, delete_unverified=self._lock is not None)
             if report is not None:
                 say = progress or (lambda text: None)
