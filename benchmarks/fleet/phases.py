@@ -224,7 +224,7 @@ def _faiss(kind: str, folder: Path, data: str, places: int, queries: int) -> Fig
 
     found: Any  # faiss's types do not tell what the factory makes
     blocks, vectors = DATA[data](0), queries_of(data, places, queries)
-    lists = max(1, min(places // 250, int(4 * places**0.5)))
+    lists = max(1, int(places**0.5))
     started = time.perf_counter()
     found = faiss.index_factory(vectors.shape[1], f"IVF{lists},{kind}")
     _, rows = zip(*blocks_of(blocks, min(places, 64 * lists)), strict=True)

@@ -26,9 +26,11 @@ Progress = Callable[[str], None]
 _QUERIES = 200
 _NOISE = 0.3  # of queries that measure recall, in deviations of the vectors
 _SEED = 1
-_PARTITION = 2_000  # rows
-_TRAINING = 64  # rows for each partition
-_ROUNDS = 10  # of k-means
+_PARTITION = 2_000  # rows; LanceDB keeps to it when new ones come
+_TRAINING = 256  # rows for each partition
+_ROUNDS = 25  # of k-means
+_MOST_DELTAS = 4  # parts of an index, each of which is searched
+_GROWTH = 1.5  # of the rows, after which partitions are made anew
 _CANDIDATES = (100, 200, 400)
 _CAREFUL = 0.1  # of the partitions are searched while recall is not measured
 _BLOCK = 8_192  # rows read at a time
@@ -42,10 +44,12 @@ class IndexReport:
 
     Attributes:
         rows: of the table when recall was measured.
-        partitions: number of the index's lists; 0 without index.
+        built_rows: of the table when the lists were made.
+        partitions: number of the index's lists, about; 0 without index.
         kind: "IVF_SQ", or "exact" for a small table, which has no index.
         nprobes: partitions searched by a query.
         candidates: rows that are compared exactly.
+        wanted: recall that was asked for.
         recall: share of the true ten nearest that queries find.
         first: share of queries that find the true nearest.
         queries: number of them that recall was measured with.
@@ -55,10 +59,12 @@ class IndexReport:
     """
 
     rows: int
+    built_rows: int
     partitions: int
     kind: str
     nprobes: int
     candidates: int
+    wanted: float
     recall: float
     first: float
     queries: int
@@ -105,7 +111,10 @@ def nearest_rows(
 def read_report(table: Any) -> IndexReport | None:
     """The report that a table carries."""
     text = (table.schema.field("vector").metadata or {}).get(_KEY.encode())
-    return IndexReport(**json.loads(text)) if text else None
+    try:
+        return IndexReport(**json.loads(text)) if text else None
+    except (ValueError, TypeError):  # of another version of this program
+        return None
 
 
 def write_report(table: Any, report: IndexReport) -> None:
@@ -136,27 +145,49 @@ def build(table: Any, recall: float, progress: Progress | None) -> IndexReport:
     """
     from lancedb.index import Bitmap, BTree, IvfSq
 
-    say = progress or (lambda text: None)
-    started, partitions = time.monotonic(), _partitions(table.count_rows())
+    say, started = progress or _say_nothing, time.monotonic()
     say("index of keys and filters")
     table.create_index("key", config=BTree())
     for name in ("site", "robot", "session"):
         table.create_index(name, config=Bitmap())
-    say(f"index of vectors, {partitions} partitions")
+    say("index of vectors")
     config = IvfSq(
         distance_type="l2",
-        num_partitions=partitions,
+        target_partition_size=_PARTITION,
         sample_rate=_TRAINING,
         max_iterations=_ROUNDS,
     )
     table.create_index("vector", config=config)
-    return measure(table, partitions, recall, say, started)
+    return _measure(table, table.count_rows(), recall, say, started)
 
 
-def measure(
-    table: Any, partitions: int, recall: float, say: Progress, started: float
+def fold(table: Any, progress: Progress | None) -> None:
+    """Measure recall again after ``optimize`` put new rows into the index; or build it anew.
+
+    Each time makes a part of the index that queries search, too, and rows may be of other places
+    than those that the partitions were made of.
+    """
+    before, started = read_report(table), time.monotonic()
+    rows, index = table.count_rows(), _vector_index(table)
+    if before is None or index is None or not rows:
+        return
+    stats = table.index_stats(index.name)
+    if stats.num_indices > _MOST_DELTAS or rows > _GROWTH * before.built_rows:
+        build(table, before.wanted, progress)
+    else:
+        _measure(table, before.built_rows, before.wanted, progress or _say_nothing, started)
+
+
+def _say_nothing(text: str) -> None:
+    del text
+
+
+def _measure(
+    table: Any, built_rows: int, recall: float, say: Progress, started: float
 ) -> IndexReport:
     """Find how many partitions to search for a recall; the report is stored in the table."""
+    rows = table.count_rows()
+    partitions = _partitions(rows)
     queries = _sample(table)
     say(f"exact answers of {len(queries)} queries")
     true = _distances_of_neighbours(table, queries)
@@ -164,11 +195,13 @@ def measure(
         partitions, recall, lambda search: _measured(table, queries, true, search), say
     )
     report = IndexReport(
-        rows=table.count_rows(),
+        rows=rows,
+        built_rows=built_rows,
         partitions=partitions,
         kind="IVF_SQ",
         nprobes=search.nprobes,
         candidates=search.candidates,
+        wanted=recall,
         recall=found,
         first=first,
         queries=len(queries),
@@ -183,7 +216,7 @@ def measure(
 def no_index(table: Any) -> IndexReport:
     """The report of a table that is searched as a whole."""
     rows = table.count_rows()
-    return IndexReport(rows, 0, "exact", 0, 0, 1.0, 1.0, 0, 0.0, table.version, "")
+    return IndexReport(rows, rows, 0, "exact", 0, 0, 1.0, 1.0, 1.0, 0, 0.0, table.version, "")
 
 
 def scan(table: Any, columns: list[str], where: str | None = None) -> Iterator[Any]:
@@ -213,7 +246,7 @@ def _choose(
         found = measured(search)
         say(f"{search.nprobes} lists, {search.candidates} candidates: recall {found[0]:.4f}")
         best = max(best, (search, found), key=lambda one: one[1])
-        if is_enough or (search.nprobes == partitions and found >= (recall, 1.0)):
+        if is_enough or (search.nprobes > partitions and found >= (recall, 1.0)):
             return search, found
         is_enough = found[0] >= recall and found[1] == 1.0
     return best
@@ -222,10 +255,10 @@ def _choose(
 def _searches(partitions: int) -> Iterator[Search]:
     for candidates in _CANDIDATES:
         nprobes = 1
-        while nprobes < partitions:
+        while nprobes < partitions:  # some of which may have been split
             yield Search(nprobes, candidates)
             nprobes *= 2
-        yield Search(partitions, candidates)
+        yield Search(2 * partitions, candidates)
 
 
 def _candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Any]:

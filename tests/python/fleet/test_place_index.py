@@ -122,6 +122,15 @@ def test_deleted_places_are_not_found_by_the_index(indexed: PlaceDatabase) -> No
             indexed.compact(keep_s=0)
 
 
+def test_a_database_that_was_emptied_takes_places_again(indexed: PlaceDatabase) -> None:
+    assert indexed.delete(PlaceFilter(until_ns=10**18)) == COUNT
+    indexed.compact(keep_s=0)
+    assert indexed.query(queries(2), k=5) == [[], []]
+    indexed.add(made_places("new", 20, seed=8))
+    indexed.compact(keep_s=0)
+    assert [len(row) for row in indexed.query(queries(2), k=30)] == [20, 20]
+
+
 def test_compaction_puts_new_places_into_the_index(indexed: PlaceDatabase) -> None:
     for day in range(4):
         indexed.add(made_places(f"day{day}", 200, seed=20 + day))
@@ -140,7 +149,7 @@ def test_an_index_that_was_not_measured_is_searched_with_care(indexed: PlaceData
     vector_index.write_report(indexed._table, replace(indexed.index, index="of another"))
     search = vector_index.usual_search(indexed._table)
     assert search is not None
-    assert (search.nprobes, search.candidates) == (1, 400)
+    assert search.candidates == 400
     assert len(indexed.query(queries(), k=5)) == len(before)
 
 
@@ -186,7 +195,7 @@ def choose(shares: dict[int, tuple[float, float]], recall: float = 0.99) -> tupl
 def test_twice_the_lists_are_searched_that_reach_the_recall() -> None:
     assert choose({4: (0.99, 1.0), 8: (1.0, 1.0)}) == (8, 100)
     assert choose({1: (0.999, 0.99), 2: (0.995, 1.0), 4: (1.0, 1.0)}) == (4, 100)
-    assert choose({16: (1.0, 1.0)}) == (16, 100)
+    assert choose({32: (1.0, 1.0)}) == (32, 100)
 
 
 def test_without_the_recall_the_best_is_chosen() -> None:
