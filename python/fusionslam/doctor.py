@@ -71,7 +71,7 @@ EXTRAS = {
     "fleet": Extra(
         _RAY
         | _same("lancedb", "fastapi", "uvicorn", "limits")
-        | {"prometheus-client": "prometheus_client"},
+        | {"fastapi-offline": "fastapi_offline", "prometheus-client": "prometheus_client"},
         ("fleet", "serve", "fusionslam.fleet", "fusionslam.service"),
     ),
 }

@@ -13,6 +13,7 @@ from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.tuning import TuningConfig
 from fusionslam.ratslam.slam import RatSlamConfig
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
+from fusionslam.service.config import ServiceConfig
 from fusionslam.sim import SimConfig
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplatesConfig
@@ -42,4 +43,5 @@ class SystemConfig(PipelineConfig):
         DRIFT, "ratslam, map build: how far odometry is off, --odometry truth+noise"
     )
     mapping: MapConfig = option(MapConfig(), "map build: keyframes, and how odometry drifts")
+    service: ServiceConfig = option(ServiceConfig(), "serve: where it listens, and its limits")
     fleet: FleetConfig = option(FleetConfig(), "fleet describe: work and places")
