@@ -19,6 +19,8 @@ _USUAL = 10
 _Name = Annotated[str | None, Query(max_length=500, pattern=r"^[^\x00-\x1f\x7f]*$")]
 _Time = Annotated[int | None, Query(ge=-_LATEST, le=_LATEST, description="Nanoseconds.")]
 
+_FILTERS = ("site", "region", "robot", "session", "not_session", "since_ns", "until_ns")
+
 
 async def _filter_of(
     request: Request,
