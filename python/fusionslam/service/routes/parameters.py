@@ -33,17 +33,7 @@ async def _filter_of(
     until_ns: _Time = None,
 ) -> PlaceFilter:
     """Return which places are meant; a parameter that nobody knows is refused, not ignored."""
-    known = {
-        "site",
-        "region",
-        "robot",
-        "session",
-        "not_session",
-        "since_ns",
-        "until_ns",
-        "k",
-        "format",
-    }
+    known = {*_FILTERS, "k", "format"}
     for name in request.query_params:
         if name not in known:
             message = f"unknown parameter {name!r}; known: {', '.join(sorted(known))}"
