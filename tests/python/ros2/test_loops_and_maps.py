@@ -38,10 +38,10 @@ def test_a_map_is_that_of_the_command(played_bag: PlayedBag, tmp_path: Path) -> 
     with Ros2World(tmp_path) as world:
         listener = world.listen("/mapper/cloud", "/mapper/grid", "/mapper/path", "/odom")
         parameters = ("_map.file:=site.fsmap", "_map.session:=monday", "_online.wait:=60.0")
-        node = world.node("mapper", *played_bag.sensors, *parameters)
+        node = world.node("mapper", *played_bag.sensors, *parameters, "_node.queue:=1000")
         listener.wait_for("/mapper/cloud", "/mapper/grid", "/mapper/path")
         world.play(played_bag.path, "--rate", "5")
-        listener.settle()
+        listener.settle()  # though the mapper publishes on /tf, which it listens to
         assert world.end(node) == 0, world.log("mapper")
         found = listener.messages()
     assert_same_map(tmp_path / "site.fsmap", other)

@@ -27,6 +27,10 @@ Region = Annotated[
     str | None, typer.Option("--region", metavar="NAME", help="Of this region alone.")
 ]
 Robot = Annotated[str | None, typer.Option("--robot", metavar="NAME", help="Of this robot alone.")]
+NotSession = Annotated[
+    str | None,
+    typer.Option("--not-session", metavar="NAME", help="Of any recording but this one."),
+]
 Session = Annotated[
     str | None, typer.Option("--session", metavar="NAME", help="Of this recording alone.")
 ]

@@ -19,6 +19,8 @@ _USUAL = 10
 _Name = Annotated[str | None, Query(max_length=500, pattern=r"^[^\x00-\x1f\x7f]*$")]
 _Time = Annotated[int | None, Query(ge=-_LATEST, le=_LATEST, description="Nanoseconds.")]
 
+_FILTERS = ("site", "region", "robot", "session", "not_session", "since_ns", "until_ns")
+
 
 async def _filter_of(
     request: Request,
@@ -26,16 +28,17 @@ async def _filter_of(
     region: _Name = None,
     robot: _Name = None,
     session: _Name = None,
+    not_session: _Name = None,
     since_ns: _Time = None,
     until_ns: _Time = None,
 ) -> PlaceFilter:
     """Return which places are meant; a parameter that nobody knows is refused, not ignored."""
-    known = {"site", "region", "robot", "session", "since_ns", "until_ns", "k", "format"}
+    known = {*_FILTERS, "k", "format"}
     for name in request.query_params:
         if name not in known:
             message = f"unknown parameter {name!r}; known: {', '.join(sorted(known))}"
             raise DataError(message, code="unknown-parameter", fields=(name,))
-    return PlaceFilter(site, region, robot, session, since_ns, until_ns)
+    return PlaceFilter(site, region, robot, session, not_session, since_ns, until_ns)
 
 
 async def _number_of_candidates(
