@@ -118,9 +118,13 @@ def make_places(folder: Path, count: int) -> None:
 def kinds_of(key: str) -> list[Kind]:
     """Return kinds of requests: a good one first, then wrong ones."""
     vectors = next(iter(blocks_of(made(1), _QUERIES)))[1]
-    length, head = vectors.shape[1], {"key": key, "kind": "application/json"}
+    length = vectors.shape[1]
     query = "/v1/query?k=10"
-    good = [request_of("POST", query, _json(row), **head) for row in vectors]
+
+    def ask(body: bytes) -> bytes:
+        return request_of("POST", query, body, key=key, kind="application/json")
+
+    good = [ask(_json(row)) for row in vectors]
     binary = f"{query}&format=vectors"
     good += [request_of("POST", binary, _npy(row), key=key) for row in vectors]
     nan = _json(vectors[0]).replace(b"[", b"[NaN,", 1)
@@ -128,10 +132,10 @@ def kinds_of(key: str) -> list[Kind]:
     cloud = "/v1/describe?format=ply"
     return [
         Kind("query", 200, good),
-        Kind("no JSON", 422, [request_of("POST", query, b"{" * 99, **head)]),
-        Kind("another length", 422, [request_of("POST", query, _json(vectors[0, 1:]), **head)]),
-        Kind("NaN", 422, [request_of("POST", query, nan, **head)]),
-        Kind("no numbers", 422, [request_of("POST", query, b'{"vector": ["a"]}', **head)]),
+        Kind("no JSON", 422, [ask(b"{" * 99)]),
+        Kind("another length", 422, [ask(_json(vectors[0, 1:]))]),
+        Kind("NaN", 422, [ask(nan)]),
+        Kind("no numbers", 422, [ask(b'{"vector": ["a"]}')]),
         Kind("no cloud", 422, [request_of("POST", cloud, secrets.token_bytes(9999), key=key)]),
         Kind("k too large", 422, [request_of("POST", "/v1/query?k=9999", b"x", key=key)]),
         Kind("unknown format", 415, [request_of("POST", "/v1/describe", b"x", key=key)]),
@@ -145,7 +149,7 @@ def kinds_of(key: str) -> list[Kind]:
         Kind(
             "too many vectors",
             413,
-            [request_of("POST", binary, _npy(np.zeros((257, length))), key=key)],
+            [request_of("POST", binary, _npy(np.zeros((257, length), np.float32)), key=key)],
         ),
     ]
 
@@ -156,7 +160,7 @@ def _json(vector: Floats32) -> bytes:
 
 def _npy(array: Floats32) -> bytes:
     with tempfile.SpooledTemporaryFile(1 << 24) as file:
-        np.save(file, array.astype(np.float32))
+        np.save(file, array)
         file.seek(0)
         return file.read()
 

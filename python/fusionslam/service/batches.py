@@ -5,6 +5,7 @@
 import asyncio
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class QueryBatches:
         while self._waiting:
             batch = self._next()
             try:
-                found = await self._workers.run(lambda batch=batch: self._query(batch))
+                found = await self._workers.run(partial(self._query, batch))
             except Exception as error:  # it is that of each query
                 for query in batch:
                     if not query.answer.done():
