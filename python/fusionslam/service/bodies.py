@@ -4,9 +4,11 @@
 
 import asyncio
 import io
+import struct
 import tempfile
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,10 @@ _TYPES = {
 }
 _UNKNOWN_TYPES = ("", "application/octet-stream", "application/x-www-form-urlencoded")
 _COLUMNS = (3, 4)
+_LONGEST_HEADER = 200
+"""Of a PCD file, in lines."""
+_EXPANSION = 8
+"""Most times that a compressed cloud is longer than a body may be."""
 _LONGEST_NUMBER = 32
 """Characters of a number in JSON, with its comma."""
 
@@ -118,12 +124,16 @@ def _too_long(most: int) -> RequestError:
     return RequestError(413, message, code="too-long", fields=(str(most),))
 
 
-def load_cloud(path: Path, most_points: int) -> Cloud:
+def load_cloud(path: Path, config: ServiceConfig) -> Cloud:
     """Read the cloud of a body, whose format is the suffix.
 
     Raises:
-        RequestError: 422, it cannot be read; 413, it has too many points.
+        RequestError: 422, it cannot be read; 413, it has too many points, or would unpack to too
+            many bytes.
     """
+    if path.suffix == ".pcd":
+        _check_unpacked(path, _EXPANSION * _bytes_of(config))
+    most_points = config.max_points
     try:
         cloud = _load_npy(path) if path.suffix == ".npy" else read_cloud(path)
     except FusionSlamError as error:
@@ -141,6 +151,16 @@ def load_cloud(path: Path, most_points: int) -> Cloud:
             fields=(str(len(cloud)), str(most_points)),
         )
     return cloud
+
+
+def _check_unpacked(path: Path, most: int) -> None:
+    """Raise RequestError (413) if the compressed data of a PCD file are said to be longer."""
+    with path.open("rb") as file:
+        for line in islice(file, _LONGEST_HEADER):
+            if line.split() == [b"DATA", b"binary_compressed"]:
+                _, unpacked = struct.unpack("<2I", file.read(8).ljust(8, b"\0"))
+                if unpacked > most:
+                    raise _too_long(most)
 
 
 def _load_npy(path: Path) -> Cloud:
@@ -205,7 +225,7 @@ def _read_array(data: bytes, expected: str) -> Floats32:
     """Read a .npy file without pickled objects."""
     try:
         array = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, OSError, MemoryError) as error:
+    except Exception as error:  # whatever NumPy makes of a damaged header
         message = f"the body is no .npy file of {expected}, or is cut short: {error}"
         raise DataError(message, code="not-npy") from error
     if not isinstance(array, np.ndarray):

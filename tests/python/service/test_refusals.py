@@ -3,6 +3,7 @@
 """The service: how it refuses requests that it cannot answer."""
 
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,8 @@ def refusal(answer: Any) -> tuple[int, str]:
         ("npy", as_npy(np.full((9, 3), 1e30)), (422, "far-points")),
         ("npy", as_npz(np.ones((9, 3))), (422, "npz")),
         ("npy", as_npy(np.array([{}], object)), (422, "not-npy")),
+        ("npy", as_npy(np.zeros((9, 3))).replace(b"), }", b")   "), (422, "not-npy")),
+        ("npy", as_npy(np.zeros((9, 3))).replace(b"(9, 3), }", b"(-9, 3),}"), (422, "not-npy")),
         ("tiff", b"x", (415, "format")),
         ("vectors", b"x", (415, "format")),
         (None, b"x", (415, "format")),
@@ -55,6 +58,24 @@ def test_a_body_that_is_no_cloud_is_named(
     for route in ("describe", "locate"):
         answer = client.post(f"/v1/{route}", params=parameters, content=body)
         assert refusal(answer) == expected
+
+
+@pytest.mark.parametrize("form", ["ply", "pcd", "npy"])
+def test_a_damaged_header_is_no_error_of_the_service(
+    client: Any, form: str, tmp_path: Path
+) -> None:
+    path, points = tmp_path / f"cloud.{form}", scan_at("yard", 0)[:60]
+    if form == "npy":
+        np.save(path, points)
+    else:
+        write_cloud(path, Cloud(points))
+    whole, rng = path.read_bytes(), np.random.default_rng(3)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for place in rng.integers(0, 250, 3).tolist():
+            damaged[place] = rng.integers(0, 256)
+        answer = client.post(f"/v1/describe?format={form}", content=bytes(damaged))
+        assert answer.status_code == 200 or refusal(answer)[0] in (413, 422)
 
 
 @pytest.mark.parametrize("form", ["ply", "pcd", "bin", "npy"])
@@ -175,6 +196,16 @@ def test_too_many_points_vectors_or_candidates_are_refused(made: Path) -> None:
         assert refusal(answer) == (413, "too-many-vectors")
         answer = client.post("/v1/query?k=4", json={"vector": ZEROS})
         assert refusal(answer) == (422, "parameter")
+
+
+def test_a_cloud_that_unpacks_to_much_more_is_refused_unpacked(made: Path) -> None:
+    head = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 300000000\n"
+    head += b"HEIGHT 1\nPOINTS 300000000\nDATA binary_compressed\n"
+    with serving(made) as client:
+        answer = client.post(
+            "/v1/describe?format=pcd", content=head + struct.pack("<2I", 20, 3_600_000_000)
+        )
+    assert refusal(answer) == (413, "too-long")
 
 
 def test_nothing_is_proven_without_stored_clouds(made: Path) -> None:

@@ -102,7 +102,7 @@ async def _receive_cloud(
 ) -> T:
     """Receive a cloud, then read it and work on it in a thread."""
     async with body_file(request, state.config, form) as path:
-        return await state.workers.run(lambda: work(load_cloud(path, state.config.max_points)))
+        return await state.workers.run(lambda: work(load_cloud(path, state.config)))
 
 
 async def _receive_vectors(request: Request, state: State, form: str) -> Floats32:
