@@ -54,7 +54,8 @@ class Connection:
             await self._writer.drain()
         head = (await self._reader.readuntil(b"\r\n\r\n")).lower()
         fields = dict(line.split(b": ", 1) for line in head.split(b"\r\n")[1:-2])
-        body = await self._reader.readexactly(int(fields[b"content-length"]))
+        length = int(fields.get(b"content-length", b"-1"))
+        body = await (self._reader.readexactly(length) if length >= 0 else self._reader.read())
         if not is_whole or fields.get(b"connection") == b"close":
             self._close()
         return int(head.split(b" ", 2)[1]), body

@@ -14,6 +14,7 @@ exit status is 1 if a status is not the right one, 95 % take longer than the bou
 import asyncio
 import itertools
 import json
+import os
 import random
 import re
 import secrets
@@ -65,6 +66,7 @@ class Kind(NamedTuple):
 class Tally:
     """What came of the requests."""
 
+    cpu_s: float = 0.0
     statuses: Counter[tuple[str, int]] = field(default_factory=Counter)
     seconds: list[float] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
@@ -108,15 +110,21 @@ def make_places(folder: Path, count: int) -> None:
     with FleetFolder(folder, settings).database(read_only=False) as database:
         for number, vectors in blocks_of(made(), count):
             database.add(places_of(number, vectors, len(vectors)))
-        print(database.build_index())
+        database.build_index()
+        database.compact()
+        print(database.index)
 
 
 def kinds_of(key: str) -> list[Kind]:
     """Return kinds of requests: a good one first, then wrong ones."""
     vectors = next(iter(blocks_of(made(1), _QUERIES)))[1]
-    length, head = vectors.shape[1], {"key": key, "kind": "application/json"}
+    length = vectors.shape[1]
     query = "/v1/query?k=10"
-    good = [request_of("POST", query, _json(row), **head) for row in vectors]
+
+    def ask(body: bytes) -> bytes:
+        return request_of("POST", query, body, key=key, kind="application/json")
+
+    good = [ask(_json(row)) for row in vectors]
     binary = f"{query}&format=vectors"
     good += [request_of("POST", binary, _npy(row), key=key) for row in vectors]
     nan = _json(vectors[0]).replace(b"[", b"[NaN,", 1)
@@ -124,10 +132,10 @@ def kinds_of(key: str) -> list[Kind]:
     cloud = "/v1/describe?format=ply"
     return [
         Kind("query", 200, good),
-        Kind("no JSON", 422, [request_of("POST", query, b"{" * 99, **head)]),
-        Kind("another length", 422, [request_of("POST", query, _json(vectors[0, 1:]), **head)]),
-        Kind("NaN", 422, [request_of("POST", query, nan, **head)]),
-        Kind("no numbers", 422, [request_of("POST", query, b'{"vector": ["a"]}', **head)]),
+        Kind("no JSON", 422, [ask(b"{" * 99)]),
+        Kind("another length", 422, [ask(_json(vectors[0, 1:]))]),
+        Kind("NaN", 422, [ask(nan)]),
+        Kind("no numbers", 422, [ask(b'{"vector": ["a"]}')]),
         Kind("no cloud", 422, [request_of("POST", cloud, secrets.token_bytes(9999), key=key)]),
         Kind("k too large", 422, [request_of("POST", "/v1/query?k=9999", b"x", key=key)]),
         Kind("unknown format", 415, [request_of("POST", "/v1/describe", b"x", key=key)]),
@@ -141,7 +149,7 @@ def kinds_of(key: str) -> list[Kind]:
         Kind(
             "too many vectors",
             413,
-            [request_of("POST", binary, _npy(np.zeros((257, length))), key=key)],
+            [request_of("POST", binary, _npy(np.zeros((257, length), np.float32)), key=key)],
         ),
     ]
 
@@ -152,7 +160,7 @@ def _json(vector: Floats32) -> bytes:
 
 def _npy(array: Floats32) -> bytes:
     with tempfile.SpooledTemporaryFile(1 << 24) as file:
-        np.save(file, array.astype(np.float32))
+        np.save(file, array)
         file.seek(0)
         return file.read()
 
@@ -192,7 +200,9 @@ async def _ask(
         end = time.perf_counter() + (3.0 if warm_up else seconds)
         work = [_client(port, kinds, number, end, rate, tally) for number in range(clients)]
         watch = asyncio.create_task(_watch(pid, [] if warm_up else memory))
+        before = _cpu_seconds(pid)
         await asyncio.gather(*work)
+        tally.cpu_s = _cpu_seconds(pid) - before
         watch.cancel()
     return tally
 
@@ -218,6 +228,12 @@ async def _client(
             due = due + choice.uniform(0.5, 1.5) / rate if rate else now
 
 
+def _cpu_seconds(pid: int) -> float:
+    """Time that a process has computed, on all cores."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 async def _watch(pid: int, memory: list[float]) -> None:
     """Note the resident memory of a process, MiB, each second."""
     for _ in itertools.count():
@@ -235,7 +251,10 @@ def report(
         print(f"| {name} | {status or 'closed'} | {count} |")
     p50, p95, p99, most = np.percentile(1e3 * np.array(tally.seconds), [50, 95, 99, 100])
     total = sum(tally.statuses.values())
-    print(f"\n{total / seconds:.0f} requests a second, {len(tally.seconds) / seconds:.0f} queries")
+    print(
+        f"\n{total / seconds:.0f} requests a second, {len(tally.seconds) / seconds:.0f} queries; "
+        f"the service computed {1e3 * tally.cpu_s / total:.1f} ms for each"
+    )
     print(f"queries: p50 {p50:.1f} ms, p95 {p95:.1f} ms, p99 {p99:.1f} ms, longest {most:.1f} ms")
     settled = memory[len(memory) // 4]
     print(

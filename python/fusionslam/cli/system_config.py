@@ -43,5 +43,5 @@ class SystemConfig(PipelineConfig):
         DRIFT, "ratslam, map build: how far odometry is off, --odometry truth+noise"
     )
     mapping: MapConfig = option(MapConfig(), "map build: keyframes, and how odometry drifts")
-    service: ServiceConfig = option(ServiceConfig(), "serve: where it listens, and its limits")
     fleet: FleetConfig = option(FleetConfig(), "fleet describe: work and places")
+    service: ServiceConfig = option(ServiceConfig(), "serve: where it listens, and its limits")

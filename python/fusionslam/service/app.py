@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from fusionslam._core import __version__
+from fusionslam.service.batches import QueryBatches
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import CountRequests, Metrics
@@ -40,20 +41,22 @@ def create_app(
         DataError: it is no such folder, or it is damaged.
     """
     config = config or ServiceConfig()
+    places, workers = ServedPlaces(folder), Workers(config.workers, config.max_waiting)
     shared = State(
         config,
-        ServedPlaces(folder),
+        places,
         keys or ApiKeys(),
         Rates(config.requests_per_minute),
-        Workers(config.workers, config.max_waiting),
+        workers,
+        QueryBatches(places, workers),
         Metrics(),
     )
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
-        shared.workers.close()
-        shared.places.close()
+        workers.close()
+        places.close()
 
     app = FastAPIOffline(
         title="fusionslam",

@@ -9,6 +9,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
+from fusionslam.service.batches import QueryBatches
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import Metrics
@@ -27,6 +28,7 @@ class State:
     keys: ApiKeys
     rates: Rates
     workers: Workers
+    batches: QueryBatches
     metrics: Metrics
 
 

@@ -22,11 +22,13 @@ class Workers:
         most: requests that are worked on or wait, their bodies on the way included.
 
     Attributes:
-        busy: the number of those now.
+        threads: number of them.
+        busy: requests that are worked on or wait now.
     """
 
     def __init__(self, threads: int, most: int) -> None:
-        self._pool = ThreadPoolExecutor(threads or available_cores(), "fusionslam-service")
+        self.threads = threads or available_cores()
+        self._pool = ThreadPoolExecutor(self.threads, "fusionslam-service")
         self._most = most
         self.busy = 0
 

@@ -16,6 +16,7 @@ NEEDED = {
     **dict.fromkeys(("sim", "demo"), "embreex"),
     **dict.fromkeys(("bench", "bench_views", "report", "views_match", "views_show"), "matplotlib"),
     "tune": "pymoo",
+    "serve": "fastapi",
 }
 """The optional package without which a command says something else."""
 

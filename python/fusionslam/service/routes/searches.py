@@ -5,7 +5,6 @@
 from collections.abc import Callable
 from typing import TypeVar
 
-import numpy as np
 from fastapi import APIRouter, Request
 
 from fusionslam.sensors.frame import Cloud
@@ -35,6 +34,8 @@ T = TypeVar("T")
 
 router = APIRouter(prefix="/v1", dependencies=[ADMITTED], tags=["clouds"])
 _FORMATS = (*CLOUD_FORMATS, VECTORS, "json")
+_SMALL = 100_000
+"""Bytes that are parsed at once: a thread would take longer to begin."""
 _NOT_STORED: Answers = {
     501: {"model": Problem, "description": "The clouds of places are not stored."}
 }
@@ -62,22 +63,16 @@ async def query(
     request: Request, state: Shared, where: Where, k: Count, format: Format = None
 ) -> Found:
     """Find the places that look like a cloud, or like each of some vectors."""
-    places = state.places
-
-    def find(vectors: Floats32) -> Found:
-        results = places.query(vectors, k, where)
-        rows = [[FoundPlace.of(each) for each in found] for found in results]
-        return Found(descriptor=places.descriptor, results=rows)
-
     form = choose_format(request, format, _FORMATS)
-    if form in CLOUD_FORMATS:
-        return await _with_cloud(
-            request, state, form, lambda cloud: find(np.atleast_2d(places.describe(cloud)))
-        )
-    most = state.config.max_vectors
     with state.workers.place():
-        body = await read_body(request, state.config, most_bytes(state.config, places.length))
-        return await state.workers.run(lambda: find(parse_vectors(body, form, places.length, most)))
+        if form in CLOUD_FORMATS:
+            vector = await _receive_cloud(request, state, form, state.places.describe)
+            vectors = vector[None]
+        else:
+            vectors = await _receive_vectors(request, state, form)
+        results = await state.batches.find(vectors, k, where)
+    rows = [[FoundPlace.of(each) for each in found] for found in results]
+    return Found(descriptor=state.places.descriptor, results=rows)
 
 
 @router.post(
@@ -97,8 +92,22 @@ async def locate(
 async def _with_cloud(
     request: Request, state: State, format: str | None, work: Callable[[Cloud], T]
 ) -> T:
-    """Receive a cloud, then read it and work on it in a thread."""
     form = choose_format(request, format, CLOUD_FORMATS)
     with state.workers.place():
-        async with body_file(request, state.config, form) as path:
-            return await state.workers.run(lambda: work(load_cloud(path, state.config.max_points)))
+        return await _receive_cloud(request, state, form, work)
+
+
+async def _receive_cloud(
+    request: Request, state: State, form: str, work: Callable[[Cloud], T]
+) -> T:
+    """Receive a cloud, then read it and work on it in a thread."""
+    async with body_file(request, state.config, form) as path:
+        return await state.workers.run(lambda: work(load_cloud(path, state.config.max_points)))
+
+
+async def _receive_vectors(request: Request, state: State, form: str) -> Floats32:
+    length, most = state.places.length, state.config.max_vectors
+    body = await read_body(request, state.config, most_bytes(state.config, length))
+    if len(body) < _SMALL:
+        return parse_vectors(body, form, length, most)
+    return await state.workers.run(lambda: parse_vectors(body, form, length, most))
