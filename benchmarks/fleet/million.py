@@ -141,18 +141,18 @@ def _build_table(sizes: dict[int, dict[str, Figures]]) -> str:
     for n, known in sorted(sizes.items()):
         if {"add", "index"} <= known.keys():
             added, built = known["add"], known["index"]
-            peak = max(added["peak MB"], built["peak MB"])
-            rows.append(
-                [f"{n:,}", "LanceDB", f"{added['add s']:.1f}", f"{built['index s']:.1f}",
-                 f"{peak:,.0f}", f"{built.get('disk MB', 0):,.0f}"]
-            )  # fmt: skip
-        rows += [
-            [f"{n:,}", label, "", f"{known[phase]['index s']:.1f}",
-             f"{known[phase]['peak MB']:,.0f}", ""]
-            for phase, label in PEERS.items() if phase in known
-        ]  # fmt: skip
-    head = ["places", "store", "added, s", "index built, s", "peak memory, MB", "disk, MB"]
-    return table(head, rows)
+            peak, disk = max(added["peak MB"], built["peak MB"]), f"{built['disk MB']:,.0f}"
+            rows.append(_row(n, "LanceDB", f"{added['add s']:.1f}", built, peak, disk))
+        for phase, label in PEERS.items():
+            if phase in known:
+                rows.append(_row(n, label, "", known[phase], known[phase]["peak MB"], ""))
+    head = "places, store, added (s), index built (s), processor time (s), memory (MB), disk (MB)"
+    return table(head.split(", "), rows)
+
+
+def _row(n: int, store: str, added: str, built: Figures, peak: float, disk: str) -> list[str]:
+    seconds = [f"{built[name]:.1f}" for name in ("index s", "cpu s")]
+    return [f"{n:,}", store, added, *seconds, f"{peak:,.0f}", disk]
 
 
 def _query_table(sizes: dict[int, dict[str, Figures]]) -> str:
@@ -161,32 +161,36 @@ def _query_table(sizes: dict[int, dict[str, Figures]]) -> str:
         for phase, label in (("query", "LanceDB"), *PEERS.items()):
             if (one := known.get(phase)) is None:
                 continue
-            searched = known["index"] if phase == "query" and "index" in known else one
-            rows.append(
-                [f"{n:,}", label, f"{one['open s']:.2f}" if "open s" in one else "",
-                 f"{searched.get('nprobes', 0):.0f} of {searched.get('partitions', 0):.0f}",
-                 f"{one['p50 ms']:.1f} / {one['p95 ms']:.1f}",
-                 f"{one['recall']:.4f}", f"{100 * one['top-1']:.2f} %"]
-            )  # fmt: skip
-    head = [
-        "places", "store", "opened, s", "lists searched", "query p50 / p95, ms", "recall@10",
-        "first is exact",
-    ]  # fmt: skip
-    return table(head, rows)
+            searched = known.get("index", {}) if phase == "query" else one
+            lists = f"{searched.get('nprobes', 0):.0f} of {searched.get('partitions', 0):.0f}"
+            opened = f"{one['open s']:.2f}" if "open s" in one else ""
+            shares = [f"{one['recall']:.4f}", f"{100 * one['top-1']:.2f} %"]
+            rows.append([f"{n:,}", label, opened, lists, *_times(one), *shares])
+    head = (
+        "places, store, opened (s), lists searched, p50 / p95 (ms), processor time (ms), "
+        "recall@10, first is exact"
+    )
+    return table(head.split(", "), rows)
 
 
 def _change_table(sizes: dict[int, dict[str, Figures]]) -> str:
-    rows = [
-        [f"{n:,}", f"{one['add 1000 s']:.2f}", f"{one['deleted']:,.0f} in {one['delete s']:.2f}",
-         f"{one['compact s']:.1f}", *(f"{one[f'{when} p50 ms']:.1f} / {one[f'{when} p95 ms']:.1f}"
-         for when in ("added", "compacted", "filtered"))]
-        for n, known in sorted(sizes.items()) if (one := known.get("change"))
-    ]  # fmt: skip
-    head = [
-        "places", "1,000 added and found, s", "robot deleted, s", "compacted, s",
-        "query after adding, ms", "after compaction, ms", "of one robot, ms",
-    ]  # fmt: skip
-    return table(head, rows)
+    rows = []
+    for n, known in sorted(sizes.items()):
+        if (one := known.get("change")) is not None:
+            done = [f"{one[name]:.2f}" for name in ("add 1000 s", "delete s", "compact s")]
+            whens = ("added", "compacted", "filtered")
+            rows.append([f"{n:,}", *done, *(_times(one, f"{when} ")[0] for when in whens)])
+    head = (
+        "places, 1000 added and found (s), robot deleted (s), compacted (s), "
+        "p50 / p95 after adding (ms), after compaction (ms), of one robot (ms)"
+    )
+    return table(head.split(", "), rows)
+
+
+def _times(one: Figures, when: str = "") -> list[str]:
+    """Both quantiles, and the time of processors."""
+    wall = f"{one[f'{when}p50 ms']:.1f} / {one[f'{when}p95 ms']:.1f}"
+    return [wall, f"{one[f'{when}cpu ms']:.1f}"]
 
 
 def _run(phase: str, home: Path, data: str, places: int, queries: int) -> Figures:

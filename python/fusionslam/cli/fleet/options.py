@@ -46,10 +46,7 @@ def where(
 
 
 def open_folder(path: Path) -> "FleetFolder":
-    """Open a folder of ``fleet describe``, after a check of what it needs."""
-    from fusionslam.cli.failures import needs_extra
-
-    needs_extra("fleet", module="lancedb")
+    """Open a folder of ``fleet describe``."""
     from fusionslam.fleet.folder import FleetFolder
 
     return FleetFolder.open(path)
