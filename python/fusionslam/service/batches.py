@@ -33,13 +33,16 @@ class QueryBatches:
 
     Args:
         places: that are searched.
-        workers: whose threads search; so many batches are searched at a time.
+        workers: whose threads search; half as many batches are searched at a time, as LanceDB
+            begins threads of its own and larger batches take less work.
     """
 
     def __init__(self, places: ServedPlaces, workers: Workers) -> None:
         self._places, self._workers = places, workers
+        self._most_lanes = max(1, workers.threads // 2)
         self._waiting: deque[_Query] = deque()
-        self._lanes: set[asyncio.Task[None]] = set()
+        self._lanes = 0  # that search now
+        self._tasks: set[asyncio.Task[None]] = set()  # kept, as the event loop does not
 
     async def find(self, vectors: Floats32, k: int, where: PlaceFilter) -> list[list[Candidate]]:
         """Return the k nearest places of each of some vectors (n, D), nearest first.
@@ -53,10 +56,11 @@ class QueryBatches:
         for first in range(0, len(vectors), _MOST):
             answer = asyncio.get_running_loop().create_future()
             self._waiting.append(_Query(vectors[first : first + _MOST], k, where, answer))
-            if len(self._lanes) < self._workers.threads:
-                lane = asyncio.create_task(self._search())
-                self._lanes.add(lane)
-                lane.add_done_callback(self._lanes.discard)
+            if self._lanes < self._most_lanes:
+                self._lanes += 1
+                task = asyncio.create_task(self._search())
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
             found += await answer
         return found
 
@@ -75,6 +79,7 @@ class QueryBatches:
                 rows = [found.pop(0)[: query.k] for _ in query.vectors]
                 if not query.answer.done():  # its client may be gone
                     query.answer.set_result(rows)
+        self._lanes -= 1  # at once: a query that comes now begins another
 
     def _next(self) -> list[_Query]:
         """Take the query that waits longest, and those with its filter that fit."""
