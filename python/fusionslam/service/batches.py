@@ -33,13 +33,12 @@ class QueryBatches:
 
     Args:
         places: that are searched.
-        workers: whose threads search; half as many batches are searched at a time, as LanceDB
-            begins threads of its own and larger batches take less work.
+        workers: whose threads search; so many batches are searched at a time.
     """
 
     def __init__(self, places: ServedPlaces, workers: Workers) -> None:
         self._places, self._workers = places, workers
-        self._most_lanes = max(1, workers.threads // 2)
+        self._most_lanes = workers.threads
         self._waiting: deque[_Query] = deque()
         self._lanes = 0  # that search now
         self._tasks: set[asyncio.Task[None]] = set()  # kept, as the event loop does not
