@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chunks of a folder: their places for a database, and the clouds of these."""
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -64,12 +65,9 @@ class ChunkStore:
         """
         chunk = self._read(key)
         arrays, about = chunk.arrays, chunk.about
+        rows = np.flatnonzero(arrays["is_place"])
         name = f"vectors.{self._settings.names[0]}"
         vectors = arrays.get(name, np.empty((0, 0), np.float32))
-        is_place = (
-            arrays["is_place"] & vectors.any(axis=1) if len(vectors) else np.zeros(0, np.bool_)
-        )
-        rows = np.flatnonzero(is_place)
         odometry, truth = arrays["odometry"], arrays["poses"]
         known = np.isfinite(truth).all(axis=(1, 2), keepdims=True)
         return Places(
@@ -111,10 +109,9 @@ class ChunkStore:
         begin, end = arrays["offsets"][number : number + 2].tolist()
         packed = arrays["clouds"][begin:end].tobytes()
         odometry = arrays["odometry"][row]
-        image = None
-        if "images" in arrays:
-            bits = arrays["images"][number].tobytes()
-            image = SearchImage(bits, float(arrays["ground_levels"][number]))
+        image, level = None, float(arrays["ground_levels"][number])
+        if "images" in arrays and not math.isnan(level):
+            image = SearchImage(arrays["images"][number].tobytes(), level)
         registration = self._settings.registration
         frame = StoredFrame(
             int(arrays["stamps_ns"][row]),
