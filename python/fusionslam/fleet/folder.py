@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A folder of places: the recordings of a fleet, described, searched and forgotten."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from fusionslam.descriptors import find_descriptor, length_of
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.chunk import Chunk, chunk_path
-from fusionslam.fleet.chunk_store import ChunkStore
+from fusionslam.fleet.chunk_store import ChunkStore, places_of
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.engines import Engine
 from fusionslam.fleet.localization import FleetLocator
@@ -108,7 +108,7 @@ class FleetFolder:
                 database.delete(PlaceFilter(session=each.recording.session))
                 self._delete_chunks(each)
             plan.save(self.path)
-            taker = _Taker(database, self.store, plan)
+            taker = _Taker(self, database, plan)
             failures = describe_recordings(
                 plan, self.settings, self.path, engine, progress=progress, taker=taker
             )
@@ -196,8 +196,8 @@ class _Taker:
         problem: what could not be added, and why; None if all was.
     """
 
-    def __init__(self, database: PlaceDatabase, store: ChunkStore, plan: Plan) -> None:
-        self._database, self._store = database, store
+    def __init__(self, folder: FleetFolder, database: PlaceDatabase, plan: Plan) -> None:
+        self._settings, self._store, self._database = folder.settings, folder.store, database
         # The first frame that is described is a place, but for rare ones, which are added again.
         firsts = [f"{key}:0" for each in plan.recordings for key in each.keys]
         self._known = database.known_keys(firsts)
@@ -205,13 +205,15 @@ class _Taker:
         self._left_out = 0
         self.problem: Failure | None = None
 
-    def take(self, chunk: Chunk) -> None:
-        """Add the places of a chunk, now or later, unless they are there."""
+    def take(self, chunk: Chunk) -> Mapping[int, str] | None:
+        """Add the places of a chunk, now or later, unless they are there; as of ``ChunkTaker``."""
         if chunk.place_key(0) in self._known:
-            return
-        self._waiting.append(self._store.places(chunk.key))
+            return None
+        stored = self._store.read(chunk.key)
+        self._waiting.append(places_of(stored, self._settings))
         if sum(map(len, self._waiting)) >= _TAKEN_TOGETHER:
             self.flush()
+        return stored.skipped
 
     def flush(self) -> None:
         """Add what waits; what cannot be added is in chunks, and is added by the next run."""

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.fleet.chunk import (
@@ -32,6 +32,8 @@ logger = logging.getLogger(__name__)
 
 PLAN, PLAN_FORMAT = "recordings.json", "fusionslam.fleet_recordings.1"
 FAILED = "failed.jsonl"
+_BAD_FRAMES = "bad-frames"
+"""Code of frames that cannot be described; the others of their chunk are."""
 _OPENED_AT_ONCE = 8
 """Recordings; disks and networks are waited for, not the processor."""
 _RETRIES = 10
@@ -218,8 +220,16 @@ def _line(failure: Failure) -> str:
 class ChunkTaker(Protocol):
     """Takes in chunks that are there, as a database does."""
 
-    def take(self, chunk: Chunk) -> None:
-        """Take in a chunk. Raises DataError: its file is damaged."""
+    def take(self, chunk: Chunk) -> Mapping[int, str] | None:
+        """Take in a chunk.
+
+        Returns:
+            Reasons by number of the frames that could not be described; None if it was taken in
+            by an earlier run.
+
+        Raises:
+            DataError: its file is damaged.
+        """
 
 
 def describe_recordings(
@@ -242,39 +252,66 @@ def describe_recordings(
         taker: is given each chunk whose file is there, in this process.
     """
     total, done = plan.frames, 0
-    failures = [*plan.failures]
-    save_failures(folder, failures)
-    report = progress or (lambda done, total: None)
+    failures, noted = [*plan.failures], _bad_frames_by_chunk(load_failures(folder))
     missing: list[Chunk] = []
+    report = progress or (lambda done, total: None)
     for chunk in (chunk for each in plan.recordings for chunk in each.chunks(settings.fleet.chunk)):
-        if not is_stored(chunk.path(folder)) or _take(taker, chunk, folder) is not None:
+        taken = _take(taker, chunk, folder) if is_stored(chunk.path(folder)) else _Taken(False)
+        if not taken.is_there:
             missing.append(chunk)
             continue
+        known = noted.get((chunk.recording.session, chunk.first)) if taken.is_known else None
+        failures += [each for each in (taken.failure, known) if each is not None]
         done += chunk.count
         report(done, total)
+    save_failures(folder, failures)
     report(done, total)
-    for chunk, failure in _work_off(missing, settings, folder, engine):
-        done += chunk.count
-        if failure is None and (error := _take(taker, chunk, folder)) is not None:
-            failure = _failure(chunk, error, 1)
+    for chunk, failed in _work_off(missing, settings, folder, engine):
+        failure = failed or _take(taker, chunk, folder).failure
         if failure is not None:
             failures.append(failure)
             add_failure(folder, failure)
+        done += chunk.count
         report(done, total)
     return failures
 
 
-def _take(taker: ChunkTaker | None, chunk: Chunk, folder: Path) -> DataError | None:
-    """Have a chunk taken in; if it is damaged, delete it and return why, as it can be made anew."""
+class _Taken(NamedTuple):
+    """What became of a chunk that was to be taken in.
+
+    Attributes:
+        is_there: whether its file is whole.
+        failure: what is wrong with it, or with some of its frames.
+        is_known: whether an earlier run has taken it in, and noted its bad frames.
+    """
+
+    is_there: bool
+    failure: Failure | None = None
+    is_known: bool = False
+
+
+def _take(taker: ChunkTaker | None, chunk: Chunk, folder: Path) -> _Taken:
+    """Have a chunk taken in; if it is damaged, delete it, as it can be made anew."""
     if taker is None:
-        return None
+        return _Taken(True)
     try:
-        taker.take(chunk)
+        skipped = taker.take(chunk)
     except DataError as error:
         logger.warning("%s; it is made anew", error)
         chunk.path(folder).unlink(missing_ok=True)
-        return error
-    return None
+        return _Taken(False, _failure(chunk, error, 1))
+    if not skipped:
+        return _Taken(True, is_known=skipped is None)
+    number, reason = next(iter(skipped.items()))
+    text = (
+        f"{len(skipped)} of {chunk.count} frames cannot be described, as frame {number}: {reason}"
+    )
+    bad = Failure(chunk.recording.session, chunk.first, len(skipped), _BAD_FRAMES, text)
+    return _Taken(True, bad)
+
+
+def _bad_frames_by_chunk(failures: Sequence[Failure]) -> dict[tuple[str, int | None], Failure]:
+    return {(each.session, each.first): each for each in failures if each.code == _BAD_FRAMES}
 
 
 def _work_off(
@@ -325,7 +362,7 @@ def _failure(chunk: Chunk, error: BaseException, tries: int) -> Failure:
 
 @dataclass(frozen=True)
 class Status:
-    """How far the work on a recording is."""
+    """How far the work on a recording is: numbers of all frames, of those done, and failed."""
 
     recording: FleetRecording
     frames: int
@@ -347,18 +384,14 @@ def list_status(folder: Path) -> tuple[list[Status], list[Failure]]:
             fields=(str(folder / PLAN),),
         )
     settings, plan = FleetSettings.load(folder), Plan.load(folder)
-    failed: Mapping[str, int] = _count_failed(plan.failures)
+    failed: Counter[str] = Counter()
+    bad: Counter[str] = Counter()
+    for failure in plan.failures:
+        failed[failure.session] += failure.count or 0
+        bad[failure.session] += (failure.count or 0) if failure.code == _BAD_FRAMES else 0
     found = []
     for each in plan.recordings:
-        chunks = each.chunks(settings.fleet.chunk)
-        done = sum(chunk.count for chunk in chunks if is_stored(chunk.path(folder)))
-        session = each.recording.session
-        found.append(Status(each.recording, each.frames, done, failed.get(session, 0)))
+        chunks, session = each.chunks(settings.fleet.chunk), each.recording.session
+        stored = sum(chunk.count for chunk in chunks if is_stored(chunk.path(folder)))
+        found.append(Status(each.recording, each.frames, stored - bad[session], failed[session]))
     return found, plan.failures
-
-
-def _count_failed(failures: Sequence[Failure]) -> dict[str, int]:
-    count: Counter[str] = Counter()
-    for each in failures:
-        count[each.session] += each.count or 0
-    return count

@@ -91,7 +91,8 @@ def _change_odometry(drive: Path) -> None:
 
 
 def _calibrate(drive: Path) -> None:
-    (drive / "calib.yaml").write_text("robot_from_points: {translation: [0, 0, 1]}\n")
+    rows = "[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]"
+    (drive / "calib.yaml").write_text(f"robot_from_points: [{rows}]\n")
 
 
 @pytest.mark.parametrize(

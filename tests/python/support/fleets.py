@@ -3,7 +3,10 @@
 """A small fleet of made recordings, and what describes it."""
 
 import hashlib
+import os
+import signal
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +15,8 @@ import numpy as np
 
 from fusionslam import FusionConfig
 from fusionslam.datasets.pose_files import write_poses_kitti
-from fusionslam.fleet.chunk import Chunk
+from fusionslam.errors import DataError
+from fusionslam.fleet.chunk import Chunk, describe_chunk
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.engines import Engine, Work
 from fusionslam.fleet.recordings import Found, Labels, find_recordings
@@ -107,3 +111,42 @@ def keys_of(root: Path, settings: FleetSettings) -> dict[str, tuple[str, ...]]:
 
 def with_fleet(settings: FleetSettings, **changes: Any) -> FleetSettings:
     return replace(settings, fleet=settings.fleet.model_copy(update=changes))
+
+
+# Work that goes wrong; other processes import it from here.
+
+
+def poisonous_chunk(chunk: Chunk, settings: FleetSettings, folder: Path) -> None:
+    """Describe a chunk; the process does not survive the second of tuesday."""
+    if chunk.recording.session.endswith("tuesday") and chunk.first == 4:
+        os.kill(os.getpid(), signal.SIGKILL)
+    describe_chunk(chunk, settings, folder)
+
+
+def deadly_chunk(chunk: Chunk, settings: FleetSettings, folder: Path) -> None:
+    """Describe a chunk; the first two processes of those that do so are killed, before or after."""
+    for number in range(2):
+        with suppress(FileExistsError):
+            (folder / f"killed-{number}").touch(exist_ok=False)
+            if number:
+                describe_chunk(chunk, settings, folder)
+            os.kill(os.getpid(), signal.SIGKILL)
+    describe_chunk(chunk, settings, folder)
+
+
+def chunk_of_faults(chunk: Chunk, folder: Path) -> None:
+    """Raise what a fault of the program would, and what cannot be pickled; exit hard."""
+    name = chunk.recording.session
+    (folder / f"{name}-{chunk.first}-{os.getpid()}").touch()
+    if name == "fault":
+        raise ZeroDivisionError("a fault")
+    if name == "refused":
+        raise DataError("it is refused", code="some-code", fields=("a", "b"))
+    if name == "strange":
+
+        class StrangeError(Exception):
+            pass
+
+        raise StrangeError("of a class that no other process knows")
+    if name == "exit":
+        os._exit(3)
