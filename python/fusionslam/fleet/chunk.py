@@ -8,8 +8,8 @@ name says what is in it and it is renamed into place.
 
 import hashlib
 import json
-import logging
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,21 +21,21 @@ from numpy.typing import NDArray
 from fusionslam.datasets import Dataset
 from fusionslam.descriptors import describe, for_clouds, length_of
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.config import FleetConfig, FleetSettings
+from fusionslam.fleet.places import ABOUT
 from fusionslam.fleet.recordings import FleetRecording
 from fusionslam.fusion import fuse, load_sensors, robot_from_cloud
 from fusionslam.loop_closure.observation import fusion_of_scans, prepare_cloud
-from fusionslam.pipelines.place_maps import has_odometry, odometry_of
+from fusionslam.pipelines.place_maps import odometry_of
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.arrays import Floats, Mask, Matrix
+from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.scene_set import pack_bytes
 
 FORMAT = "fusionslam.fleet_chunk.1"
 CHUNKS = "chunks"
 
-logger = logging.getLogger(__name__)
-
+_END, _END_BYTES = b"PK\5\6", 22
 _UNKNOWN = np.full((4, 4), np.nan)
 
 
@@ -86,11 +86,24 @@ def cut_recording(
     chunks = []
     for first in range(0, frames, size):
         count = min(size, frames - first)
-        about = {name: getattr(recording, name) for name in ("session", "robot", "site", "region")}
+        about = {name: getattr(recording, name) for name in ABOUT}
         identity = json.dumps([content, about, first, count, digest], sort_keys=True)
         key = hashlib.sha256(identity.encode()).hexdigest()[:32]
         chunks.append(Chunk(recording, first, count, key))
     return chunks
+
+
+def is_stored(path: Path) -> bool:
+    """Whether a chunk's file is there and not cut short; what is in it is checked when it is read.
+
+    A ``.npz`` ends with a record of its own.
+    """
+    try:
+        with path.open("rb") as file:
+            file.seek(-_END_BYTES, os.SEEK_END)
+            return file.read(len(_END)) == _END
+    except OSError:
+        return False
 
 
 def describe_chunk(chunk: Chunk, settings: FleetSettings, folder: Path) -> None:
@@ -102,24 +115,33 @@ def describe_chunk(chunk: Chunk, settings: FleetSettings, folder: Path) -> None:
         DataError: the recording cannot be opened, or the file not be written.
     """
     path = chunk.path(folder)
-    if path.exists():
+    if is_stored(path):
         return
     opened = _open(json.dumps(chunk.recording.dump()), settings.fusion.source)
-    frames = [_Frame.of(opened, index) for index in range(chunk.first, chunk.first + chunk.count)]
-    chosen = _choose_places([frame.place for frame in frames], settings)
-    described = [
-        _describe(frame, settings, with_cloud=bool(is_place) and settings.fleet.clouds)
-        for frame, is_place in zip(frames, chosen, strict=True)
-    ]
-    about = {"session": chunk.recording.session, "first": chunk.first, "count": chunk.count}
-    about |= {name: getattr(chunk.recording, name) for name in ("robot", "site", "region")}
-    save_archive(path, FORMAT, about, _arrays(frames, described, chosen, settings))
+    if chunk.first + chunk.count > len(opened.dataset):
+        raise DataError(
+            f"{chunk}: there are {len(opened.dataset)} frames now: expected a recording that does "
+            "not change meanwhile",
+            code="changed",
+            fields=(chunk.recording.session,),
+        )
+    described = _describe_all(opened, range(chunk.first, chunk.first + chunk.count), settings)
+    about = {"key": chunk.key, "first": chunk.first, "count": chunk.count}
+    about |= {name: getattr(chunk.recording, name) for name in ABOUT}
+    save_archive(path, FORMAT, about, _arrays(opened.dataset, described, settings))
 
 
 class _Opened(NamedTuple):
-    """A recording that is open, and odometry of its frames if they do not have their own."""
+    """A recording that is open.
+
+    Attributes:
+        dataset: its frames.
+        poses: float64 (N, 4, 4), true ones of the robot; None if there are none.
+        odometry: the same by odometry, if it is in a file of its own.
+    """
 
     dataset: Dataset
+    poses: Floats | None
     odometry: Floats | None
 
 
@@ -127,77 +149,88 @@ class _Opened(NamedTuple):
 def _open(recording: str, source: str) -> _Opened:
     """Open a recording in JSON; workers keep some open, as the next chunk often is of the same."""
     dataset = FleetRecording.load(json.loads(recording)).recording.open(source)
-    return _Opened(dataset, odometry_of(dataset, "recorded") if has_odometry(dataset) else None)
+    poses = None if dataset.true_poses is None else dataset.true_poses @ dataset.body_from_robot
+    odometry = None if dataset.odometry_topic is None else odometry_of(dataset, "recorded")
+    return _Opened(dataset, poses, odometry)
 
 
-class _Frame(NamedTuple):
-    """A frame that is still to be read: its row in the recording, pose and odometry."""
-
-    dataset: Dataset
-    row: int
-    pose: Matrix
-    odometry: Matrix
-
-    @classmethod
-    def of(cls, opened: _Opened, index: int) -> "_Frame":
-        dataset, odometry = opened
-        pose, moved = _UNKNOWN, _UNKNOWN
-        if dataset.true_poses is not None:
-            pose = dataset.true_poses[index] @ dataset.body_from_robot
-        if odometry is not None:
-            moved = odometry[index]
-        elif (own := dataset[index].odometry) is not None:
-            moved = own
-        return cls(dataset, index, pose, moved)
-
-    @property
-    def place(self) -> Matrix:
-        """Where the robot is, by odometry or else in truth; NaN if it is not known."""
-        return self.odometry if np.isfinite(self.odometry).all() else self.pose
-
-
-def _choose_places(poses: list[Matrix], settings: FleetSettings) -> Mask:
-    """Bool (n): the frames that become places, far enough from the last one of the chunk."""
-    fleet = settings.fleet
-    chosen: Mask = np.ones(len(poses), np.bool_)
+def _describe_all(
+    opened: _Opened, rows: Sequence[int], settings: FleetSettings
+) -> "list[_Described]":
+    """Describe frames in their order; those far enough from the last place become places."""
+    done: list[_Described] = []
     last: Matrix | None = None
-    for row, pose in enumerate(poses):
-        if last is not None and fleet.keyframe_distance:
-            chosen[row] = not _is_near(last, pose, fleet.keyframe_distance, fleet.keyframe_turn)
-        if chosen[row]:
-            last = pose
-    return chosen
+    for row in rows:
+        found = _describe(opened, row, settings, last)
+        if found.is_place:
+            last = found.where
+        done.append(found)
+    return done
 
 
-def _is_near(last: Matrix, pose: Matrix, distance: float, turn: float) -> bool:
-    """Whether a pose is no farther from the last one; false if either is unknown."""
-    step = np.linalg.inv(last) @ pose if np.isfinite(last).all() else _UNKNOWN
+def _is_near(last: Matrix | None, pose: Matrix, fleet: FleetConfig) -> bool:
+    """Whether a pose is not far enough from the last place; false if either is unknown."""
+    if last is None or not fleet.keyframe_distance:
+        return False
+    if not (np.isfinite(last).all() and np.isfinite(pose).all()):
+        return False
+    step = np.linalg.inv(last) @ pose
     cosine = np.clip((np.trace(step[:3, :3]) - 1) / 2, -1, 1)
-    return bool(np.linalg.norm(step[:3, 3]) < distance and np.degrees(np.arccos(cosine)) < turn)
+    is_close = np.linalg.norm(step[:3, 3]) < fleet.keyframe_distance
+    return bool(is_close and np.degrees(np.arccos(cosine)) < fleet.keyframe_turn)
 
 
 class _Described(NamedTuple):
     """What a frame became, or why it could not be described."""
 
-    vectors: Mapping[str, NDArray[np.float32]]
+    row: int
+    pose: Matrix = _UNKNOWN
+    odometry: Matrix = _UNKNOWN
+    vectors: Mapping[str, NDArray[np.float32]] = {}
+    is_place: bool = False
     points: int = 0
+    mount: Matrix = _UNKNOWN
     cloud: bytes | None = None
     image: bytes | None = None
     ground_level: float = np.nan
-    mount: Matrix = _UNKNOWN
     reason: str | None = None
 
+    @property
+    def where(self) -> Matrix:
+        """Where the robot is, by odometry or else in truth; NaN if it is not known."""
+        return self.odometry if np.isfinite(self.odometry).all() else self.pose
 
-def _describe(frame: _Frame, settings: FleetSettings, *, with_cloud: bool) -> _Described:
+
+def _describe(
+    opened: _Opened, row: int, settings: FleetSettings, last: Matrix | None
+) -> _Described:
+    """Describe a frame; it becomes a place unless it is near the last one."""
+    found = _Described(row)
+    if opened.poses is not None:
+        found = found._replace(pose=opened.poses[row])
     try:
-        read = frame.dataset[frame.row]
-        load_sensors(read, settings.fusion)
-        cloud = fuse(read, settings.fusion)
-        vectors = _describe_cloud(cloud, read, settings)
-        found = _Described(vectors, len(cloud), mount=robot_from_cloud(read, settings.fusion))
-        return _keep_cloud(found, read, cloud, settings) if with_cloud else found
+        frame = opened.dataset[row]
+        if opened.odometry is not None:
+            found = found._replace(odometry=opened.odometry[row])
+        elif frame.odometry is not None:
+            found = found._replace(odometry=frame.odometry)
+        load_sensors(frame, settings.fusion)
+        cloud = fuse(frame, settings.fusion)
+        vectors = _describe_cloud(cloud, frame, settings)
+        is_place = vectors[settings.names[0]].any() and not _is_near(
+            last, found.where, settings.fleet
+        )
+        found = found._replace(
+            vectors=vectors,
+            is_place=bool(is_place),
+            points=len(cloud),
+            mount=robot_from_cloud(frame, settings.fusion),
+        )
+        if is_place and settings.fleet.clouds:
+            return _keep_cloud(found, frame, cloud, settings)
+        return found
     except DataError as error:
-        return _Described({}, reason=str(error))
+        return _Described(row, reason=str(error))
 
 
 def _describe_cloud(
@@ -233,32 +266,30 @@ def _keep_cloud(
 
 
 def _arrays(
-    frames: list[_Frame], described: list[_Described], chosen: Mask, settings: FleetSettings
+    dataset: Dataset, described: list[_Described], settings: FleetSettings
 ) -> dict[str, NDArray[Any] | None]:
     """Return what a chunk's file holds: of the frames that were described, and of the others."""
-    dataset = frames[0].dataset
-    is_good = np.array([each.reason is None for each in described])
-    rows = np.array([frame.row for frame in frames], np.int64)
     good = [each for each in described if each.reason is None]
-    kept = [each.cloud for each in good if each.cloud is not None]
-    images = [np.frombuffer(each.image, np.uint8) for each in good if each.image is not None]
-    clouds, offsets = pack_bytes(kept)
+    bad = [each for each in described if each.reason is not None]
+    rows = np.array([each.row for each in good], np.int64)
+    kept = [each for each in good if each.cloud is not None]
+    clouds, offsets = pack_bytes([each.cloud or b"" for each in kept])
     arrays: dict[str, NDArray[Any] | None] = {
-        "rows": rows[is_good],
-        "frames": dataset.numbers[rows[is_good]],
-        "stamps_ns": dataset.stamps_ns[rows[is_good]],
-        "poses": np.array([frame.pose for frame in frames]).reshape(-1, 4, 4)[is_good],
-        "odometry": np.array([frame.odometry for frame in frames]).reshape(-1, 4, 4)[is_good],
-        "is_place": chosen[is_good],
+        "rows": rows,
+        "frames": dataset.numbers[rows],
+        "stamps_ns": dataset.stamps_ns[rows],
+        "poses": np.array([each.pose for each in good]).reshape(-1, 4, 4),
+        "odometry": np.array([each.odometry for each in good]).reshape(-1, 4, 4),
+        "is_place": np.array([each.is_place for each in good], np.bool_),
         "points": np.array([each.points for each in good], np.int64),
         "robot_from_cloud": np.array([each.mount for each in good]).reshape(-1, 4, 4),
         "has_cloud": np.array([each.cloud is not None for each in good], np.bool_),
         "clouds": clouds,
         "offsets": offsets,
-        "images": np.array(images) if images else None,
-        "ground_levels": np.array([each.ground_level for each in good if each.cloud is not None]),
-        "bad": dataset.numbers[rows[~is_good]],
-        "reasons": np.array([each.reason for each in described if each.reason is not None], str),
+        "images": _images(kept),
+        "ground_levels": np.array([each.ground_level for each in kept]),
+        "bad": dataset.numbers[np.array([each.row for each in bad], np.int64)],
+        "reasons": np.array([each.reason for each in bad], str),
     }
     for name in settings.names:
         vectors = [each.vectors[name] for each in good]
@@ -266,16 +297,24 @@ def _arrays(
     return arrays
 
 
+def _images(kept: list[_Described]) -> NDArray[np.uint8] | None:
+    """Return the images from above of clouds, zeros for one without; None if none has one."""
+    size = max((len(each.image) for each in kept if each.image is not None), default=0)
+    if not size:
+        return None
+    return np.array([np.frombuffer(each.image or bytes(size), np.uint8) for each in kept])
+
+
 class StoredChunk(NamedTuple):
     """The content of a chunk's file: what it is about, and its arrays.
 
     Attributes:
-        about: session, robot, site, region, first and count.
+        about: key, session, robot, site, region, first and count.
         arrays: by name. Of the n frames that were described: "rows", "frames", "stamps_ns",
             "points" int64 (n); "poses", "odometry", "robot_from_cloud" float64 (n, 4, 4), NaN
             where unknown; "is_place", "has_cloud" bool (n); "vectors.NAME" float32 (n, D). The
-            packed "clouds" with their "offsets", "images" and "ground_levels". Of the others:
-            "bad", their numbers, and "reasons".
+            packed "clouds" with their "offsets", "images" and "ground_levels", NaN without an
+            image. Of the others: "bad", their numbers, and "reasons".
     """
 
     about: Mapping[str, Any]
@@ -283,8 +322,14 @@ class StoredChunk(NamedTuple):
 
     @classmethod
     def load(cls, path: Path) -> "StoredChunk":
-        """Read a chunk. Raises DataError: it is missing, damaged or of another format."""
+        """Read a chunk.
+
+        Raises:
+            DataError: it is missing, damaged, of another format or that of another chunk.
+        """
         with load_archive(path, FORMAT, "a chunk of fleet describe") as (about, arrays):
+            if about["key"] != path.stem:
+                raise DataError(f"is the chunk {about['key']}", code="wrong-digest")
             return cls(about, arrays)
 
     @property

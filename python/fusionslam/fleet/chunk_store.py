@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chunks of a folder: their places for a database, and the clouds of these."""
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from fusionslam.errors import DataError
 from fusionslam.fleet.chunk import StoredChunk, chunk_path
 from fusionslam.fleet.config import FleetSettings
-from fusionslam.fleet.places import Places
+from fusionslam.fleet.places import ABOUT, Places
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.registration import PreparedCloud, SearchImage
 from fusionslam.storage.arrays import Matrix
@@ -42,9 +43,10 @@ class ChunkStore:
 
     def __init__(self, folder: Path, settings: FleetSettings) -> None:
         self._folder, self._settings = folder, settings
-        self._load = lru_cache(maxsize=_READY)(self._read)
+        self._load = lru_cache(maxsize=_READY)(self.read)
 
-    def _read(self, key: str) -> StoredChunk:
+    def read(self, key: str) -> StoredChunk:
+        """Read a chunk. Raises DataError: its file is missing or damaged."""
         return StoredChunk.load(chunk_path(self._folder, key))
 
     def has(self, key: str) -> bool:
@@ -54,35 +56,13 @@ class ChunkStore:
     def places(self, key: str) -> Places:
         """Return the places of a chunk: those of its frames that became places.
 
-        Frames that the first descriptor cannot describe are none.
-
         Args:
             key: of the chunk.
 
         Raises:
             DataError: its file is missing or damaged.
         """
-        chunk = self._read(key)
-        arrays, about = chunk.arrays, chunk.about
-        name = f"vectors.{self._settings.names[0]}"
-        vectors = arrays.get(name, np.empty((0, 0), np.float32))
-        is_place = (
-            arrays["is_place"] & vectors.any(axis=1) if len(vectors) else np.zeros(0, np.bool_)
-        )
-        rows = np.flatnonzero(is_place)
-        odometry, truth = arrays["odometry"], arrays["poses"]
-        known = np.isfinite(truth).all(axis=(1, 2), keepdims=True)
-        return Places(
-            keys=[f"{key}:{row}" for row in rows.tolist()],
-            vectors=vectors[rows],
-            stamps_ns=arrays["stamps_ns"][rows],
-            frames=arrays["frames"][rows],
-            session=str(about["session"]),
-            robot=str(about["robot"]),
-            site=str(about["site"]),
-            region=str(about["region"]),
-            poses=np.where(known, truth, odometry)[rows],
-        )
+        return places_of(self.read(key), self._settings)
 
     def cloud(self, key: str) -> PlaceCloud:
         """Return the cloud of a place.
@@ -111,10 +91,9 @@ class ChunkStore:
         begin, end = arrays["offsets"][number : number + 2].tolist()
         packed = arrays["clouds"][begin:end].tobytes()
         odometry = arrays["odometry"][row]
-        image = None
-        if "images" in arrays:
-            bits = arrays["images"][number].tobytes()
-            image = SearchImage(bits, float(arrays["ground_levels"][number]))
+        image, level = None, float(arrays["ground_levels"][number])
+        if "images" in arrays and not math.isnan(level):
+            image = SearchImage(arrays["images"][number].tobytes(), level)
         registration = self._settings.registration
         frame = StoredFrame(
             int(arrays["stamps_ns"][row]),
@@ -123,3 +102,20 @@ class ChunkStore:
             lambda: PreparedCloud.from_bytes(packed, registration),
         )
         return PlaceCloud(frame, arrays["robot_from_cloud"][row])
+
+
+def places_of(chunk: StoredChunk, settings: FleetSettings) -> Places:
+    """Return the places of a chunk."""
+    arrays, about = chunk.arrays, chunk.about
+    rows = np.flatnonzero(arrays["is_place"])
+    vectors = arrays.get(f"vectors.{settings.names[0]}", np.empty((0, 0), np.float32))
+    odometry, truth = arrays["odometry"], arrays["poses"]
+    known = np.isfinite(truth).all(axis=(1, 2), keepdims=True)
+    return Places(
+        keys=[f"{about['key']}:{row}" for row in rows.tolist()],
+        vectors=vectors[rows],
+        stamps_ns=arrays["stamps_ns"][rows],
+        frames=arrays["frames"][rows],
+        poses=np.where(known, truth, odometry)[rows],
+        **{name: str(about[name]) for name in ABOUT},
+    )

@@ -2,21 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """A folder of places: the recordings of a fleet, described, searched and forgotten."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from fusionslam.descriptors import find_descriptor, length_of
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.chunk import Chunk, chunk_path
-from fusionslam.fleet.chunk_store import ChunkStore
+from fusionslam.fleet.chunk_store import ChunkStore, places_of
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.engines import Engine
 from fusionslam.fleet.localization import FleetLocator
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
-from fusionslam.fleet.places import ABOUT, PlaceFilter, join_places
+from fusionslam.fleet.places import ABOUT, PlaceFilter, Places, join_places
 from fusionslam.fleet.recordings import FleetRecording
-from fusionslam.fleet.work import PLAN, Failure, Plan, PlannedRecording, describe_recordings
+from fusionslam.fleet.work import (
+    PLAN,
+    Failure,
+    Plan,
+    PlannedRecording,
+    add_failure,
+    describe_recordings,
+)
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.progress import Progress
@@ -95,26 +102,37 @@ class FleetFolder:
         Returns:
             What failed, as ``failed.jsonl`` has it.
         """
-        plan, changed = self._join(plan)
+        plan, old = self._join(plan)
         with self.database(read_only=False) as database:
-            for each in changed:
+            for each in old:
                 database.delete(PlaceFilter(session=each.recording.session))
                 self._delete_chunks(each)
             plan.save(self.path)
-            taker = _Taker(database, self.store)
+            taker = _Taker(self, database, plan)
             failures = describe_recordings(
-                plan, self.settings, self.path, engine, progress=progress, take=taker.take
+                plan, self.settings, self.path, engine, progress=progress, taker=taker
             )
             taker.flush()
+        if taker.problem is not None:
+            failures.append(taker.problem)
+            add_failure(self.path, taker.problem)
         return failures
 
     def _join(self, plan: Plan) -> tuple[Plan, list[PlannedRecording]]:
-        """Return all recordings that are not forgotten, and what has changed of those known."""
-        forgotten = self.forgotten()
-        kept = [each for each in plan.recordings if not _matches_any(each.recording, forgotten)]
-        plan = Plan(plan.root, kept, plan.failures)
-        known = (self.path / PLAN).exists()
-        return plan.joined(Plan.load(self.path)) if known else (plan, [])
+        """Return all recordings that are not forgotten, and those whose places are out of date."""
+        plan, _ = self._without_forgotten(plan)
+        if not (self.path / PLAN).exists():
+            return plan, []
+        earlier, forgotten = self._without_forgotten(Plan.load(self.path))
+        plan, changed = plan.joined(earlier)
+        return plan, changed + forgotten
+
+    def _without_forgotten(self, plan: Plan) -> tuple[Plan, list[PlannedRecording]]:
+        """Return a plan without the recordings that were forgotten, and these."""
+        filters = self.forgotten()
+        forgotten = [each for each in plan.recordings if _matches_any(each.recording, filters)]
+        kept = [each for each in plan.recordings if not _matches_any(each.recording, filters)]
+        return replace(plan, recordings=kept), forgotten
 
     def _delete_chunks(self, planned: PlannedRecording) -> None:
         for key in planned.keys:
@@ -137,14 +155,12 @@ class FleetFolder:
                 {"filters": [asdict(each) for each in [*self.forgotten(), where]]},
             )
             count = database.delete(where)
-        plan = Plan.load(self.path)
-        kept = []
-        for each in plan.recordings:
-            if not _matches_any(each.recording, [where]):
-                kept.append(each)
-                continue
-            self._delete_chunks(each)
-        Plan(plan.root, kept, plan.failures).save(self.path)
+            # Done again by the next ``describe`` if this is interrupted.
+            if (self.path / PLAN).exists():
+                plan, forgotten = self._without_forgotten(Plan.load(self.path))
+                for each in forgotten:
+                    self._delete_chunks(each)
+                plan.save(self.path)
         return count
 
     def forgotten(self) -> list[PlaceFilter]:
@@ -174,23 +190,40 @@ def _matches_any(recording: FleetRecording, filters: Sequence[PlaceFilter]) -> b
 
 
 class _Taker:
-    """Adds the places of chunks to a database, many by one transaction."""
+    """Adds the places of chunks to a database, many by one transaction.
 
-    def __init__(self, database: PlaceDatabase, store: ChunkStore) -> None:
-        self._database, self._store = database, store
-        self._waiting: list[Chunk] = []
+    Attributes:
+        problem: what could not be added, and why; None if all was.
+    """
 
-    def take(self, chunk: Chunk) -> None:
-        """Add the places of a chunk, now or later."""
-        self._waiting.append(chunk)
-        if sum(each.count for each in self._waiting) >= _TAKEN_TOGETHER:
+    def __init__(self, folder: FleetFolder, database: PlaceDatabase, plan: Plan) -> None:
+        self._settings, self._store, self._database = folder.settings, folder.store, database
+        # The first frame that is described is a place, but for rare ones, which are added again.
+        firsts = [f"{key}:0" for each in plan.recordings for key in each.keys]
+        self._known = database.known_keys(firsts)
+        self._waiting: list[Places] = []
+        self._left_out = 0
+        self.problem: Failure | None = None
+
+    def take(self, chunk: Chunk) -> Mapping[int, str] | None:
+        """Add the places of a chunk, now or later, unless they are there; as of ``ChunkTaker``."""
+        if chunk.place_key(0) in self._known:
+            return None
+        stored = self._store.read(chunk.key)
+        self._waiting.append(places_of(stored, self._settings))
+        if sum(map(len, self._waiting)) >= _TAKEN_TOGETHER:
             self.flush()
+        return stored.skipped
 
     def flush(self) -> None:
-        """Add what waits, chunks that are there already excepted."""
-        keys = [each.place_key(row) for each in self._waiting for row in range(each.count)]
-        known = {key.partition(":")[0] for key in self._database.known_keys(keys)}
-        new = [self._store.places(each.key) for each in self._waiting if each.key not in known]
+        """Add what waits; what cannot be added is in chunks, and is added by the next run."""
+        places = join_places(self._waiting)
         self._waiting.clear()
-        if places := join_places(new):
+        if places is None:
+            return
+        try:
             self._database.add(places)
+        except DataError as error:
+            self._left_out += len(places)
+            reason = f"{self._left_out} places are not added yet: {error}"
+            self.problem = Failure(self._database.location, None, None, error.code, reason)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds where a cloud was seen before by any robot, and proves it by registration."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -21,6 +22,8 @@ from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, v
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.arrays import Floats32, Matrix
+
+logger = logging.getLogger(__name__)
 
 
 class PlaceSearch(Protocol):
@@ -115,7 +118,8 @@ class FleetLocator:
     ) -> FleetLocalization:
         """Find a cloud, and prove it by registration with the candidates.
 
-        Arguments and errors as of ``find``; candidates whose clouds are not stored prove nothing.
+        Arguments and errors as of ``find``; candidates whose clouds are not stored, or cannot be
+        read, prove nothing.
         """
         frame, cloud = _fused(frame_or_cloud, self._settings)
         vector = self._describe(frame, cloud)
@@ -147,9 +151,9 @@ class FleetLocator:
         if not candidates:
             text = "no place is stored that is asked for"
             return FleetLocalization(candidates, reason=Refusal("no-candidates", 0, text))
-        clouds = self._load(candidates)
+        clouds, problem = self._load(candidates)
         if not clouds:
-            text = "the clouds of the candidates are not stored: nothing can be proven"
+            text = f"no candidate has a cloud that can prove anything: {problem}"
             return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
         return self._prove(prepare(), mount, candidates, clouds)
 
@@ -158,16 +162,19 @@ class FleetLocator:
         config = for_clouds(self._settings.descriptors, name, self._settings.fusion, frame)
         return describe(cloud, name, config)
 
-    def _load(self, candidates: Sequence[Candidate]) -> dict[int, PlaceCloud]:
-        """Return the clouds of the candidates that have one, by their rank."""
-        found = {}
+    def _load(
+        self, candidates: Sequence[Candidate]
+    ) -> tuple[dict[int, PlaceCloud], DataError | None]:
+        """Return the clouds of the candidates that have one, by rank, and why the last has none."""
+        found, problem = {}, None
         for rank, each in enumerate(candidates):
             try:
                 found[rank] = self._clouds.cloud(each.key)
             except DataError as error:
-                if error.code != "no-cloud":
-                    raise
-        return found
+                problem = error
+                if error.code not in ("no-cloud", "missing-file"):  # as of a forgotten robot
+                    logger.warning("%s; fleet describe makes it anew", error)
+        return found, problem
 
     def _prepare(self, frame: Frame | None, cloud: Cloud) -> PreparedCloud:
         registration = self._settings.registration

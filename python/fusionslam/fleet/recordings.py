@@ -5,14 +5,20 @@
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fusionslam.datasets import KINDS, Dataset
+from fusionslam.datasets.base import FileDataset
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.fleet.config import FILE
 from fusionslam.fleet.places import ABOUT
 from fusionslam.pipelines.recording import Recording
+from fusionslam.storage.archive import format_of
+from fusionslam.views.scene_set import is_scene_set
 
 LEVELS = ("region", "site", "robot")
 """What the folders between the root and a recording can be names of."""
@@ -109,57 +115,81 @@ def find_recordings(root: Path, labels: Labels, *, excluded: Path | None = None)
             fields=(str(root),),
         )
     found = Found()
-    for path in _candidates(root, excluded, found.refused):
-        for sequence in _sequences(path):
+    named: dict[str, FleetRecording] = {}
+    seen = set() if excluded is None else {excluded.resolve()}
+    for path, kind in _candidates(root, seen, found.refused):
+        for sequence in _sequences(path, kind):
             session = _name(root, path, sequence)
-            _add(found, session, Recording.at(path, sequence=sequence), labels)
-    found.recordings.sort(key=lambda each: each.session)
+            recording = Recording.at(path, sequence=sequence)
+            problem = _refuse_name(session, recording, named.get(session))
+            if problem is None:
+                named[session] = FleetRecording(session, recording, **labels.of(session))
+            else:
+                found.refused[str(path)] = problem
+    found.recordings.extend(named[session] for session in sorted(named))
     return found
 
 
-def _add(found: Found, session: str, recording: Recording, labels: Labels) -> None:
-    """Take in a recording, unless another one has its name."""
-    others = [each for each in found.recordings if each.session == session]
-    if others:
-        message = (
-            f"{recording.path} has the name of {others[0].recording.path}, {session!r}: it is left "
-            "out; expected names of their own"
-        )
-        found.refused[recording.path] = DataError(message, code="same-name", fields=(session,))
-        return
-    found.recordings.append(FleetRecording(session, recording, **labels.of(session)))
+def _refuse_name(
+    session: str, recording: Recording, other: FleetRecording | None
+) -> DataError | None:
+    """Return why a recording cannot have its name; None if it can."""
+    try:
+        session.encode()
+    except UnicodeEncodeError:
+        message = f"{recording.path!r} has a name that is no text: expected one in Unicode"
+        return DataError(message, code="bad-name", fields=(repr(recording.path),))
+    if other is None:
+        return None
+    message = (
+        f"{recording.path} has the name of {other.recording.path}, {session!r}: it is left out; "
+        "expected names of their own"
+    )
+    return DataError(message, code="same-name", fields=(session,))
 
 
 def _candidates(
-    folder: Path, excluded: Path | None, refused: dict[str, DataError]
-) -> Iterator[Path]:
-    """Yield the paths that are recordings, or look like them, and do not lie in one."""
-    if excluded is not None and folder.resolve() == excluded.resolve():
+    folder: Path, seen: set[Path], refused: dict[str, DataError]
+) -> Iterator[tuple[Path, str]]:
+    """Yield the paths that are recordings, or look like them, and their kinds or "".
+
+    Not looked into are folders of results, hidden ones, and those that links lead to again.
+    """
+    real = folder.resolve()
+    if real in seen or (folder / FILE).exists():
         return
-    if _recognised(folder):
-        yield folder
-        return
+    seen.add(real)
     try:
-        inside = sorted(folder.iterdir())
+        if kind := _kind(folder):
+            yield folder, kind
+            return
+        inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError as error:
         message = f"{folder} cannot be read: {error.strerror}"
         refused[str(folder)] = DataError(message, code="unreadable", fields=(str(folder),))
         return
     for path in inside:
         if path.is_dir():
-            yield from _candidates(path, excluded, refused)
-        elif path.suffix in _SUFFIXES:
-            yield path
+            yield from _candidates(path, seen, refused)
+        elif path.suffix in _SUFFIXES and not _is_result(path):
+            yield path, ""
 
 
-def _recognised(path: Path) -> bool:
-    with suppress(OSError):
-        return any(kind.recognises(path) for kind in KINDS.values())
-    return False
+def _kind(folder: Path) -> str:
+    """Return the name of the kind of recording that a folder is; "" if it is none."""
+    found = (kind.name for kind in KINDS.values() if kind.recognises(folder))
+    return next(found, "")
 
 
-def _sequences(path: Path) -> Sequence[str | None]:
+def _is_result(path: Path) -> bool:
+    """Whether a file holds something that was made of recordings, as descriptors."""
+    return path.suffix == ".npz" and not is_scene_set(path) and format_of(path) is not None
+
+
+def _sequences(path: Path, kind: str) -> Sequence[str | None]:
     """Return the names of the sequences that a folder holds; None alone for a single one."""
+    if not kind or kind == "folder" or KINDS[kind].topics:  # opening a bag takes long
+        return [None]
     try:
         Recording.at(path).open()
     except DataError as error:
@@ -176,14 +206,35 @@ def _name(root: Path, path: Path, sequence: str | None) -> str:
 
 
 def digest_input(recording: FleetRecording, dataset: Dataset) -> str:
-    """Return a name of a recording's content: its name, its files' sizes and times, its begin."""
+    """Return a name of a recording's content.
+
+    It is made of the name, of the sizes and times of its files, of the begin of the first, and of
+    what was read when it was opened: stamps, poses and calibration.
+    """
     digest = hashlib.sha256(recording.session.encode())
     files = dataset.files()
+    if isinstance(dataset, FileDataset) and dataset.odometry is not None:
+        files = [*files, dataset.odometry]
     for path in files:
         with suppress(OSError):  # a missing file is reported when it is read
             status = path.stat()
-            digest.update(f"{path.name} {status.st_size} {status.st_mtime_ns}\n".encode())
+            line = f"{path.name} {status.st_size} {status.st_mtime_ns}\n"
+            digest.update(line.encode(errors="surrogateescape"))
     with suppress(OSError, StopIteration), next(iter(files)).open("rb") as stream:
         digest.update(stream.read(_HEAD))
-    digest.update(dataset.stamps_ns.tobytes())
+    for part in _opened_parts(dataset):
+        digest.update(repr(part).encode() if not isinstance(part, np.ndarray) else part.tobytes())
     return digest.hexdigest()
+
+
+def _opened_parts(dataset: Dataset) -> Iterator[object]:
+    """Yield the values that descriptions depend on and that opening a recording reads."""
+    yield dataset.numbers
+    yield dataset.stamps_ns
+    yield dataset.poses
+    yield dataset.body_from_points
+    if isinstance(dataset, FileDataset):
+        yield dataset.robot_from_points
+    for name, camera in sorted(dataset.cameras.items()):
+        yield name
+        yield from astuple(camera)

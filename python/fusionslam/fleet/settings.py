@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Settles what all places of a folder share, by the first recording that can be opened."""
+"""Settles what all places of a folder share, by the first recording that can be described."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,9 +9,10 @@ from fusionslam.config import Section, merged
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.descriptors import find_descriptor
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
 from fusionslam.fleet.recordings import Found
+from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.fusion import fuse
 from fusionslam.loop_closure.observation import fusion_of_scans
 from fusionslam.pipelines.describe import (
@@ -27,6 +28,10 @@ from fusionslam.registration import (
     has_lengths,
     without_lengths,
 )
+from fusionslam.storage.files import make_folder
+
+_SHOWN = 3
+"""Recordings that a message names."""
 
 
 def settle_settings(
@@ -41,7 +46,7 @@ def settle_settings(
     """Return the settings of a folder: those that it has, or new ones, which are stored.
 
     What depends on the data, such as the source of clouds, the radius of normals and the lengths
-    of registration, is that of the first recording that can be opened.
+    of registration, is that of the first recording that can be described.
 
     Args:
         found: the recordings.
@@ -54,19 +59,31 @@ def settle_settings(
     Raises:
         ConfigError: the folder was made with others (code "other-configuration"), or an unknown
             descriptor.
-        DataError: no recording can be opened, or the folder not be written.
+        DataError: no recording can be described, or the folder not be written.
     """
     for name in names:
         find_descriptor(name)
-    if (folder / FILE).exists():
-        stored = FleetSettings.load(folder)
-        asked = FleetSettings.of(tuple(names), _take_fitted(config, stored, source), fleet)
-        stored.check_same(asked, folder)
-        return stored
-    dataset, chosen = _open_first(found, source)
-    settings = FleetSettings.of(tuple(names), _fit(dataset, names, config, chosen), fleet)
-    settings.save(folder)
-    return settings
+    if not (folder / FILE).exists():
+        fitted = _fit_first(found, names, config, source)
+        new = FleetSettings.of(tuple(names), fitted, fleet)
+        with make_folder(folder):
+            if _save_new(new, folder):
+                return new
+    stored = FleetSettings.load(folder)
+    asked = FleetSettings.of(tuple(names), _take_fitted(config, stored, source), fleet)
+    stored.check_same(asked, folder)
+    return asked
+
+
+def _save_new(settings: FleetSettings, folder: Path) -> bool:
+    """Write the settings unless another process has just done so; return whether."""
+    lock = WriteLock(folder)
+    try:
+        if is_new := not (folder / FILE).exists():
+            settings.save(folder)
+        return is_new
+    finally:
+        lock.release()
 
 
 def _take_fitted(
@@ -84,19 +101,22 @@ def _take_fitted(
     return config.model_copy(update=changes)
 
 
-def _open_first(found: Found, source: str | None) -> tuple[Dataset, str]:
-    """Open the first recording that can be; return it and the source of its clouds."""
+def _fit_first(
+    found: Found, names: Sequence[str], config: PipelineConfig, source: str | None
+) -> PipelineConfig:
+    """Fit a configuration to the first recording that can be described."""
     problems = list(map(str, found.refused.values()))
     for each in found.recordings:
         try:
             chosen = source or each.recording.sources()[0]
-            return each.recording.open(chosen), chosen
+            return _fit(each.recording.open(chosen), names, config, chosen)
         except FusionSlamError as error:
+            if isinstance(error, ConfigError):
+                raise
             problems.append(f"{each.session}: {error}")
-    raise DataError(
-        f"no recording can be opened: {'; '.join(problems) or 'there is none'}",
-        code="no-recording",
-    )
+    shown = "; ".join(problems[:_SHOWN]) or "there is none"
+    more = f"; and {len(problems) - _SHOWN} more" if len(problems) > _SHOWN else ""
+    raise DataError(f"no recording can be described: {shown}{more}", code="no-recording")
 
 
 def _fit(

@@ -4,24 +4,26 @@
 
 import hashlib
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from fusionslam.config import merged
-from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.recordings import FleetRecording
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
 from fusionslam.pipelines.place_maps import MapOdometry, build_map, check_odometry, odometry_of
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.files import atomic_path, scratch_folder
 from fusionslam.storage.progress import Step, label_progress
 
 MAPS = "maps"
 _WINDOW = 20
 """Keyframes that are no candidates, as of ``map build``."""
+_BEGINNINGS = 10
+"""Drives with which a joint map may begin; each is compared with all others."""
 
 
 @dataclass
@@ -85,12 +87,12 @@ def merge_site(
             fields=("site", site),
         )
     merge = SiteMerge(site_map_path(folder, site))
-    built: dict[str, Path] = {}
     merge.known = _sessions(merge.path)
+    built: dict[str, Path] = {}
     for drive in drives:
+        path = merge.path.with_suffix("") / f"{_file_name(drive.session)}.fsmap"
         if drive.session in merge.known:
             continue
-        path = merge.path.with_suffix("") / f"{_file_name(drive.session)}.fsmap"
         try:
             _build(path, drive, settings, odometry, mapping or MapConfig(), jobs, step)
         except FusionSlamError as error:
@@ -135,21 +137,55 @@ def _build(
         config=mapping,
     ) as site:
         progress = label_progress(step, f"mapping {drive.session}")
-        build_map(site, dataset, moved, bad_frames="skip", jobs=jobs, progress=progress)
+        done = build_map(site, dataset, moved, bad_frames="skip", jobs=jobs, progress=progress)
+        if not len(site):
+            why = next(iter(done.skipped.values()), "it has no frame")
+            raise DataError(f"no frame can be mapped: {why}", code="empty", fields=(drive.session,))
 
 
-def _join_all(merge: SiteMerge, built: dict[str, Path], step: Step | None) -> None:
+def _join_all(merge: SiteMerge, built: Mapping[str, Path], step: Step | None) -> None:
     """Take maps into the joint one until none of the others can be."""
-    waiting = dict(built)
-    if waiting and not merge.path.exists():
-        first = next(iter(waiting))
-        _copy(waiting.pop(first), merge.path)
-        merge.added.append(first)
-    grew = True
+    if len(merge.known) > 1:
+        _grow(merge, merge.path, built, step)
+    elif built:
+        _begin(merge, built, step)
+
+
+def _begin(merge: SiteMerge, built: Mapping[str, Path], step: Step | None) -> None:
+    """Begin a joint map with a drive that another one joins, if there is one of such.
+
+    Else it holds the first drive alone, and may begin anew when others come.
+    """
+    alone = {session: merge.path for session in merge.known}
+    drives = {**alone, **built}
+    for first in [*drives][:_BEGINNINGS]:
+        others = {session: path for session, path in drives.items() if session != first}
+        trial = SiteMerge(merge.path, left_out={**merge.left_out})
+        with scratch_folder(merge.path) as folder:
+            joint = folder / merge.path.name
+            _copy(drives[first], joint)
+            _grow(trial, joint, others, step)
+            if trial.added or first == next(iter(drives)):
+                reasons = trial.left_out
+            if trial.added:
+                _copy(joint, merge.path)
+                merge.added = [each for each in (first, *trial.added) if each not in alone]
+                break
+    else:
+        if not alone:
+            first = next(iter(drives))
+            _copy(drives[first], merge.path)
+            merge.added = [first]
+    merge.left_out = reasons
+
+
+def _grow(merge: SiteMerge, joint: Path, others: Mapping[str, Path], step: Step | None) -> None:
+    """Take maps into one, again and again, as one that is taken in may be joined by others."""
+    waiting, grew = dict(others), True
     while waiting and grew:
         grew = False
         for session, path in [*waiting.items()]:
-            reason = _join(merge.path, path, session, step)
+            reason = _join(joint, path, session, step)
             if reason is not None:
                 merge.left_out[session] = reason
                 continue
@@ -161,8 +197,13 @@ def _join_all(merge: SiteMerge, built: dict[str, Path], step: Step | None) -> No
 
 def _join(path: Path, other: Path, session: str, step: Step | None) -> str | None:
     """Take a map into the joint one; return why not, or None."""
-    with PlaceMap.open(path) as site:
-        done = site.merge(other, progress=label_progress(step, f"joining {session}"))
+    try:
+        with PlaceMap.open(path) as site:
+            done = site.merge(other, progress=label_progress(step, f"joining {session}"))
+    except FusionSlamError as error:
+        if error.code == "cannot-write":
+            raise
+        return str(error)  # as of another configuration; the others may still be joined
     return None if done.reason is None else done.reason.text
 
 

@@ -3,24 +3,43 @@
 """Describes all recordings of a fleet, by many workers, and goes on where it stopped."""
 
 import json
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import logging
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.fleet.chunk import Chunk, chunk_path, cut_recording, describe_chunk, explain_failure
+from fusionslam.fleet.chunk import (
+    Chunk,
+    cut_recording,
+    describe_chunk,
+    explain_failure,
+    is_stored,
+)
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.engines import Engine
 from fusionslam.fleet.recordings import FleetRecording, Found, digest_input
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.files import atomic_path
+from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress
+
+logger = logging.getLogger(__name__)
 
 PLAN, PLAN_FORMAT = "recordings.json", "fusionslam.fleet_recordings.1"
 FAILED = "failed.jsonl"
+_BAD_FRAMES = "bad-frames"
+"""Code of frames that cannot be described; the others of their chunk are."""
+_OPENED_AT_ONCE = 8
+"""Recordings; disks and networks are waited for, not the processor."""
+_RETRIES = 10
+"""Tries again that fail, after which no part of the recording is tried again."""
+_UNWRITTEN = 5
+"""Chunks in a row that cannot be written, after which none are begun: the disk is full."""
 
 
 @dataclass(frozen=True)
@@ -85,19 +104,19 @@ class Plan:
         plan = cls(str(root.resolve()))
         for path, refused in found.refused.items():
             plan.failures.append(Failure(path, None, None, refused.code, str(refused)))
-        for done, recording in enumerate(found.recordings, start=1):
-            try:
-                dataset = recording.recording.open(settings.fusion.source)
-                content = digest_input(recording, dataset)
-            except FusionSlamError as error:
-                named = Failure(recording.session, None, None, error.code, str(error))
-                plan.failures.append(named)
-            else:
-                chunks = cut_recording(recording, len(dataset), content, settings)
-                keys = tuple(chunk.key for chunk in chunks)
-                plan.recordings.append(PlannedRecording(recording, len(dataset), keys))
-            if progress is not None:
-                progress(done, len(found.recordings))
+
+        def open_one(index: int) -> PlannedRecording | Failure:
+            return _plan_recording(found.recordings[index], settings)
+
+        total = len(found.recordings)
+        with ordered_results(open_one, range(total), _OPENED_AT_ONCE) as planned:
+            for done, each in enumerate(planned, start=1):
+                if isinstance(each, Failure):
+                    plan.failures.append(each)
+                else:
+                    plan.recordings.append(each)
+                if progress is not None:
+                    progress(done, total)
         return plan
 
     @classmethod
@@ -121,7 +140,7 @@ class Plan:
         save_json(folder / PLAN, PLAN_FORMAT, {"root": self.root, "recordings": recordings})
 
     def joined(self, earlier: "Plan") -> tuple["Plan", list[PlannedRecording]]:
-        """Return this plan with the recordings of an earlier one, and those that have changed.
+        """Return this plan with the recordings of an earlier one, and the old ones that changed.
 
         Recordings that are not found any more stay: robots make room for new ones. One of another
         path with the name of an earlier one is refused.
@@ -145,6 +164,21 @@ class Plan:
         return sum(each.frames for each in self.recordings)
 
 
+def _plan_recording(
+    recording: FleetRecording, settings: FleetSettings
+) -> PlannedRecording | Failure:
+    """Open a recording and cut it into chunks; return why not if it cannot be."""
+    try:
+        dataset = recording.recording.open(settings.fusion.source)
+        content = digest_input(recording, dataset)
+    except FusionSlamError as error:
+        return Failure(recording.session, None, None, error.code, str(error))
+    except Exception as error:  # one damaged file must not keep a fleet from its work
+        return Failure(recording.session, None, None, *explain_failure(error))
+    chunks = cut_recording(recording, len(dataset), content, settings)
+    return PlannedRecording(recording, len(dataset), tuple(chunk.key for chunk in chunks))
+
+
 def _same_name(new: PlannedRecording, old: PlannedRecording) -> Failure:
     session, path = new.recording.session, old.recording.recording.path
     reason = f"{new.recording.recording.path} has the name of {path}, which is known already"
@@ -152,19 +186,50 @@ def _same_name(new: PlannedRecording, old: PlannedRecording) -> Failure:
 
 
 def load_failures(folder: Path) -> list[Failure]:
-    """Return what failed when a folder was worked on last."""
-    path = folder / FAILED
-    if not path.exists():
+    """Return what failed when a folder was worked on last; not a line that was not completed."""
+    try:
+        lines = (folder / FAILED).read_text(encoding="utf-8").splitlines()
+    except OSError:
         return []
-    lines = path.read_text(encoding="utf-8").splitlines()
-    return [Failure(**json.loads(line)) for line in lines]
+    failures = []
+    for line in lines:
+        with suppress(ValueError, TypeError):
+            failures.append(Failure(**json.loads(line)))
+    return failures
 
 
 def save_failures(folder: Path, failures: Sequence[Failure]) -> None:
     """Write ``failed.jsonl``, a line for each failure. Raises DataError if it cannot be."""
-    lines = [json.dumps(each.dump(), ensure_ascii=False) for each in failures]
     with atomic_path(folder / FAILED) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        temporary.write_text("".join(map(_line, failures)), encoding="utf-8")
+
+
+def add_failure(folder: Path, failure: Failure) -> None:
+    """Add a line to ``failed.jsonl``; the log has it if there is no space for it."""
+    try:
+        with (folder / FAILED).open("a", encoding="utf-8") as file:
+            file.write(_line(failure))
+    except OSError as error:
+        logger.warning("%s: %s; it would say: %s", folder / FAILED, error.strerror, failure.reason)
+
+
+def _line(failure: Failure) -> str:
+    return json.dumps(failure.dump()) + "\n"
+
+
+class ChunkTaker(Protocol):
+    """Takes in chunks that are there, as a database does."""
+
+    def take(self, chunk: Chunk) -> Mapping[int, str] | None:
+        """Take in a chunk.
+
+        Returns:
+            Reasons by number of the frames that could not be described; None if it was taken in
+            by an earlier run.
+
+        Raises:
+            DataError: its file is damaged.
+        """
 
 
 def describe_recordings(
@@ -174,7 +239,7 @@ def describe_recordings(
     engine: Engine,
     *,
     progress: Progress | None = None,
-    take: Callable[[Chunk], None] | None = None,
+    taker: ChunkTaker | None = None,
 ) -> list[Failure]:
     """Describe what is missing; return all failures, which are in ``failed.jsonl``, too.
 
@@ -183,82 +248,121 @@ def describe_recordings(
         settings: of the folder.
         folder: of the results.
         engine: runs the work.
-        progress: called with (frames done, total).
-        take: called with each chunk whose file is there, in this process.
+        progress: called with (frames done, total); those that failed are done, too.
+        taker: is given each chunk whose file is there, in this process.
     """
-    size, total, done = settings.fleet.chunk, plan.frames, 0
-    failures = [*plan.failures]
-    save_failures(folder, failures)
+    total, done = plan.frames, 0
+    failures, noted = [*plan.failures], _bad_frames_by_chunk(load_failures(folder))
     missing: list[Chunk] = []
     report = progress or (lambda done, total: None)
-    for chunk in (chunk for each in plan.recordings for chunk in each.chunks(size)):
-        if not chunk.path(folder).exists():
+    for chunk in (chunk for each in plan.recordings for chunk in each.chunks(settings.fleet.chunk)):
+        taken = _take(taker, chunk, folder) if is_stored(chunk.path(folder)) else _Taken(False)
+        if not taken.is_there:
             missing.append(chunk)
             continue
+        known = noted.get((chunk.recording.session, chunk.first)) if taken.is_known else None
+        failures += [each for each in (taken.failure, known) if each is not None]
         done += chunk.count
-        if take is not None:
-            take(chunk)
+        report(done, total)
+    save_failures(folder, failures)
     report(done, total)
-    for chunk, failure in _work_off(missing, settings, folder, engine):
-        done += chunk.count
+    for chunk, failed in _work_off(missing, settings, folder, engine):
+        failure = failed or _take(taker, chunk, folder).failure
         if failure is not None:
             failures.append(failure)
-            save_failures(folder, failures)
-        elif take is not None:
-            take(chunk)
+            add_failure(folder, failure)
+        done += chunk.count
         report(done, total)
     return failures
+
+
+class _Taken(NamedTuple):
+    """What became of a chunk that was to be taken in.
+
+    Attributes:
+        is_there: whether its file is whole.
+        failure: what is wrong with it, or with some of its frames.
+        is_known: whether an earlier run has taken it in, and noted its bad frames.
+    """
+
+    is_there: bool
+    failure: Failure | None = None
+    is_known: bool = False
+
+
+def _take(taker: ChunkTaker | None, chunk: Chunk, folder: Path) -> _Taken:
+    """Have a chunk taken in; if it is damaged, delete it, as it can be made anew."""
+    if taker is None:
+        return _Taken(True)
+    try:
+        skipped = taker.take(chunk)
+    except DataError as error:
+        logger.warning("%s; it is made anew", error)
+        chunk.path(folder).unlink(missing_ok=True)
+        return _Taken(False, _failure(chunk, error, 1))
+    if not skipped:
+        return _Taken(True, is_known=skipped is None)
+    number, reason = next(iter(skipped.items()))
+    text = (
+        f"{len(skipped)} of {chunk.count} frames cannot be described, as frame {number}: {reason}"
+    )
+    bad = Failure(chunk.recording.session, chunk.first, len(skipped), _BAD_FRAMES, text)
+    return _Taken(True, bad)
+
+
+def _bad_frames_by_chunk(failures: Sequence[Failure]) -> dict[tuple[str, int | None], Failure]:
+    return {(each.session, each.first): each for each in failures if each.code == _BAD_FRAMES}
 
 
 def _work_off(
     chunks: Sequence[Chunk], settings: FleetSettings, folder: Path, engine: Engine
 ) -> Iterator[tuple[Chunk, Failure | None]]:
-    """Work on chunks; those that fail are tried again alone, after all others."""
+    """Work on chunks; those that fail are tried again, after all others.
+
+    A recording of which many tries fail is not tried on for ever, and none are begun once it is
+    plain that nothing can be written.
+    """
     work = partial(describe_chunk, settings=settings, folder=folder)
-    again: list[tuple[Chunk, BaseException]] = []
-    for chunk, error in engine.run(chunks, work):
-        if error is None:
-            yield chunk, None
-        else:
-            again.append((chunk, error))
-    given_up: dict[str, Failure] = {}
-    for chunk, first_error in again:
-        session = chunk.recording.session
-        if session in given_up:
-            code, reason = (
-                "given-up",
-                f"given up, as another part failed: {given_up[session].reason}",
-            )
-            yield chunk, Failure(session, chunk.first, chunk.count, code, reason)
-            continue
-        error, tries = _try_again(chunk, first_error, work, engine, settings.fleet.tries)
-        if error is None:
-            yield chunk, None
-            continue
-        code, reason = explain_failure(error)
-        given_up[session] = Failure(session, chunk.first, chunk.count, code, reason, tries)
-        yield chunk, given_up[session]
+    waiting = deque(chunks)
+    failed: dict[str, tuple[Chunk, Failure]] = {}
+    spent: Counter[str] = Counter()
+    unwritten = 0
+
+    def begin() -> Iterator[Chunk]:
+        while waiting and unwritten < _UNWRITTEN:
+            chunk = waiting.popleft()
+            if spent[chunk.recording.session] < _RETRIES:
+                yield chunk
+
+    for attempt in range(1, settings.fleet.tries + 1):
+        for chunk, error in engine.run(begin(), work):
+            if error is None:
+                unwritten = 0
+                failed.pop(chunk.key, None)
+                yield chunk, None
+                continue
+            failure = _failure(chunk, error, attempt)
+            failed[chunk.key] = chunk, failure
+            unwritten = unwritten + 1 if failure.code == "cannot-write" else 0
+            spent[chunk.recording.session] += attempt > 1
+        if waiting or not failed:
+            break
+        waiting.extend(chunk for chunk, _ in failed.values())
+    yield from failed.values()
+    for chunk in waiting:
+        if chunk.key not in failed:
+            reason = f"not tried, as others could not be written: {failure.reason}"
+            yield chunk, _failure(chunk, DataError(reason, code=failure.code), 0)
 
 
-def _try_again(
-    chunk: Chunk,
-    error: BaseException,
-    work: Callable[[Chunk], None],
-    engine: Engine,
-    most: int,
-) -> tuple[BaseException | None, int]:
-    """Try a chunk alone until it succeeds or its tries are used up; return the last error."""
-    last: BaseException | None = error
-    tries = 1
-    while last is not None and tries < most:
-        ((_, last),) = engine.run([chunk], work, alone=True)
-        tries += 1
-    return last, tries
+def _failure(chunk: Chunk, error: BaseException, tries: int) -> Failure:
+    code, reason = explain_failure(error)
+    return Failure(chunk.recording.session, chunk.first, chunk.count, code, reason, tries)
 
 
 @dataclass(frozen=True)
 class Status:
-    """How far the work on a recording is."""
+    """How far the work on a recording is: numbers of all frames, of those done, and failed."""
 
     recording: FleetRecording
     frames: int
@@ -280,18 +384,14 @@ def list_status(folder: Path) -> tuple[list[Status], list[Failure]]:
             fields=(str(folder / PLAN),),
         )
     settings, plan = FleetSettings.load(folder), Plan.load(folder)
-    failed: Mapping[str, int] = _count_failed(plan.failures)
+    failed: Counter[str] = Counter()
+    bad: Counter[str] = Counter()
+    for failure in plan.failures:
+        failed[failure.session] += failure.count or 0
+        bad[failure.session] += (failure.count or 0) if failure.code == _BAD_FRAMES else 0
     found = []
     for each in plan.recordings:
-        chunks = each.chunks(settings.fleet.chunk)
-        done = sum(chunk.count for chunk in chunks if chunk_path(folder, chunk.key).exists())
-        session = each.recording.session
-        found.append(Status(each.recording, each.frames, done, failed.get(session, 0)))
+        chunks, session = each.chunks(settings.fleet.chunk), each.recording.session
+        stored = sum(chunk.count for chunk in chunks if is_stored(chunk.path(folder)))
+        found.append(Status(each.recording, each.frames, stored - bad[session], failed[session]))
     return found, plan.failures
-
-
-def _count_failed(failures: Sequence[Failure]) -> dict[str, int]:
-    count: dict[str, int] = defaultdict(int)
-    for each in failures:
-        count[each.session] += each.count or 0
-    return count

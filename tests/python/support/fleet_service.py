@@ -3,7 +3,7 @@
 """Places of a small fleet, described from clouds, and a client of the service of them."""
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,7 @@ def describe_fleet(folder: Path) -> Path:
 class _InThisProcess:
     """An engine without workers."""
 
-    def run(self, chunks: Sequence[Chunk], work: Any, *, alone: bool = False) -> Iterator[Any]:
+    def run(self, chunks: Iterable[Chunk], work: Any) -> Iterator[Any]:
         for chunk in chunks:
             work(chunk)
             yield chunk, None

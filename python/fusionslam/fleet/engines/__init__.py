@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What runs the work: processes of this machine, or Ray on one machine or many."""
 
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
 from fusionslam.errors import ConfigError, DataError
@@ -10,6 +11,7 @@ from fusionslam.fleet.chunk import Chunk
 
 Work = Callable[[Chunk], None]
 ENGINES = ("local", "ray", "ray://HOST:PORT")
+_CLUSTER = re.compile(r"ray://[^/\s]+:\d{1,5}")
 
 
 class WorkerDiedError(DataError):
@@ -22,26 +24,28 @@ class Engine(Protocol):
     """Runs work on chunks, in any order."""
 
     def run(
-        self, chunks: Sequence[Chunk], work: Work, *, alone: bool = False
+        self, chunks: Iterable[Chunk], work: Work
     ) -> Iterator[tuple[Chunk, BaseException | None]]:
         """Yield each chunk once when it is done, with the error that it ended with, if any.
 
-        A worker that dies takes no other with it; its chunk has a ``WorkerDiedError``, and so may
-        have chunks that were worked on at the same time.
+        Each worker has one chunk at a time: if it dies, that chunk alone has a
+        ``WorkerDiedError``, and another worker takes its place.
 
         Args:
-            chunks: to work on.
+            chunks: to work on; the next one is taken when a worker is free.
             work: called with each in a worker; can be pickled.
-            alone: one at a time, so that it is certain which one a worker died of.
+
+        Raises:
+            DataError: there are no workers any more (code "no-workers").
         """
 
     def close(self) -> None:
-        """End the workers."""
+        """End the workers; what they work on is lost."""
 
 
 def check_engine(name: str) -> None:
     """Raise ConfigError unless an engine has this name (code "choice")."""
-    if name not in ("local", "ray") and not name.startswith("ray://"):
+    if name not in ("local", "ray") and not _CLUSTER.fullmatch(name):
         raise ConfigError(
             f"--engine is {name!r}: expected one of {', '.join(ENGINES)}",
             code="choice",

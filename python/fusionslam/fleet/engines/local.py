@@ -6,19 +6,19 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
 
 from fusionslam.fleet.chunk import Chunk
 from fusionslam.fleet.engines import Work, WorkerDiedError
 
-Running = dict["Future[None]", Chunk]
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class LocalEngine:
-    """A pool of processes; a new one takes its place if one of them dies.
+    """Processes, each with a chunk of its own; a new one takes the place of one that dies.
 
     Args:
         jobs: number of processes.
@@ -26,61 +26,110 @@ class LocalEngine:
 
     def __init__(self, jobs: int) -> None:
         self._jobs = max(jobs, 1)
-        self._pool: ProcessPoolExecutor | None = None
+        self._workers: list[_Worker] = []
 
     def run(
-        self, chunks: Sequence[Chunk], work: Work, *, alone: bool = False
+        self, chunks: Iterable[Chunk], work: Work
     ) -> Iterator[tuple[Chunk, BaseException | None]]:
         """Yield each chunk when it is done; as of ``Engine``."""
-        waiting = list(reversed(chunks))
-        running: Running = {}
-        # One more than there are workers, so that none waits for the next.
-        most = 1 if alone else self._jobs + 1
-        while waiting or running:
-            while waiting and len(running) < most and self._begin(waiting, running, work):
-                pass
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield running.pop(future), self._error_of(future)
-
-    def _begin(self, waiting: list[Chunk], running: Running, work: Work) -> bool:
-        """Submit the next chunk; false if the pool has just broken and others are to be heard."""
-        if self._pool is None:
-            self._pool = _new_pool(self._jobs)
-        try:
-            future = self._pool.submit(work, waiting[-1])
-        except BrokenProcessPool:
+        waiting = iter(chunks)
+        running: dict[Connection, tuple[_Worker, Chunk]] = {}
+        free = [*self._workers]
+        while True:
+            while len(running) < self._jobs and (chunk := next(waiting, None)) is not None:
+                worker = free.pop() if free else self._start()
+                worker.begin(work, chunk)
+                running[worker.connection] = worker, chunk
             if not running:
-                self.close()
-            return not running
-        running[future] = waiting.pop()
-        return True
+                return
+            for ready in wait_for([*running]):
+                assert isinstance(ready, Connection)
+                worker, chunk = running.pop(ready)
+                try:
+                    error = ready.recv()
+                except (EOFError, OSError):
+                    error = self._bury(worker)
+                else:
+                    free.append(worker)
+                yield chunk, error
 
-    def _error_of(self, future: "Future[None]") -> BaseException | None:
-        error = future.exception()
-        if isinstance(error, BrokenProcessPool):
-            self.close()
-            return WorkerDiedError("a worker died: it crashed or was killed")
-        return error
+    def _start(self) -> "_Worker":
+        worker = _Worker()
+        self._workers.append(worker)
+        return worker
+
+    def _bury(self, worker: "_Worker") -> WorkerDiedError:
+        """Forget a worker that has died; return how."""
+        self._workers.remove(worker)
+        return WorkerDiedError(f"a worker died: {worker.end()}")
 
     def close(self) -> None:
         """End the processes; what they work on is lost."""
-        if self._pool is None:
+        while self._workers:
+            self._workers.pop().end()
+
+
+class _Worker:
+    """A process, and the way to it."""
+
+    def __init__(self) -> None:
+        # A fork of a process with threads, as NumPy's, may hang.
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        with _one_thread():
+            self._process.start()
+        # Else the end of the process would not be seen.
+        theirs.close()
+
+    def begin(self, work: Work, chunk: Chunk) -> None:
+        """Give it a chunk; its end is seen on the connection if it has died meanwhile."""
+        with suppress(OSError):
+            self.connection.send((work, chunk))
+
+    def end(self) -> str:
+        """Kill the process unless it has ended; return how it ended."""
+        self._process.join(0.1)
+        self._process.kill()
+        self._process.join()
+        status = self._process.exitcode or 0
+        self._process.close()
+        self.connection.close()
+        return f"by signal {-status}" if status < 0 else f"with exit status {status}"
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let processes that are started compute with one thread each, as those of Ray do."""
+    missing = [name for name in _THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(missing, "1"))
+    try:
+        yield
+    finally:
+        for name in missing:
+            del os.environ[name]
+
+
+def _serve(connection: Connection) -> None:
+    """Work on what comes until the driver ends."""
+    _follow_driver()
+    while True:
+        try:
+            work, chunk = connection.recv()
+        except EOFError:
             return
-        pool, self._pool = self._pool, None
-        processes = [*(pool._processes or {}).values()]
-        for process in processes:
-            process.terminate()
-        pool.shutdown(wait=True, cancel_futures=True)
+        error: BaseException | None = None
+        try:
+            work(chunk)
+        except Exception as problem:
+            error = problem
+        try:
+            connection.send(error)
+        except Exception:  # an error that cannot be pickled
+            connection.send(RuntimeError(f"{type(error).__name__}: {error}"))
 
 
-def _new_pool(jobs: int) -> ProcessPoolExecutor:
-    # A fork of a process with threads, as NumPy's, may hang.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker)
-
-
-def _begin_worker() -> None:
+def _follow_driver() -> None:
     """Leave Ctrl-C to the driver, and end with it however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

@@ -3,7 +3,10 @@
 """Ray, of the extra ``fleet``: workers of this machine or of a cluster."""
 
 import os
-from collections.abc import Iterator, Sequence
+import socket
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 from fusionslam.errors import DataError, FusionSlamError
@@ -12,10 +15,14 @@ from fusionslam.fleet.engines import Work, WorkerDiedError
 
 _STORE_BYTES = 200_000_000
 """Of objects between workers: only names of chunks pass, clouds stay in files."""
+_PATIENCE_S = 60.0
+"""How long a cluster may take to give us a first worker, or another one after all were lost."""
+_FAILED_STARTS = 5
+"""Workers in a row that cannot be started, after which no more are."""
 
 
-def load() -> Any:
-    """Ray's module.
+def load(address: str | None = None) -> Any:
+    """Ray's module, ready for a cluster or, without an address, for this machine.
 
     Raises:
         FusionSlamError: it is not installed (code "missing-extra").
@@ -23,11 +30,16 @@ def load() -> Any:
     # No statistics are sent anywhere.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    if address is None and "RAY_ADDRESS" not in os.environ:
+        # Ray of this machine alone then listens on 127.0.0.1, not to the network.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     try:
+        if address is not None and address.startswith("ray://"):
+            import_module("grpc")  # of ray[client]
         import ray
     except ImportError as error:
         raise FusionSlamError(
-            f"--engine ray needs Ray, which is not installed ({error}): "
+            f"--engine {address or 'ray'} needs Ray, which is not installed ({error}): "
             "pip install 'fusionslam[fleet]'",
             code="missing-extra",
             fields=("fleet",),
@@ -36,7 +48,7 @@ def load() -> Any:
 
 
 class RayEngine:
-    """Workers that Ray starts again when they die, elsewhere if their machine is lost.
+    """Workers of Ray; another one takes the place of one that dies, elsewhere if its node is lost.
 
     All machines need fusionslam, and recordings and results under the same paths.
 
@@ -47,67 +59,130 @@ class RayEngine:
     """
 
     def __init__(self, jobs: int, address: str | None = None) -> None:
-        self._ray = load()
+        self._ray = load(address)
         _connect(self._ray, jobs, address)
         # Tries are counted by the caller, so Ray makes none of its own.
-        worker = self._ray.remote(num_cpus=1, max_restarts=-1, max_task_retries=0)(_Worker)
-        self._workers = [worker.remote() for _ in range(max(jobs, 1))]
+        self._class = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Worker)
+        self._free: list[Any] = []
+        self._starting: dict[Any, Any] = {}
+        self._failed_starts = 0
+        for _ in range(max(jobs, 1)):
+            self._start()
 
     def run(
-        self, chunks: Sequence[Chunk], work: Work, *, alone: bool = False
+        self, chunks: Iterable[Chunk], work: Work
     ) -> Iterator[tuple[Chunk, BaseException | None]]:
         """Yield each chunk when it is done; as of ``Engine``."""
-        waiting = list(reversed(chunks))
-        free = self._workers[:1] if alone else [*self._workers]
+        waiting = iter(chunks)
+        chunk = next(waiting, None)
         running: dict[Any, tuple[Chunk, Any]] = {}
-        while waiting or running:
-            while waiting and free:
-                worker, chunk = free.pop(), waiting.pop()
+        while chunk is not None or running:
+            while chunk is not None and self._free:
+                worker = self._free.pop()
                 running[worker.run.remote(work, chunk)] = chunk, worker
-            (done,), _ = self._ray.wait([*running], num_returns=1)
-            chunk, worker = running.pop(done)
-            free.append(worker)
-            yield chunk, self._error_of(done)
+                chunk = next(waiting, None)
+            done, _ = self._ray.wait([*running, *self._starting], timeout=_PATIENCE_S)
+            if not done and not running:
+                raise _no_workers("no node has had a free core for a worker")
+            for each in done:
+                if each in self._starting:
+                    self._take_in(each)
+                    continue
+                finished, worker = running.pop(each)
+                error = self._error_of(each)
+                if isinstance(error, WorkerDiedError):
+                    self._start()
+                else:
+                    self._free.append(worker)
+                yield finished, error
+
+    def _start(self) -> None:
+        worker = self._class.remote()
+        self._starting[worker.ready.remote()] = worker
+
+    def _take_in(self, ready: Any) -> None:
+        """Use a worker that has started, or start another one instead."""
+        worker = self._starting.pop(ready)
+        error = self._error_of(ready)
+        if error is None:
+            self._failed_starts = 0
+            self._free.append(worker)
+            return
+        self._failed_starts += 1
+        if self._failed_starts >= _FAILED_STARTS:
+            raise _no_workers(f"workers cannot be started: {error}")
+        self._start()
 
     def _error_of(self, done: Any) -> BaseException | None:
         errors = self._ray.exceptions
         try:
             return self._ray.get(done)  # type: ignore[no-any-return]
-        except errors.RayActorError as error:
-            return WorkerDiedError(f"a worker died: {str(error).splitlines()[0]}")
         except errors.RayTaskError as error:
             cause: BaseException = error.cause
             return cause
+        except errors.RayError as error:  # its process, its node or its result was lost
+            first = (str(error).splitlines() or [type(error).__name__])[0]
+            return WorkerDiedError(f"a worker died: {first}")
 
     def close(self) -> None:
         """End the workers, and Ray if it was started for them."""
-        for worker in self._workers:
-            self._ray.kill(worker)
+        for worker in [*self._free, *self._starting.values()]:
+            with suppress(Exception):  # the cluster may be lost
+                self._ray.kill(worker)
+        self._free.clear()
+        self._starting.clear()
+        # Ends those that are at work, too: nothing outlives the driver that it belongs to.
         self._ray.shutdown()
 
 
 class _Worker:
     """Keeps recordings open from one chunk to the next."""
 
+    def ready(self) -> None:
+        """Do nothing, successfully."""
+
     def run(self, work: Work, chunk: Chunk) -> None:
         work(chunk)
+
+
+def _no_workers(why: str) -> DataError:
+    return DataError(f"Ray has no workers for us: {why}", code="no-workers", fields=("ray",))
 
 
 def _connect(ray: Any, jobs: int, address: str | None) -> None:
     """Connect to a cluster, or start one of this machine."""
     how: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
-    if address is None and "RAY_ADDRESS" not in os.environ:
+    where = address or os.environ.get("RAY_ADDRESS")
+    if where is None:
         how |= {
+            "address": "local",  # never another cluster that happens to run here
             "num_cpus": max(jobs, 1),
             "include_dashboard": False,
             "object_store_memory": _STORE_BYTES,
         }
+    else:
+        how["address"] = where
+        _check_reachable(where)
     try:
-        ray.init(address=address, **how)
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        where = address or os.environ.get("RAY_ADDRESS", "this machine")
-        raise DataError(
-            f"no Ray cluster at {where}: {error}; expected one that ray start --head began",
-            code="no-cluster",
-            fields=(where,),
-        ) from error
+        ray.init(**how)
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        raise _no_cluster(where or "this machine", error) from error
+
+
+def _check_reachable(address: str) -> None:
+    """Find out in seconds that nothing listens; Ray itself takes minutes, or ends the process."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdecimal():  # as "auto"
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
+    except (OSError, OverflowError) as error:
+        raise _no_cluster(address, error) from error
+
+
+def _no_cluster(where: str, error: object) -> DataError:
+    return DataError(
+        f"no Ray cluster at {where}: {error}; expected one that ray start --head began",
+        code="no-cluster",
+        fields=(where,),
+    )

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings below a folder: found at any depth, each by its name, with whose and where."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bags import drive as drive_events
+from bags import write_bag
+from error_codes import has_code
+from fleets import LABELS, describe_fleet
+from fusionslam.errors import ConfigError
+from fusionslam.fleet.places import ABOUT
+from fusionslam.fleet.recordings import FleetRecording, Labels, find_recordings
+from fusionslam.fleet.work import load_failures
+from kitti import write_sequence
+from recordings import write_drive as write_ranges
+from refusals import refuses
+from streets import WAY, write_street
+
+
+def names_of(root: Path, **how: Path) -> list[str]:
+    return [each.session for each in find_recordings(root, Labels(), **how).recordings]
+
+
+def test_recordings_are_found_at_any_depth_in_the_order_of_their_names(fleet: Path) -> None:
+    found = find_recordings(fleet, LABELS)
+    assert [tuple(getattr(each, name) for name in ABOUT) for each in found.recordings] == [
+        ("north/r1/monday", "r1", "north", ""),
+        ("north/r2/tuesday", "r2", "north", ""),
+        ("south/r3/wednesday", "r3", "south", ""),
+    ]
+    assert found.refused == {}
+
+
+def test_a_folder_that_is_a_recording_has_its_own_name(fleet: Path) -> None:
+    assert names_of(fleet / "north/r1/monday") == ["monday"]
+
+
+def test_bags_range_recordings_and_sequences_are_recordings(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    write_bag(tmp_path / "a/drive.one.bag", drive_events())
+    write_ranges(tmp_path / "house.npz")
+    third = write_sequence(tmp_path / "kitti", [0, 1], [50, 50], metres=20, width=64)
+    shutil.copytree(third, third.with_name("04"))
+    expected = ["a/drive.one", "house", "kitti/03", "kitti/04"]
+    found = find_recordings(tmp_path, Labels())
+    assert [each.session for each in found.recordings] == expected and not found.refused
+    assert all(len(each.recording.open()) for each in found.recordings)
+
+
+def test_two_recordings_of_one_name_are_told_apart_by_leaving_the_second_out(
+    tmp_path: Path,
+) -> None:
+    write_ranges(tmp_path / "drive.npz")
+    write_street(tmp_path / "drive", WAY[:2])
+    found = find_recordings(tmp_path, Labels())
+    assert [each.session for each in found.recordings] == ["drive"]
+    ((path, error),) = found.refused.items()
+    assert (Path(path).stem, error.code, error.fields) == ("drive", "same-name", ("drive",))
+
+
+def test_folders_of_results_hidden_ones_and_links_back_are_not_looked_into(
+    own_fleet: Path,
+) -> None:
+    expected = names_of(own_fleet)
+    describe_fleet(own_fleet, own_fleet / "north/older")
+    (own_fleet / "south/back").symlink_to(own_fleet)
+    write_street(own_fleet / ".trash/drive", WAY[:2])
+    np.savez(own_fleet / "south/other.npz", about='{"format": "fusionslam.view_run.1"}')
+    found = find_recordings(own_fleet, LABELS)
+    assert [each.session for each in found.recordings] == expected and not found.refused
+    write_street(own_fleet / "out/drive", WAY[:2])
+    assert names_of(own_fleet) == [*expected[:2], "out/drive", expected[2]]
+    assert names_of(own_fleet, excluded=own_fleet / "out") == expected
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads all")
+def test_a_folder_that_must_not_be_read_is_named(own_fleet: Path) -> None:
+    (own_fleet / "north").chmod(0)
+    found = find_recordings(own_fleet, LABELS)
+    (own_fleet / "north").chmod(0o755)
+    assert [each.session for each in found.recordings] == ["south/r3/wednesday"]
+    assert found.refused[str(own_fleet / "north")].code == "unreadable"
+
+
+def test_a_name_that_is_no_text_is_refused_and_the_others_are_found(own_fleet: Path) -> None:
+    strange = os.fsdecode(os.fsencode(own_fleet) + b"/south/\xff")
+    (own_fleet / "south/r3").rename(strange)
+    found = find_recordings(own_fleet, LABELS)
+    assert len(found.recordings) == 2
+    assert [error.code for error in found.refused.values()] == ["bad-name"]
+
+
+def test_a_root_that_is_no_folder_is_refused(tmp_path: Path) -> None:
+    with refuses("missing-file", str(tmp_path / "none")):
+        find_recordings(tmp_path / "none", Labels())
+
+
+@pytest.mark.parametrize(
+    ("folders", "session", "expected"),
+    [
+        ((), "a/b/c", ("R", "S", "")),
+        (("site",), "a/b/c", ("R", "a", "")),
+        (("region", "site", "robot"), "a/b/c/d", ("c", "b", "a")),
+        (("region", "site", "robot"), "a/b/c", ("c", "b", "a")),
+        (("region", "site", "robot"), "a/b", ("R", "b", "a")),
+        (("robot",), "alone", ("alone", "S", "")),
+    ],
+)
+def test_folders_are_names_and_options_stand_in_where_there_are_none(
+    folders: tuple[str, ...], session: str, expected: tuple[str, str, str]
+) -> None:
+    found = Labels(folders, robot="R", site="S").of(session)
+    assert (found["robot"], found["site"], found["region"]) == expected
+
+
+@pytest.mark.parametrize("folders", [("site", "site"), ("town",), ("site", "")])
+def test_unknown_names_of_folders_are_refused(folders: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigError, check=has_code("choice", "--folders")):
+        Labels(folders)
+
+
+def test_a_recording_is_the_same_after_it_was_stored(fleet: Path) -> None:
+    for each in find_recordings(fleet, LABELS).recordings:
+        assert FleetRecording.load(each.dump()) == each
+
+
+def test_cut_and_unreadable_files_are_failures_and_the_rest_goes_on(own_fleet: Path) -> None:
+    (own_fleet / "south/cut.bag").write_bytes(b"#ROSBAG V2.0\nxx")
+    (own_fleet / "south/short.npz").write_bytes(b"PK\3\4 no more")
+    failures = describe_fleet(own_fleet, own_fleet.parent / "places")
+    assert [each.session for each in failures] == ["south/cut", "south/short"]
+    assert all(str(own_fleet / each.session) in each.reason for each in failures)
+    assert load_failures(own_fleet.parent / "places") == failures
