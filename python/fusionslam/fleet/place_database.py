@@ -34,7 +34,7 @@ from fusionslam.storage.files import PathLike
 __all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
 
 _FEW = 20_000  # rows that a filter leaves are searched without index
-_KEYS = 2_000  # looked up at a time
+_KEYS = 10_000  # looked up at a time
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,9 @@ class PlaceDatabase:
         with self._writing() as table:
             return int(table.delete(where.sql()).num_deleted_rows)
 
-    def build_index(self, *, recall: float = 0.99, progress: Progress | None = None) -> IndexReport:
+    def build_index(
+        self, *, recall: float = vector_index.RECALL, progress: Progress | None = None
+    ) -> IndexReport:
         """Build the index anew, and measure its recall on the database's own vectors.
 
         Queries are 200 stored vectors with noise. So many partitions are searched that they find
