@@ -22,6 +22,8 @@ from fusionslam.storage.progress import Step, label_progress
 MAPS = "maps"
 _WINDOW = 20
 """Keyframes that are no candidates, as of ``map build``."""
+_LONGEST = 40
+"""Characters of a name that are kept in that of a file, which has at most 255 bytes."""
 _BEGINNINGS = 10
 """Drives with which a joint map may begin; each is compared with all others."""
 
@@ -216,4 +218,6 @@ def _copy(source: Path, target: Path) -> None:
 def _file_name(name: str) -> str:
     """A name with nothing that a file's name cannot have, and no other name's."""
     kept = "".join(each if each.isalnum() or each in "-_." else "_" for each in name).lstrip(".")
-    return kept if kept == name else f"{kept}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    if kept and kept == name and len(name) <= _LONGEST:
+        return kept
+    return f"{kept[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"

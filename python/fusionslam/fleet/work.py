@@ -143,13 +143,14 @@ class Plan:
         """Return this plan with the recordings of an earlier one, and the old ones that changed.
 
         Recordings that are not found any more stay: robots make room for new ones. One of another
-        path with the name of an earlier one is refused.
+        path with the name of an earlier one, which is still there, is refused.
         """
         known = {each.recording.session: each for each in earlier.recordings}
         plan, changed = Plan(self.root, failures=[*self.failures]), []
         for new in self.recordings:
             old = known.get(new.recording.session, new)
-            if old.recording.recording.path != new.recording.recording.path:
+            path = old.recording.recording.path
+            if path != new.recording.recording.path and Path(path).exists():
                 plan.failures.append(_same_name(new, old))
                 continue
             known[new.recording.session] = new

@@ -5,7 +5,7 @@
 import os
 import socket
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from importlib import import_module
 from typing import Any
 
@@ -17,12 +17,13 @@ _STORE_BYTES = 200_000_000
 """Of objects between workers: only names of chunks pass, clouds stay in files."""
 _PATIENCE_S = 60.0
 """How long a cluster may take to give us a first worker, or another one after all were lost."""
+_CONSTANTS = "ray._private.ray_constants"
 _FAILED_STARTS = 5
 """Workers in a row that cannot be started, after which no more are."""
 
 
 def load(address: str | None = None) -> Any:
-    """Ray's module, ready for a cluster or, without an address, for this machine.
+    """Ray's module, with what connecting to an address takes.
 
     Raises:
         FusionSlamError: it is not installed (code "missing-extra").
@@ -30,9 +31,6 @@ def load(address: str | None = None) -> Any:
     # No statistics are sent anywhere.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    if address is None and "RAY_ADDRESS" not in os.environ:
-        # Ray of this machine alone then listens on 127.0.0.1, not to the network.
-        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     try:
         if address is not None and address.startswith("ray://"):
             import_module("grpc")  # of ray[client]
@@ -164,9 +162,23 @@ def _connect(ray: Any, jobs: int, address: str | None) -> None:
         how["address"] = where
         _check_reachable(where)
     try:
-        ray.init(**how)
+        with nullcontext() if where else _on_loopback():
+            ray.init(**how)
     except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
         raise _no_cluster(where or "this machine", error) from error
+
+
+@contextmanager
+def _on_loopback() -> Iterator[None]:
+    """Let a Ray that starts listen on 127.0.0.1, not to the network, as it does on macOS."""
+    name, constants = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", import_module(_CONSTANTS)
+    before, constants.ENABLE_RAY_CLUSTER = constants.ENABLE_RAY_CLUSTER, False
+    os.environ[name] = "0"  # for the processes of it
+    try:
+        yield
+    finally:
+        constants.ENABLE_RAY_CLUSTER = before
+        del os.environ[name]
 
 
 def _check_reachable(address: str) -> None:
