@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize lint tidy docs nightly wheel release format stub setup ros ros2 clean
+.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize sanitize-quick lint tidy docs nightly wheel release format stub setup ros ros2 fleet clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -19,7 +19,7 @@ test:
 	. scripts/ccache.sh && cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
 	. scripts/ccache.sh && cmake --build build/cpp
 	ctest --test-dir build/cpp --output-on-failure
-	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile --no-loadscope-reorder $(PYTEST)
 
 bench: setup
 	scripts/bench.sh --write
@@ -39,6 +39,9 @@ reproduce-quick: setup
 sanitize: setup
 	scripts/sanitize.sh
 
+sanitize-quick: setup
+	scripts/sanitize.sh --quick
+
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -53,7 +56,7 @@ docs: setup
 
 # What takes too long for every change. Tests run with Python 3.13, too, where it runs (a pyenv shim may not).
 nightly: lint docs sanitize tidy
-	$(MAKE) --no-print-directory test
+	$(MAKE) --no-print-directory test PYTEST="-m ''"
 	! python3.13 -c '' || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
 	scripts/bench.sh
 	test -z "$$FUSIONSLAM_TEST_DATA" || $(BIN)/python -m benchmarks.accuracy.checks
@@ -94,6 +97,10 @@ ros:
 
 ros2: setup
 	@scripts/ros2.sh
+
+# A small fleet in made towns, by Ray on this machine; ends with the path of its page.
+fleet: setup
+	$(BIN)/fusionslam fleet demo -o out/fleet --engine ray
 
 clean:
 	rm -rf build .venv .venv-* out

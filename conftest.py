@@ -80,11 +80,11 @@ def _run_with_robot(block: str) -> None:
 
 def _run_in_ros2(block: str) -> None:
     """Run a block in a domain of its own; what it leaves in the background ends with it."""
-    from benchmarks.ros.ros2_world import free_domain, lacking
+    from benchmarks.ros.ros2_world import lacking, own_domain
 
     if lacking:
         raise SkipTest(lacking)
-    with patch.dict(os.environ, ROS_DOMAIN_ID=str(free_domain())):
+    with own_domain() as number, patch.dict(os.environ, ROS_DOMAIN_ID=str(number)):
         _run([*BASH, f"trap 'kill $(jobs -p) 2> /dev/null || true' EXIT\n{block}"])
 
 

@@ -3,24 +3,33 @@
 # SPDX-License-Identifier: Apache-2.0
 # Runs the C++ tests and the Python tests of the bindings under AddressSanitizer and
 # UndefinedBehaviorSanitizer, and the C++ tests of threads under ThreadSanitizer. Any finding ends
-# the run. With --threads only the latter.
+# the run. With --threads only the latter. With --quick only the tests of the bindings: the builds
+# for the C++ tests take nearly half of the time, and make nightly runs them.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 source scripts/ccache.sh
 python=$PWD/.venv/bin/python
 
-# A program of its own: fusionslam-tests would take minutes more to build.
-build=build/sanitize-threads
-cmake -S . -B $build -G Ninja -DCMAKE_CXX_FLAGS="-fsanitize=thread" \
-  -DCMAKE_INTERPROCEDURAL_OPTIMIZATION=OFF -DCMAKE_BUILD_TYPE=Debug \
-  -DCMAKE_CXX_FLAGS_DEBUG="-O1 -DNDEBUG" >$build-configure.log 2>&1 ||
-  { cat $build-configure.log; exit 1; }
-cmake --build $build --target fusionslam-thread-tests
-echo "C++ tests of threads under ThreadSanitizer"
-# Its shadow memory needs addresses that are not chosen at random. Nothing is suppressed.
-TSAN_OPTIONS=halt_on_error=1 setarch --addr-no-randomize $build/tests/cpp/fusionslam-thread-tests
-if [ "${1:-}" = --threads ]; then exit; fi
+test_threads() {
+  local build
+  # A program of its own: fusionslam-tests would take minutes more to build.
+  build=build/sanitize-threads
+  cmake -S . -B $build -G Ninja -DCMAKE_CXX_FLAGS="-fsanitize=thread" \
+    -DCMAKE_INTERPROCEDURAL_OPTIMIZATION=OFF -DCMAKE_BUILD_TYPE=Debug \
+    -DCMAKE_CXX_FLAGS_DEBUG="-O1 -DNDEBUG" >$build-configure.log 2>&1 ||
+    { cat $build-configure.log; exit 1; }
+  cmake --build $build --target fusionslam-thread-tests
+  echo "C++ tests of threads under ThreadSanitizer"
+  # Its shadow memory needs addresses that are not chosen at random. Nothing is suppressed.
+  TSAN_OPTIONS=halt_on_error=1 setarch --addr-no-randomize $build/tests/cpp/fusionslam-thread-tests
+}
+
+case ${1:-} in
+  --threads) test_threads; exit ;;
+  --quick) targets=(_core) ;;
+  *) test_threads; targets=(_core fusionslam-tests) ;;
+esac
 
 build=build/sanitize
 flags="-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
@@ -35,10 +44,12 @@ cmake -S . -B $build -G Ninja -DCMAKE_CXX_FLAGS="$flags" -DCMAKE_INTERPROCEDURAL
   -DFUSIONSLAM_BINDINGS=ON -Dpybind11_DIR="$("$python" -m pybind11 --cmakedir)" \
   -DPython_EXECUTABLE="$python" >$build-configure.log 2>&1 ||
   { cat $build-configure.log; exit 1; }
-cmake --build $build --target fusionslam-tests _core
+cmake --build $build --target "${targets[@]}"
 
-echo "C++ tests under the sanitizers"  # those of the kernels run every SIMD level
-$build/tests/cpp/fusionslam-tests
+if [ "${1:-}" != --quick ]; then
+  echo "C++ tests under the sanitizers"  # those of the kernels run every SIMD level
+  $build/tests/cpp/fusionslam-tests
+fi
 
 echo "Python tests of the core under the sanitizers"
 rm -rf $build/package

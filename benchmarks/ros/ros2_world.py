@@ -10,7 +10,10 @@ import pickle
 import random
 import socket
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from benchmarks.ros.world import ROOT, Listener, RosWorld, wait_until
@@ -30,15 +33,23 @@ class Ros2World(RosWorld):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self.environment |= {
-            "ROS_DOMAIN_ID": str(free_domain()),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
+        self.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         # Those of this process are of another Python.
         self.environment.pop("PYTHONPATH", None)
+        self._domain = own_domain()
 
     def __enter__(self) -> "Ros2World":
+        self.environment["ROS_DOMAIN_ID"] = str(self._domain.__enter__())
         return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        super().__exit__(kind, error, trace)
+        self._domain.__exit__(kind, error, trace)
 
     def node(self, name: str, *arguments: str, ready: bool = True) -> "subprocess.Popen[Any]":
         """One of our nodes with remappings (a:=b) and parameters (_fusion.voxel:=0.1)."""
@@ -110,17 +121,25 @@ def fusionslam(*arguments: str) -> list[str]:
     return [str(JAZZY / "bin" / "python"), "-m", "fusionslam", *arguments]
 
 
-def free_domain() -> int:
-    """The number of a domain that no process on this machine is in."""
-    numbers = random.sample(_DOMAINS, len(_DOMAINS))
-    for number in numbers:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """The number of a domain that no process on this machine is in, nor takes by this meanwhile."""
+    for number in random.sample(_DOMAINS, len(_DOMAINS)):
+        with socket.socket(socket.AF_UNIX) as claim:
             try:
-                probe.bind(("", 7410 + 250 * number))  # of the domain's first process
+                claim.bind(f"\0fusionslam-ros2-domain-{number}")  # ends with the process
+                _need_empty(number)
             except OSError:
                 continue
-            return number
+            yield number
+            return
     raise AssertionError("every domain of ROS 2 is in use")
+
+
+def _need_empty(domain: int) -> None:
+    """Raise OSError if a process is in a domain."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 7410 + 250 * domain))  # of the domain's first process
 
 
 @functools.cache

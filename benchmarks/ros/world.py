@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection
 from pathlib import Path
 from types import TracebackType
@@ -200,15 +200,15 @@ class Listener:
         """
         end = time.monotonic() + _SETTLING_S
         count, since = self.count(), time.monotonic()
-        while time.monotonic() - since < silence_s or not self._is_idle(since):
-            assert time.monotonic() < end, "the nodes work on and on"
+        while time.monotonic() - since < silence_s or self._changes(since):
+            assert time.monotonic() < end, self._unrest(silence_s)
             time.sleep(_STEP_S)
             now = self.count()
             if now != count:
                 count, since = now, time.monotonic()
 
-    def _is_idle(self, since: float) -> bool:
-        """Whether all that nodes counted since then stayed as it was."""
+    def _changes(self, since: float) -> dict[str, str]:
+        """What nodes at work counted between their last two reports since then."""
         counts: dict[str, list[dict[str, str]]] = defaultdict(list)
         for each in self._kept([REPORTS]):
             if each.seconds > since:
@@ -217,8 +217,15 @@ class Listener:
                 values.pop("processor time [s]")  # passes even without work
                 counts[status.hardware_id].append(values)
         running = [name for name, process in self._world.nodes.items() if process.poll() is None]
-        last = [counts[f"/{name}"][-2:] for name in running]
-        return all(len(reports) == 2 and reports[0] == reports[1] for reports in last)
+        found = {name: _difference(counts[f"/{name}"][-2:]) for name in running}
+        return {name: text for name, text in found.items() if text}
+
+    def _unrest(self, span_s: float) -> str:
+        """What has not settled: topics on which messages came last, and what nodes count."""
+        since = time.monotonic() - span_s
+        came = Counter(each.topic for each in self.heard() if each.seconds > since)
+        changes = self._changes(since)
+        return f"not idle after {_SETTLING_S:g} s: came lately {dict(came)}, nodes: {changes}"
 
     def heard(self) -> list[Heard]:
         """All messages in the order in which they came."""
@@ -251,6 +258,15 @@ class Listener:
         answers = self._process.stdout
         assert answers is not None  # a pipe was asked for
         return str(answers.readline()).strip()
+
+
+def _difference(reports: list[dict[str, str]]) -> str:
+    """What two reports count differently; empty if nothing."""
+    if len(reports) < 2:
+        return f"{len(reports)} of 2 reports came"
+    before, after = reports
+    keys = [key for key in before | after if before.get(key) != after.get(key)]
+    return ", ".join(f"{key}: {before.get(key)} to {after.get(key)}" for key in keys)
 
 
 def wait_until(condition: Any, what: str) -> None:

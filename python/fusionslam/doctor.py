@@ -43,7 +43,7 @@ _RAY = {"ray": "ray"} if sys.version_info < (3, 14) else {}
 EXTRAS = {
     "sim": Extra(
         {"embreex": "embreex", "pycollada": "collada"},
-        ("demo", "sim", "bench views", "views train places", "worlds as DATA"),
+        ("demo", "fleet demo", "sim", "bench views", "views train places", "worlds as DATA"),
     ),
     "bags": Extra(_same("rosbags"), ("demo", "sim", "fuse", "bags and worlds as DATA")),
     "report": Extra(
@@ -51,6 +51,7 @@ EXTRAS = {
         (
             *("demo", "bench", "bench views", "report", "ratslam", "views match", "views show"),
             *("views train", "calib-check", "fuse --pictures", "map build", "map show"),
+            *("fleet report", "fleet demo"),
         ),
     ),
     "onnx": Extra(_same("onnxruntime"), ("the second stage of views",)),
@@ -63,7 +64,7 @@ EXTRAS = {
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (
             *("map build", "map show", "map localize", "map merge", "map forget"),
-            *("map export", "map check"),
+            *("map export", "map check", "fleet merge", "fleet report", "fleet demo"),
             *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
         ),
     ),
@@ -71,8 +72,11 @@ EXTRAS = {
     "fleet": Extra(
         _RAY
         | _same("lancedb", "fastapi", "uvicorn", "limits")
-        | {"prometheus-client": "prometheus_client"},
-        ("fleet", "serve", "fusionslam.fleet", "fusionslam.service"),
+        | {"fastapi-offline": "fastapi_offline", "prometheus-client": "prometheus_client"},
+        (
+            *("fleet describe", "fleet index", "fleet query", "fleet forget", "fleet report"),
+            *("fleet demo", "serve", "fusionslam.fleet", "fusionslam.service"),
+        ),
     ),
 }
 

@@ -25,6 +25,7 @@ from fusionslam.cli import (
     report,
     ros,
     ros2,
+    serve,
     sim,
     tune,
     views,
@@ -90,6 +91,7 @@ app.command("bench views")(bench_views.bench_views)
 app.command()(report.report)
 app.command()(tune.tune)
 app.command()(ratslam.ratslam)
+app.command()(serve.serve)
 app.command()(config.config)
 app.command()(doctor.doctor)
 app.command("help")(show_help)

@@ -36,7 +36,14 @@ _CURES = {
     "clock": _STAMPS,
     "no-revisits": _THRESHOLD,
     "no-threshold": _THRESHOLD,
-    "port-in-use": {"--live": "--live ws://127.0.0.1:8766 takes another"},
+    "port-in-use": {
+        "--live": "--live ws://127.0.0.1:8766 takes another",
+        "--port": "--port takes another",
+    },
+    "no-keys": {
+        "--api-keys": "--api-keys FILE names them",
+        "--without-keys": "--without-keys does without",
+    },
 }
 """What cures an error, by its code and option; only commands that have the option name it."""
 _CAUSES = {

@@ -13,6 +13,7 @@ from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.tuning import TuningConfig
 from fusionslam.ratslam.slam import RatSlamConfig
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
+from fusionslam.service.config import ServiceConfig
 from fusionslam.sim import SimConfig
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplatesConfig
@@ -43,3 +44,4 @@ class SystemConfig(PipelineConfig):
     )
     mapping: MapConfig = option(MapConfig(), "map build: keyframes, and how odometry drifts")
     fleet: FleetConfig = option(FleetConfig(), "fleet describe: work and places")
+    service: ServiceConfig = option(ServiceConfig(), "serve: where it listens, and its limits")

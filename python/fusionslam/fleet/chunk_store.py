@@ -49,6 +49,10 @@ class ChunkStore:
         """Read a chunk. Raises DataError: its file is missing or damaged."""
         return StoredChunk.load(chunk_path(self._folder, key))
 
+    def has(self, key: str) -> bool:
+        """Whether the file of a chunk is there."""
+        return chunk_path(self._folder, key).exists()
+
     def places(self, key: str) -> Places:
         """Return the places of a chunk: those of its frames that became places.
 

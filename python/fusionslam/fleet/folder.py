@@ -173,7 +173,8 @@ class FleetFolder:
 
 
 def _check_forgettable(where: PlaceFilter) -> None:
-    if where.is_any or where.since_ns is not None or where.until_ns is not None:
+    named = PlaceFilter(where.site, where.region, where.robot, where.session)
+    if where.is_any or where != named:
         raise ConfigError(
             "expected a robot, session, site or region to forget: whole recordings are",
             code="choice",

@@ -3,7 +3,7 @@
 """Finds where a cloud was seen before by any robot, and proves it by registration."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -123,6 +123,30 @@ class FleetLocator:
         """
         frame, cloud = _fused(frame_or_cloud, self._settings)
         vector = self._describe(frame, cloud)
+        mount = np.eye(4)
+        if frame is not None:
+            mount = robot_from_cloud(frame, self._settings.fusion)
+        return self._localize(vector, lambda: self._prepare(frame, cloud), mount, k, where)
+
+    def localize_place(
+        self, key: str, vector: Floats32, k: int = 10, where: PlaceFilter | None = None
+    ) -> FleetLocalization:
+        """As ``localize``, for a place that is stored, with its vector, float32 (D,).
+
+        Raises:
+            DataError: its cloud is not stored (code "no-cloud").
+        """
+        stored = self._clouds.cloud(key)
+        return self._localize(vector, stored.frame.unpack, stored.robot_from_cloud, k, where)
+
+    def _localize(
+        self,
+        vector: Floats32,
+        prepare: Callable[[], PreparedCloud],
+        mount: Matrix,
+        k: int,
+        where: PlaceFilter | None,
+    ) -> FleetLocalization:
         (candidates,) = self._search.query(vector[None], k, where)
         if not candidates:
             text = "no place is stored that is asked for"
@@ -131,10 +155,7 @@ class FleetLocator:
         if not clouds:
             text = f"no candidate has a cloud that can prove anything: {problem}"
             return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
-        mount = np.eye(4)
-        if frame is not None:
-            mount = robot_from_cloud(frame, self._settings.fusion)
-        return self._prove(self._prepare(frame, cloud), mount, candidates, clouds)
+        return self._prove(prepare(), mount, candidates, clouds)
 
     def _describe(self, frame: Frame | None, cloud: Cloud) -> Floats32:
         name = self._settings.names[0]

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A database of places that several recordings and robots have seen."""
 
-import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -35,7 +34,7 @@ from fusionslam.storage.files import PathLike
 __all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
 
 _FEW = 20_000  # rows that a filter leaves are searched without index
-_KEYS = 2_000  # looked up at a time
+_KEYS = 10_000  # looked up at a time
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,9 @@ class PlaceDatabase:
         with self._writing() as table:
             return int(table.delete(where.sql()).num_deleted_rows)
 
-    def build_index(self, *, recall: float = 0.99, progress: Progress | None = None) -> IndexReport:
+    def build_index(
+        self, *, recall: float = vector_index.RECALL, progress: Progress | None = None
+    ) -> IndexReport:
         """Build the index anew, and measure its recall on the database's own vectors.
 
         Queries are 200 stored vectors with noise. So many partitions are searched that they find
@@ -276,12 +277,9 @@ class PlaceDatabase:
             DataError: as ``add``.
         """
         with self._writing() as table:
-            report = vector_index.read_report(table)
-            keep = timedelta(seconds=max(keep_s, 1e-6))  # LanceDB warns of zero
+            keep = timedelta(seconds=max(keep_s, 1e-3))  # LanceDB warns of zero
             table.optimize(cleanup_older_than=keep, delete_unverified=self._lock is not None)
-            if report is not None:
-                say = progress or (lambda text: None)
-                vector_index.measure(table, report.partitions, 0.99, say, time.monotonic())
+            vector_index.fold(table, progress)
 
     def query(
         self, vectors: Any, k: int = 10, where: PlaceFilter | None = None, *, exact: bool = False
@@ -447,14 +445,14 @@ def _known_keys(table: Any, keys: list[str]) -> list[str]:
 
 def _best(rows: Any, order: list[int], distances: list[float], k: int) -> list[Candidate]:
     """The k nearest, each key once."""
-    shown = rows.select(list(SHOWN))
-    best: dict[str, Candidate] = {}
+    keys = rows["key"].to_pylist()
+    nearest: dict[str, tuple[int, float]] = {}
     for row, distance in zip(order, distances, strict=True):
-        if len(best) == k:
-            break
-        (values,) = shown.slice(row, 1).to_pylist()
-        best.setdefault(values["key"], candidate_of(values, distance))
-    return list(best.values())
+        nearest.setdefault(keys[row], (row, distance))
+    best = list(nearest.values())[:k]
+    rows = rows.select(list(SHOWN)).take(np.array([row for row, _ in best], np.int64))
+    values = rows.to_pylist()
+    return [candidate_of(one, distance) for one, (_, distance) in zip(values, best, strict=True)]
 
 
 def _session(row: dict[str, Any]) -> Session:

@@ -40,6 +40,19 @@ class Places:
     def __len__(self) -> int:
         return len(self.keys)
 
+    def take(self, rows: Integers) -> "Places":
+        """Return the places of some rows."""
+        chosen = rows.tolist()
+        about = {name: [self.column(name)[row] for row in chosen] for name in ABOUT}
+        return Places(
+            keys=[self.keys[row] for row in chosen],
+            vectors=self.vectors[rows],
+            stamps_ns=self.stamps_ns[rows],
+            frames=self.frames[rows],
+            poses=None if self.poses is None else self.poses[rows],
+            **about,
+        )
+
     def column(self, name: str) -> list[str]:
         """Return one of ``ABOUT`` for each place."""
         value: str | Sequence[str] = getattr(self, name)
@@ -94,6 +107,7 @@ class PlaceFilter:
 
     Attributes:
         site, region, robot, session: as of ``Places``.
+        not_session: of any recording but this one.
         since_ns, until_ns: seen at or after, and before, these times.
     """
 
@@ -101,6 +115,7 @@ class PlaceFilter:
     region: str | None = None
     robot: str | None = None
     session: str | None = None
+    not_session: str | None = None
     since_ns: int | None = None
     until_ns: int | None = None
 
@@ -113,6 +128,8 @@ class PlaceFilter:
         """Return the condition as SQL; "true" for any."""
         named = {name: getattr(self, name) for name in ABOUT}
         terms = [f"{name} = {quote(value)}" for name, value in named.items() if value is not None]
+        if self.not_session is not None:
+            terms.append(f"session <> {quote(self.not_session)}")
         if self.since_ns is not None:
             terms.append(f"stamp_ns >= {int(self.since_ns)}")
         if self.until_ns is not None:

@@ -80,8 +80,7 @@ class Labels:
 
     def of(self, session: str) -> dict[str, str]:
         """Return robot, site and region of a recording."""
-        above = session.split("/")[:-1]
-        named = dict(zip(self.folders, above, strict=False))
+        named = dict(zip(self.folders, session.split("/"), strict=False))
         return {name: named.get(name) or getattr(self, name) for name in LEVELS}
 
 

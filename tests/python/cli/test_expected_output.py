@@ -17,6 +17,7 @@ NEEDED = {
     **dict.fromkeys(("bench", "bench_views", "report", "views_match", "views_show"), "matplotlib"),
     "fleet": "lancedb",
     "tune": "pymoo",
+    "serve": "fastapi",
 }
 """The optional package without which a command says something else."""
 

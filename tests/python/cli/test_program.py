@@ -236,6 +236,7 @@ def _commands() -> dict[str, set[str]]:
 FOREIGN = {
     **dict.fromkeys(("--clock", "--delay", "--quiet", "--rate", "--topics"), "rosbag play"),
     "--wait-for-subscribers": "rosbag play",
+    "--head": "ray start",
     "--force-reinstall": "pip",
     "--no-install-recommends": "apt-get",
     **dict.fromkeys(("--ros-args", "--remap"), "ros2 run"),

@@ -36,8 +36,9 @@ def test_a_source_in_the_configuration_is_used_even_if_it_is_the_default(
         # Clouds alone would be described as they are.
         line = fails(1, "describe", tmp_path / "data", "-d", "m2dp", "-o", tmp_path / "out", *words)
         assert "'left'" in line
-        succeeds("bench", kitti, "-d", "m2dp", *words, *NO_WINDOW, "-o", tmp_path / words[0])
-        runs = (tmp_path / words[0] / "descriptors").iterdir()
+        out = tmp_path / words[0]
+        succeeds("bench", kitti, "-d", "m2dp", *words, *NO_WINDOW, "-o", out, "--no-report")
+        runs = (out / "descriptors").iterdir()
         assert [path.name for path in runs] == ["lidar-m2dp.npz"]
 
 
@@ -120,7 +121,7 @@ def test_gaps_treated_otherwise_in_one_folder_do_not_mix_numbers(
 
 
 def test_two_windows_in_one_call_are_pointed_out(kitti: Path, tmp_path: Path) -> None:
-    words = ("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out")
+    words = ("bench", kitti, "-d", "m2dp", "-o", tmp_path / "out", "--no-report")
     one = succeeds(*words, "--set", "evaluation.window=2").stderr
     assert "loop_closure.window is 50 and evaluation.window is 2" in " ".join(one.split())
     assert "loop_closure.window is" not in succeeds(*words, *NO_WINDOW).stderr
@@ -131,7 +132,7 @@ def test_tables_of_results_fit_eighty_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("fusionslam.cli.console._WIDTH", 80)
-    text = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW).stdout
+    text = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW, "--no-report").stdout
     lines = text.splitlines()[:-1]  # the last one is a path
     assert max(map(len, lines)) <= 80
     for name in fusionslam_descriptors():

@@ -107,8 +107,9 @@ def test_a_root_that_is_no_folder_is_refused(tmp_path: Path) -> None:
         ((), "a/b/c", ("R", "S", "")),
         (("site",), "a/b/c", ("R", "a", "")),
         (("region", "site", "robot"), "a/b/c/d", ("c", "b", "a")),
-        (("region", "site", "robot"), "a/b/c", ("R", "b", "a")),
-        (("robot",), "alone", ("R", "S", "")),
+        (("region", "site", "robot"), "a/b/c", ("c", "b", "a")),
+        (("region", "site", "robot"), "a/b", ("R", "b", "a")),
+        (("robot",), "alone", ("alone", "S", "")),
     ],
 )
 def test_folders_are_names_and_options_stand_in_where_there_are_none(

@@ -17,7 +17,7 @@ def offline(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> 
     return run_offline(played_bag, tmp_path_factory.mktemp("offline"))
 
 
-@pytest.mark.parametrize("rate", [1, 5])
+@pytest.mark.parametrize("rate", [pytest.param(1, marks=pytest.mark.nightly), 5])
 def test_clouds_ids_and_map_are_those_of_the_commands(
     rate: int, offline: Offline, tmp_path: Path
 ) -> None:

@@ -21,7 +21,7 @@ pytestmark = needs_ros
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
-POINTS = ("--topic", "points=/velodyne_points")
+BUILD = ("--no-report", "--topic", "points=/velodyne_points")
 FILE = "_map/file:=site.fsmap"
 _CALL = """
 import json, sys
@@ -80,7 +80,7 @@ def test_the_map_of_two_drives_is_that_of_the_command(
 ) -> None:
     other = tmp_path / "other.fsmap"
     for session in ("monday", "tuesday"):
-        succeeds("map", "build", played_bag.path, "-o", other, "--session", session, *POINTS)
+        succeeds("map", "build", played_bag.path, "-o", other, "--session", session, *BUILD)
     with RosWorld(tmp_path) as world:
         listener = world.listen("/mapper/cloud", "/mapper/grid", "/mapper/path", "/odom")
         for session, rate in (("monday", "1"), ("tuesday", "5")):
@@ -125,7 +125,7 @@ def test_a_robot_that_starts_elsewhere_is_found_on_the_map(
     played_bag: PlayedBag, tmp_path: Path
 ) -> None:
     path = tmp_path / "site.fsmap"
-    succeeds("map", "build", played_bag.path, "-o", path, "--session", "monday", *POINTS)
+    succeeds("map", "build", played_bag.path, "-o", path, "--session", "monday", *BUILD)
     before = path.read_bytes()
     with RosWorld(tmp_path) as world:
         listener = world.listen("/mapper/pose", "/odom")

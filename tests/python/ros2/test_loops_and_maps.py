@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(bool(lacking), reason=lacking)
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
-POINTS = ("--topic", "points=/velodyne_points")
+BUILD = ("--no-report", "--topic", "points=/velodyne_points")
 
 
 def test_loops_are_those_of_the_detector(played_bag: PlayedBag, tmp_path: Path) -> None:
@@ -34,14 +34,14 @@ def test_loops_are_those_of_the_detector(played_bag: PlayedBag, tmp_path: Path) 
 
 def test_a_map_is_that_of_the_command(played_bag: PlayedBag, tmp_path: Path) -> None:
     other = tmp_path / "other.fsmap"
-    succeeds("map", "build", played_bag.path, "-o", other, "--session", "monday", *POINTS)
+    succeeds("map", "build", played_bag.path, "-o", other, "--session", "monday", *BUILD)
     with Ros2World(tmp_path) as world:
         listener = world.listen("/mapper/cloud", "/mapper/grid", "/mapper/path", "/odom")
         parameters = ("_map.file:=site.fsmap", "_map.session:=monday", "_online.wait:=60.0")
-        node = world.node("mapper", *played_bag.sensors, *parameters)
+        node = world.node("mapper", *played_bag.sensors, *parameters, "_node.queue:=1000")
         listener.wait_for("/mapper/cloud", "/mapper/grid", "/mapper/path")
         world.play(played_bag.path, "--rate", "5")
-        listener.settle()
+        listener.settle()  # though the mapper publishes on /tf, which it listens to
         assert world.end(node) == 0, world.log("mapper")
         found = listener.messages()
     assert_same_map(tmp_path / "site.fsmap", other)

@@ -247,7 +247,7 @@ def test_a_bag_that_is_played_again_gives_all_clouds_again(
 ) -> None:
     with Ros2World(tmp_path) as world:
         listener = world.listen("/rgb_cloud")
-        world.node("data_fusion", *played_bag.sensors, "_online.wait:=60.0")
+        world.node("data_fusion", *played_bag.sensors, "_online.wait:=60.0", "_node.queue:=1000")
         listener.wait_for("/rgb_cloud")
         for _ in range(2):
             world.play(played_bag.path, "--rate", "8")

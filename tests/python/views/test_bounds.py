@@ -19,7 +19,9 @@ from fusionslam.views.matcher import ViewMatcher
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("world", ["warehouse", "small_house"])
+@pytest.mark.parametrize(
+    "world", ["warehouse", pytest.param("small_house", marks=pytest.mark.nightly)]
+)
 def test_the_default_matcher_keeps_the_bounds(test_data: Path, world: str) -> None:
     path = test_data / "recordings" / f"{world}.npz"
     config = RecordingConfig(frame="robot")

@@ -4,11 +4,13 @@
 
 import typer
 
+from fusionslam.cli.fleet.demo import demo
 from fusionslam.cli.fleet.describe import describe
 from fusionslam.cli.fleet.forget import forget
 from fusionslam.cli.fleet.index import index
 from fusionslam.cli.fleet.merge import merge
 from fusionslam.cli.fleet.query import query
+from fusionslam.cli.fleet.report import report
 from fusionslam.cli.fleet.status import status
 
 app = typer.Typer(
@@ -16,5 +18,5 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-for command in (describe, status, index, query, merge, forget):
+for command in (describe, status, index, query, merge, forget, report, demo):
     app.command()(command)

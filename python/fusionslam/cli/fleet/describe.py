@@ -4,18 +4,21 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.cli.fleet.options import Engine
 from fusionslam.help_texts import counted
-from fusionslam.storage.progress import label_progress
+from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
-    from fusionslam.fleet.work import Failure
+    from fusionslam.fleet.folder import FleetFolder
+    from fusionslam.fleet.recordings import Labels
+    from fusionslam.fleet.work import Failure, Plan
 
 
 @opt.options_of(read_config=opt.read_config)
@@ -27,14 +30,7 @@ def describe(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder of places, made or gone on with.")
     ] = Path("out/places"),
-    engine: Annotated[
-        str,
-        typer.Option(
-            "--engine",
-            metavar="[local|ray|ray://HOST:PORT]",
-            help="What runs the workers: processes, Ray on this machine, or a Ray cluster.",
-        ),
-    ] = "local",
+    engine: Engine = "local",
     descriptors: Annotated[
         str,
         typer.Option(
@@ -71,38 +67,81 @@ def describe(
     An interrupted or killed call goes on where it stopped. What cannot be done is in failed.jsonl,
     with the reason; the rest goes on.
     """
-    needs_extra("fleet", module="lancedb")
-    if engine != "local":
-        needs_extra("fleet", module="ray")
-    from fusionslam.fleet.engines import check_engine, open_engine
-    from fusionslam.fleet.folder import FleetFolder
-    from fusionslam.fleet.recordings import Labels, find_recordings
-    from fusionslam.fleet.settings import settle_settings
-    from fusionslam.fleet.work import Plan
+    from fusionslam.fleet.recordings import Labels
 
-    check_engine(engine)
     whole = read_config()
     names = opt.parse_names(descriptors, whole.descriptors.preset)
     labels = Labels(tuple(filter(None, folders.split("/"))), robot, site, region)
     keep(ctx, output)
     with progress() as step:
-        found = find_recordings(root, labels, excluded=output)
-        settings = settle_settings(found, names, whole, whole.fleet, output, source=source)
-        folder = FleetFolder(output, settings)
-        plan = Plan.make(root, found, settings, label_progress(step, "opening recordings"))
-        workers = open_engine(engine, opt.cores(jobs))
-        try:
-            failures = folder.describe(
-                plan, workers, progress=label_progress(step, "describing frames")
-            )
-        finally:
-            workers.close()
-        with folder.database() as database:
-            places = len(database)
-    recordings = counted(len(plan.recordings), "recording")
-    print(f"{recordings}, {counted(plan.frames, 'frame')}, {counted(places, 'place')}")
-    _report(failures, output)
+        described = describe_root(
+            root,
+            output,
+            whole,
+            names=names,
+            labels=labels,
+            engine=engine,
+            jobs=opt.cores(jobs),
+            step=step,
+            source=source,
+        )
+    print_described(described)
     print(output)
+
+
+class Described(NamedTuple):
+    """What became of the recordings below a root."""
+
+    folder: "FleetFolder"
+    plan: "Plan"
+    failures: "list[Failure]"
+    places: int
+
+
+def describe_root(
+    root: Path,
+    output: Path,
+    config: Any,
+    *,
+    names: list[str],
+    labels: "Labels",
+    engine: str,
+    jobs: int,
+    step: Step,
+    source: str | None = None,
+) -> Described:
+    """Describe all recordings below a root; arguments as the command's options."""
+    needs_extra("fleet", module="lancedb")
+    if engine != "local":
+        needs_extra("fleet", module="ray")
+    from fusionslam.fleet.engines import check_engine, open_engine
+    from fusionslam.fleet.folder import FleetFolder
+    from fusionslam.fleet.recordings import find_recordings
+    from fusionslam.fleet.settings import settle_settings
+    from fusionslam.fleet.work import Plan
+
+    check_engine(engine)
+    found = find_recordings(root, labels, excluded=output)
+    settings = settle_settings(found, names, config, config.fleet, output, source=source)
+    folder = FleetFolder(output, settings)
+    plan = Plan.make(root, found, settings, label_progress(step, "opening recordings"))
+    workers = open_engine(engine, jobs)
+    try:
+        show = label_progress(step, "describing frames")
+        failures = folder.describe(plan, workers, progress=show)
+    finally:
+        workers.close()
+    with folder.database() as database:
+        return Described(folder, plan, failures, len(database))
+
+
+def print_described(described: Described) -> None:
+    """Say how much there is, and what failed."""
+    plan = described.plan
+    recordings, frames = len(plan.recordings), plan.frames
+    counts = [(recordings, "recording"), (frames, "frame"), (described.places, "place")]
+    print(", ".join(counted(*count) for count in counts))
+    _report(described.failures, described.folder.path)
 
 
 def _report(failures: "list[Failure]", output: Path) -> None:

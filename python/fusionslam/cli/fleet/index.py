@@ -32,6 +32,7 @@ def index(
             database.compact(progress=lambda text: step(text, 0, 1))
             report = database.index
         else:
+            database.compact(progress=lambda text: step(text, 0, 1))  # many small files are slow
             report = database.build_index(recall=recall, progress=lambda text: step(text, 0, 1))
         count = len(database)
     if report is None or not report.partitions:

@@ -14,11 +14,23 @@ if TYPE_CHECKING:
 Places = Annotated[
     Path, typer.Argument(metavar="PLACES", help="A folder that fleet describe wrote.")
 ]
+Engine = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="[local|ray|ray://HOST:PORT]",
+        help="What runs the workers: processes, Ray on this machine, or a Ray cluster.",
+    ),
+]
 Site = Annotated[str | None, typer.Option("--site", metavar="NAME", help="Of this site alone.")]
 Region = Annotated[
     str | None, typer.Option("--region", metavar="NAME", help="Of this region alone.")
 ]
 Robot = Annotated[str | None, typer.Option("--robot", metavar="NAME", help="Of this robot alone.")]
+NotSession = Annotated[
+    str | None,
+    typer.Option("--not-session", metavar="NAME", help="Of any recording but this one."),
+]
 Session = Annotated[
     str | None, typer.Option("--session", metavar="NAME", help="Of this recording alone.")
 ]
@@ -34,10 +46,7 @@ def where(
 
 
 def open_folder(path: Path) -> "FleetFolder":
-    """Open a folder of ``fleet describe``, after a check of what it needs."""
-    from fusionslam.cli.failures import needs_extra
-
-    needs_extra("fleet", module="lancedb")
+    """Open a folder of ``fleet describe``."""
     from fusionslam.fleet.folder import FleetFolder
 
     return FleetFolder.open(path)

@@ -3,6 +3,7 @@
 """The command fleet query: whether any robot has been here."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,7 @@ import typer
 
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table
-from fusionslam.cli.fleet.options import open_folder, where
+from fusionslam.cli.fleet.options import NotSession, open_folder, where
 
 if TYPE_CHECKING:
     from fusionslam.fleet.folder import FleetFolder
@@ -40,6 +41,7 @@ def query(
     ] = False,
     *,
     where: "Callable[[], PlaceFilter]",
+    not_session: NotSession = None,
 ) -> None:
     """Find where a scan was seen before, by which robot and when.
 
@@ -47,13 +49,14 @@ def query(
     The exit status is 1 if a pose is asked for and none is proven.
     """
     folder = open_folder(places)
+    asked = replace(where(), not_session=not_session)
     seen = _read(scan, frame, folder)
     with folder.database() as database:
         locator = folder.locator(database)
         if no_pose:
-            _print_candidates(locator.find(seen, k, where()))
+            _print_candidates(locator.find(seen, k, asked))
             return
-        found = locator.localize(seen, k, where())
+        found = locator.localize(seen, k, asked)
     _print_candidates(found.candidates)
     _print_pose(found)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
 from PIL import Image
 
 from fusionslam.errors import DataError
@@ -124,9 +125,13 @@ def _write(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 def _render(figure: "Figure") -> Image.Image:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", facecolor="white")
-    return Image.open(buffer).convert("RGB")
+    """Render as ``savefig`` does, which draws twice and packs the picture in between."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.set_facecolor("white")
+    canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
 
 def _encode_png(image: Image.Image) -> bytes:

@@ -177,7 +177,7 @@ class Mapper(Node[MapperConfig]):
     def _publish_frame(self, odometry: Odometry) -> None:
         """Publish map <- odometry of the last step, stamped with the latest odometry.
 
-        It changes only at loops.
+        That step is earlier than the stamp while odometry waits for views.
         """
         place = self._online.map_from_odometry
         if place is None:

@@ -4,6 +4,7 @@
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import CancelledError
 from functools import partial
@@ -13,6 +14,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 
 from fusionslam.errors import FusionSlamError
@@ -51,6 +53,7 @@ class Ros2Transport:
         self.parameters = given_parameters(node)
         self._node, self._is_ending = node, is_ending
         self._sources: dict[str, _Source] = {}
+        self._owns: dict[str, _OwnMessages] = {}
         node.create_timer(_LOOK_S, self._look_for_publishers)
         self._failure: Exception | None = None
         self._executor = SingleThreadedExecutor()
@@ -75,11 +78,14 @@ class Ros2Transport:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         quality = QoSProfile(depth=1 if latched else queue, durability=durability)
         kind = message_class(type_name)
-        return _Publisher(self._node.create_publisher(kind, _as_ros2(topic), quality))
+        publisher = self._node.create_publisher(kind, _as_ros2(topic), quality)
+        return _Publisher(publisher, self._own(topic))
 
     def subscribe(self, entry: Input, take: Callable[[Delivery], None], *, queue: int) -> None:
         """As ``Transport``."""
-        self._sources[entry.topic] = _Source(self._node, entry, take, queue)
+        own = self._own(entry.topic)
+        own.keep(queue)
+        self._sources[entry.topic] = _Source(self._node, entry, take, queue, own)
 
     def offer(self, service: Service, call: Callable[[Callable[[], Any]], Any]) -> None:
         """As ``Transport``; a response without success says why, as services of ROS 2 cannot."""
@@ -115,6 +121,9 @@ class Ros2Transport:
         if self._failure is not None:
             raise FusionSlamError(f"rclpy failed: {self._failure!r}") from self._failure
 
+    def _own(self, topic: str) -> "_OwnMessages":
+        return self._owns.setdefault(self.full_name(topic), _OwnMessages())
+
     def _spin(self) -> None:
         try:
             self._executor.spin()
@@ -129,13 +138,47 @@ class Ros2Transport:
             source.update()
 
 
+class _OwnMessages:
+    """The last messages that this node published on a topic, if it listens to that as well.
+
+    rclpy delivers them to it, too, and does not say who published a message.
+    """
+
+    def __init__(self) -> None:
+        self._last: deque[bytes] = deque(maxlen=0)
+        self._lock = threading.Lock()
+
+    def keep(self, count: int) -> None:
+        """Keep so many from now on: as many as may wait in the node's own subscription."""
+        self._last = deque(maxlen=count)
+
+    def note(self, message: Any) -> Any:
+        """Return a message as it is to be published, after keeping it if need be."""
+        if not self._last.maxlen:
+            return message
+        data = serialize_message(message)
+        with self._lock:
+            self._last.append(data)
+        return data
+
+    def __contains__(self, data: bytes) -> bool:
+        with self._lock:
+            return data in self._last
+
+
 class _Source:
     """An input of a node, subscribed to as its publishers offer it."""
 
     def __init__(
-        self, node: Node, entry: Input, take: Callable[[Delivery], None], queue: int
+        self,
+        node: Node,
+        entry: Input,
+        take: Callable[[Delivery], None],
+        queue: int,
+        own: _OwnMessages,
     ) -> None:
         self._node, self._entry, self._take, self._queue = node, entry, take, queue
+        self._own = own
         self._topic = node.resolve_topic_name(_as_ros2(entry.topic))
         self._subscription: Subscription | None = None
         self._offered: tuple[str, bool, bool] | None = None
@@ -190,9 +233,7 @@ class _Source:
         self._subscription = self._node.create_subscription(
             message_class(plain),
             self._topic,
-            lambda data: self._take(
-                Delivery(plain, self._senders, len(data), partial(_read, data, plain), False)
-            ),
+            partial(self._receive, plain),
             QoSProfile(
                 depth=self._queue,
                 reliability=reliability,
@@ -200,6 +241,12 @@ class _Source:
             ),
             raw=True,
         )
+
+    def _receive(self, plain: str, data: bytes) -> None:
+        # What the node itself publishes on /tf is no news, and would never let it be idle.
+        if data not in self._own:
+            read = partial(_read, data, plain)
+            self._take(Delivery(plain, self._senders, len(data), read, False))
 
     def _is_usable(self, publisher: Endpoint) -> bool:
         """Tell whether a publisher has a type of the input; one of another type is reported."""
@@ -223,11 +270,11 @@ class _Source:
 
 
 class _Publisher:
-    def __init__(self, publisher: Publisher) -> None:
-        self._publisher = publisher
+    def __init__(self, publisher: Publisher, own: _OwnMessages) -> None:
+        self._publisher, self._own = publisher, own
 
     def publish(self, message: Any) -> None:
-        self._publisher.publish(message)
+        self._publisher.publish(self._own.note(message))
 
     def is_wanted(self) -> bool:
         return bool(self._publisher.get_subscription_count())

@@ -1,0 +1,264 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is measured of a database of places, each phase in a process of its own.
+
+    python -m benchmarks.fleet.phases PHASE FOLDER DATA PLACES QUERIES
+
+prints figures as JSON; ``benchmarks.fleet.million`` runs these.
+"""
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.fleet.drives import (
+    BLOCK,
+    DATA,
+    Blocks,
+    blocks_of,
+    exact_distances,
+    places_of,
+    queries_of,
+)
+from fusionslam.fleet import lance_extra
+from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
+from fusionslam.fleet.places import PlaceFilter, Places
+from fusionslam.storage.arrays import Floats, Floats32, Integers
+
+Figures = dict[str, float]
+
+K = 10
+ADDED = 1_000
+LIMIT = 1 + 1e-5
+"""Of distances that count as equal: they are float32."""
+_WARM = 20  # queries before those that are timed
+_EXACT = "exact.npy"
+
+
+def add(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """Add all places, block by block."""
+    del queries
+    blocks = DATA[data](0)
+    settings = DatabaseSettings("cm2dp" if data == "made" else "m2dp", blocks(0).shape[1])
+    seconds = 0.0
+    with PlaceDatabase.create(folder / "database", settings) as database:
+        for number, vectors in blocks_of(blocks, places):
+            some = places_of(number, vectors, len(vectors))
+            started = time.perf_counter()
+            database.add(some)
+            seconds += time.perf_counter() - started
+    return {"add s": seconds}
+
+
+def index(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """Build the index and measure its recall."""
+    del data, places, queries
+    with PlaceDatabase.open(folder / "database") as database:
+        report = database.build_index(progress=_say)
+    return {
+        "index s": report.seconds,
+        "partitions": report.partitions,
+        "nprobes": report.nprobes,
+        "candidates": report.candidates,
+        "recall told": report.recall,
+    }
+
+
+def query(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """Open the database in a new process, and time and check single queries."""
+    started = time.perf_counter()
+    lance_extra.load()
+    imported = time.perf_counter() - started
+    started = time.perf_counter()
+    database = PlaceDatabase.open(folder / "database", read_only=True)
+    opened = time.perf_counter() - started
+    vectors = queries_of(data, places, queries)
+    started = time.perf_counter()
+    database.query(vectors[0], k=K)
+    first = time.perf_counter() - started
+    return {
+        "import s": imported,
+        "open s": opened,
+        "first query ms": 1e3 * first,
+        **_timed(vectors, lambda vector: _distances_found(database, vector)),
+        **_judged(folder, data, places, vectors, lambda some: _found(database, some)),
+    }
+
+
+def change(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """Add rows, delete a robot, compact, each seen by a reader, and time queries after it."""
+    with (
+        PlaceDatabase.open(folder / "database", read_only=True) as reader,
+        PlaceDatabase.open(folder / "database") as writer,
+    ):
+        vectors = queries_of(data, places, queries)
+        reader.query(vectors[0])
+        added = _seconds_to_add(writer, reader, DATA[data](2)(0))
+        between = _timed(vectors[:220], lambda vector: _distances_found(reader, vector))
+        robot = PlaceFilter(robot="r1")
+        started = time.perf_counter()
+        deleted = writer.delete(robot)
+        left = len(reader.query(vectors[0], where=robot)[0])
+        forgotten = time.perf_counter() - started
+        found = {one.robot for row in reader.query(vectors[:100]) for one in row}
+        assert not left and "r1" not in found, "a deleted robot was found"
+        started = time.perf_counter()
+        writer.compact(keep_s=0, progress=_say)
+        compacted = time.perf_counter() - started
+    with PlaceDatabase.open(folder / "database", read_only=True) as reader:
+        after = _timed(vectors[:220], lambda vector: _distances_found(reader, vector))
+        named = PlaceFilter(robot="r2")
+        filtered = _timed(vectors[:70], lambda vector: reader.query(vector, where=named))
+        report = reader.index
+    return {
+        f"add {ADDED} s": added,
+        "delete s": forgotten,
+        "deleted": deleted,
+        "compact s": compacted,
+        "recall told": report.recall if report else 1.0,
+        **{f"added {name}": value for name, value in between.items()},
+        **{f"compacted {name}": value for name, value in after.items()},
+        **{f"filtered {name}": value for name, value in filtered.items()},
+    }
+
+
+def faiss_sq(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """FAISS, IVF with one byte a value, in memory."""
+    return _faiss("SQ8", folder, data, places, queries)
+
+
+def faiss_flat(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """FAISS, IVF with whole vectors, in memory."""
+    return _faiss("Flat", folder, data, places, queries)
+
+
+PHASES: Mapping[str, Callable[[Path, str, int, int], Figures]] = {
+    "add": add,
+    "index": index,
+    "query": query,
+    "change": change,
+    "faiss sq": faiss_sq,
+    "faiss flat": faiss_flat,
+}
+
+
+def main() -> None:
+    phase, folder, data, places, queries = sys.argv[1:]
+    figures = PHASES[phase](Path(folder), data, int(places), int(queries))
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    whole = {"peak MB": used.ru_maxrss / 1e3, "cpu s": used.ru_utime + used.ru_stime}
+    print(json.dumps({**figures, **whole}))
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _seconds_to_add(writer: PlaceDatabase, reader: PlaceDatabase, rows: Floats32) -> float:
+    """Seconds until rows that one process adds are found by another's reader."""
+    some = places_of(0, rows[:ADDED], ADDED)
+    new = Places(
+        [f"new:{row}" for row in range(ADDED)], some.vectors, some.stamps_ns, some.frames, "new"
+    )
+    started = time.perf_counter()
+    writer.add(new)
+    ((found,),) = reader.query(new.vectors[-1], k=1)
+    seconds = time.perf_counter() - started
+    assert found.key == f"new:{ADDED - 1}", "an added place was not found"
+    return seconds
+
+
+def _distances_found(database: PlaceDatabase, vector: Floats32) -> list[float]:
+    return [one.distance for one in database.query(vector, k=K)[0]]
+
+
+def _found(database: PlaceDatabase, vectors: Floats32) -> Iterator[list[float]]:
+    for row in database.query(vectors, k=K):
+        yield [one.distance for one in row]
+
+
+def _timed(vectors: Floats32, search: Callable[[Floats32], object]) -> Figures:
+    """Milliseconds of single queries, but for the first ones, and those of processors."""
+    seconds = []
+    for vector in vectors:
+        started, processor = time.perf_counter(), time.process_time()
+        search(vector)
+        seconds.append((time.perf_counter() - started, time.process_time() - processor))
+    some = 1e3 * np.array(seconds[min(_WARM, len(seconds) // 2) :])
+    p50, p95 = np.quantile(some[:, 0], [0.5, 0.95])
+    return {"p50 ms": float(p50), "p95 ms": float(p95), "cpu ms": float(some[:, 1].mean())}
+
+
+def _judged(
+    folder: Path,
+    data: str,
+    places: int,
+    vectors: Floats32,
+    search: Callable[[Floats32], Iterator[list[float]]],
+) -> Figures:
+    """Recall of ten neighbours, and the share of queries whose first is the true one."""
+    limits = LIMIT * _exact(folder, data, places, vectors) + 1e-5
+    found, first = 0, 0
+    for limit, distances in zip(limits, search(vectors), strict=True):
+        found += sum(distance <= limit[-1] for distance in distances)
+        first += bool(distances and distances[0] <= limit[0])
+    return {"recall": found / limits.size, "top-1": first / len(limits)}
+
+
+def _exact(folder: Path, data: str, places: int, vectors: Floats32) -> Floats:
+    """Distances of the nearest, computed once."""
+    path = folder / _EXACT
+    if not path.exists():
+        np.save(path, exact_distances(DATA[data](0), places, vectors, K))
+    exact: Floats = np.load(path)
+    return exact
+
+
+def _faiss(kind: str, folder: Path, data: str, places: int, queries: int) -> Figures:
+    """Build an index as large as ours, and search so many lists that recall is reached."""
+    import faiss
+
+    found: Any  # faiss's types do not tell what the factory makes
+    blocks, vectors = DATA[data](0), queries_of(data, places, queries)
+    lists = max(1, int(places**0.5))
+    started = time.perf_counter()
+    found = faiss.index_factory(vectors.shape[1], f"IVF{lists},{kind}")
+    _, rows = zip(*blocks_of(blocks, min(places, 64 * lists)), strict=True)
+    found.train(np.vstack(rows))
+    for _, some in blocks_of(blocks, places):
+        found.add(some)
+    seconds = time.perf_counter() - started
+
+    def search(some: Floats32) -> Iterator[list[float]]:
+        for first in range(0, len(some), BLOCK):
+            _, numbers = found.search(some[first : first + BLOCK], 100)
+            yield from _true_distances(blocks, some[first : first + BLOCK], numbers)
+
+    found.nprobe, figures = 1, _judged(folder, data, places, vectors, search)
+    while figures["recall"] < 0.99 and found.nprobe < lists:
+        found.nprobe *= 2
+        figures = _judged(folder, data, places, vectors, search)
+    timed = _timed(vectors, lambda vector: found.search(vector[None], 100))
+    return {"index s": seconds, "partitions": lists, "nprobes": found.nprobe, **timed, **figures}
+
+
+def _true_distances(blocks: Blocks, vectors: Floats32, numbers: Integers) -> Iterator[list[float]]:
+    """Distances of FAISS's candidates to their vectors before they were coded, nearest first."""
+    needed = np.unique(numbers[numbers >= 0])
+    stored = np.empty((len(needed), vectors.shape[1]), np.float32)
+    for block in np.unique(needed // BLOCK):
+        here = needed // BLOCK == block
+        stored[here] = blocks(int(block))[needed[here] % BLOCK]
+    for vector, row in zip(vectors, numbers, strict=True):
+        rows = stored[np.searchsorted(needed, row[row >= 0])]
+        yield np.sort(np.linalg.norm(rows - vector, axis=1))[:K].tolist()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The web application: routes, limits, errors and metrics put together."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi_offline import FastAPIOffline
+
+from fusionslam._core import __version__
+from fusionslam.service.batches import QueryBatches
+from fusionslam.service.config import ServiceConfig
+from fusionslam.service.keys import ApiKeys
+from fusionslam.service.metrics import CountRequests, Metrics
+from fusionslam.service.places import ServedPlaces
+from fusionslam.service.problems import answer_problems
+from fusionslam.service.rates import Rates
+from fusionslam.service.routes import pages, searches, sites, status
+from fusionslam.service.state import State
+from fusionslam.service.workers import Workers
+
+_ABOUT = (
+    "Describes clouds and finds the places of a fleet that look like them. Errors are JSON with "
+    "code, message and fields."
+)
+
+
+def create_app(
+    folder: Path, config: ServiceConfig | None = None, keys: ApiKeys | None = None
+) -> FastAPI:
+    """Make the application.
+
+    Args:
+        folder: of ``fusionslam fleet describe``, whose places are served.
+        config: limits; None for the defaults.
+        keys: who may use it; None for everybody on this machine.
+
+    Raises:
+        DataError: it is no such folder, or it is damaged.
+    """
+    config = config or ServiceConfig()
+    places, workers = ServedPlaces(folder), Workers(config.workers, config.max_waiting)
+    shared = State(
+        config,
+        places,
+        keys or ApiKeys(),
+        Rates(config.requests_per_minute),
+        workers,
+        QueryBatches(places, workers),
+        Metrics(),
+    )
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        yield
+        workers.close()
+        places.close()
+
+    app = FastAPIOffline(
+        title="fusionslam",
+        version=__version__,
+        description=_ABOUT,
+        lifespan=lifespan,
+        redoc_url=None,
+        swagger_ui_oauth2_redirect_url="/docs/oauth2-redirect",
+    )
+    app.state.shared = shared
+    app.add_middleware(CountRequests, metrics=shared.metrics)
+    answer_problems(app)
+    for each in (searches, sites, status, pages):
+        app.include_router(each.router)
+    return app

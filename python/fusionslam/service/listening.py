@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The socket that the service listens on, and its life from the start to a signal."""
+
+import errno
+import os
+import signal
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import uvicorn
+from fastapi import FastAPI
+
+from fusionslam.errors import ConfigError
+from fusionslam.service.config import ServiceConfig
+from fusionslam.service.keys import ApiKeys
+from fusionslam.service.state import is_local
+
+_GRACE_S = 10
+"""Time to finish what is worked on after a signal."""
+_BACKLOG = 512
+
+
+def check_exposure(config: ServiceConfig, keys: ApiKeys, *, without_keys: bool) -> None:
+    """Refuse to be reached from other machines without keys, unless that is wanted.
+
+    Raises:
+        ConfigError: code "no-keys".
+    """
+    if not keys and not without_keys and not is_local(config.host):
+        raise ConfigError(
+            f"{config.host} can be reached from other machines: expected API keys",
+            code="no-keys",
+            fields=(config.host,),
+        )
+
+
+def listen(config: ServiceConfig) -> socket.socket:
+    """Return a socket that listens.
+
+    Raises:
+        ConfigError: the port is in use (code "port-in-use") or not allowed ("no-port"), or there
+            is no such host ("no-host").
+    """
+    host, port = config.host, config.port
+    fields = (host, str(port))
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        return socket.create_server(address[:2], family=family, backlog=_BACKLOG)
+    except socket.gaierror as error:
+        message = f"there is no host {host!r}; 127.0.0.1 is this machine alone"
+        raise ConfigError(message, code="no-host", fields=fields) from error
+    except OSError as error:
+        codes = {errno.EADDRINUSE: "port-in-use", errno.EADDRNOTAVAIL: "no-host"}
+        code = codes.get(error.errno or 0, "no-port")
+        reason = "it is in use" if code == "port-in-use" else os.strerror(error.errno or 0)
+        message = f"the service cannot listen on port {port} of {host}: {reason}"
+        raise ConfigError(message, code=code, fields=fields) from error
+
+
+def url_of(listener: socket.socket) -> str:
+    """Return the address of a listening socket for a browser."""
+    host, port = listener.getsockname()[:2]
+    return f"http://{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def serve(app: FastAPI, listener: socket.socket) -> None:
+    """Answer requests until SIGINT or SIGTERM; what is worked on then is finished."""
+    settings = uvicorn.Config(
+        app,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=_GRACE_S,
+        lifespan="on",
+    )
+    with _ending():
+        uvicorn.Server(settings).run(sockets=[listener])
+
+
+@contextmanager
+def _ending() -> Iterator[None]:
+    """Leave the block at once on a signal: uvicorn sends itself those that it has handled."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [(number, signal.signal(number, _leave)) for number in numbers]
+    try:
+        yield
+    except _Ended:
+        pass
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
+
+
+class _Ended(BaseException):
+    """A signal said to end."""
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    raise _Ended

@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The places that are served: those of a folder of ``fusionslam fleet``, as they are now."""
+
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fusionslam.config import merged
+from fusionslam.errors import FusionSlamError
+from fusionslam.fleet.chunk import CHUNKS
+from fusionslam.fleet.chunk_store import ChunkStore, PlaceCloud
+from fusionslam.fleet.config import FILE, FleetSettings
+from fusionslam.fleet.folder import DATABASE, FleetFolder
+from fusionslam.fleet.localization import FleetLocalization, FleetLocator
+from fusionslam.fleet.place_database import PlaceDatabase, Positions
+from fusionslam.fleet.places import Candidate, PlaceFilter
+from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.service.problems import RequestError
+from fusionslam.storage.arrays import Floats32
+
+logger = logging.getLogger(__name__)
+
+_Identity = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """A folder that is open, and what tells it from another one of the same name."""
+
+    identity: _Identity
+    settings: FleetSettings
+    database: PlaceDatabase
+    store: ChunkStore
+    locator: FleetLocator
+
+
+class ServedPlaces:
+    """Reads a folder of places that others may write to, or put another one in the place of.
+
+    Methods may be called from several threads. They raise ``RequestError`` (503, code "places")
+    while the folder cannot be read, and go on once it can.
+
+    Args:
+        folder: of ``fusionslam fleet describe``.
+
+    Raises:
+        DataError: it is no such folder, or it is damaged.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._opened = self._open()
+
+    def __len__(self) -> int:
+        with self._reading() as opened:
+            return len(opened.database)
+
+    @property
+    def descriptor(self) -> str:
+        """Name of the descriptor, with its preset."""
+        return self._opened.settings.names[0]
+
+    @property
+    def length(self) -> int:
+        """Length of its vectors."""
+        return self._opened.database.settings.length
+
+    @property
+    def proves(self) -> bool:
+        """Whether the clouds of places are stored, with which a query is proven."""
+        return self._opened.settings.fleet.clouds and (self._folder / CHUNKS).is_dir()
+
+    def describe(self, cloud: Cloud) -> Floats32:
+        """Describe a cloud in the robot's frame, as the places were; float32 (D,).
+
+        Raises:
+            DataError: it cannot be described.
+        """
+        return self._opened.locator.describe(_frame_of(cloud))
+
+    def query(
+        self, vectors: Floats32, k: int = 10, where: PlaceFilter | None = None
+    ) -> list[list[Candidate]]:
+        """Return the k nearest places of each of some vectors (n, D), nearest first."""
+        with self._reading() as opened:
+            return opened.database.query(vectors, k, where)
+
+    def locate(self, cloud: Cloud, k: int, where: PlaceFilter) -> FleetLocalization:
+        """Find a cloud in the robot's frame, and prove it by registration.
+
+        Raises:
+            DataError: the cloud cannot be described.
+            RequestError: the clouds of places are not stored (501, code "no-clouds").
+        """
+        if not self.proves:
+            message = "the clouds of these places are not stored: nothing can be proven"
+            raise RequestError(501, message, code="no-clouds")
+        return self._opened.locator.localize(_frame_of(cloud), k, where)
+
+    def cloud(self, key: str) -> PlaceCloud:
+        """Return the cloud of a place, for the locator."""
+        with self._reading() as opened:
+            return opened.store.cloud(key)
+
+    def count_by(self, column: str) -> dict[str, int]:
+        """Return numbers of places by site, region, robot or session."""
+        with self._reading() as opened:
+            return opened.database.count_by(column)
+
+    def positions(self, site: str) -> Positions:
+        """Return where the places of a site are."""
+        with self._reading() as opened:
+            return opened.database.positions(site)
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        self._opened.database.close()
+
+    @contextmanager
+    def _reading(self) -> Iterator[_Opened]:
+        """Yield the folder as it is now; what cannot be read is not the client's fault."""
+        try:
+            yield self._current()
+        except RequestError:
+            raise
+        except (FusionSlamError, OSError) as error:
+            if isinstance(error, FusionSlamError) and error.code == "no-cloud":
+                raise
+            logger.warning("%s cannot be read: %s", self._folder, error)
+            message = "the places cannot be read now; the log of the service says why"
+            headers = {"Retry-After": "5"}
+            raise RequestError(503, message, code="places", headers=headers) from error
+
+    def _current(self) -> _Opened:
+        """Return the open folder; another one of its name is opened instead."""
+        if self._identity() != self._opened.identity:
+            with self._lock:
+                if self._identity() != self._opened.identity:
+                    self._opened = self._open()
+        return self._opened
+
+    def _open(self) -> _Opened:
+        folder = FleetFolder.open(self._folder)
+        identity = self._identity()
+        # Frames are made of clouds that are sent, whichever sensors the places are from.
+        fusion = merged(folder.settings.fusion, {"source": "cloud"})
+        locator = FleetLocator(self, self, replace(folder.settings, fusion=fusion))
+        return _Opened(identity, folder.settings, folder.database(), folder.store, locator)
+
+    def _identity(self) -> _Identity:
+        """Return numbers that stay the same while places are added."""
+        settings, database = (self._folder / FILE).stat(), (self._folder / DATABASE).stat()
+        return settings.st_ino, settings.st_ctime_ns, database.st_ino
+
+
+def _frame_of(cloud: Cloud) -> Frame:
+    """Return a frame with a cloud that is in the robot's frame."""
+    return Frame(
+        points=cloud.points,
+        colors=cloud.colors,
+        intensities=cloud.intensities,
+        robot_from_points=np.eye(4),
+    )

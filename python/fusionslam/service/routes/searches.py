@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Routes that take a cloud or vectors: describe, query, locate."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from fastapi import APIRouter, Request
+
+from fusionslam.sensors.frame import Cloud
+from fusionslam.service.bodies import (
+    CLOUD_FORMATS,
+    VECTORS,
+    body_file,
+    choose_format,
+    load_cloud,
+    most_bytes,
+    parse_vectors,
+    read_body,
+)
+from fusionslam.service.models import Described, Found, FoundPlace, LocatedCloud, Problem
+from fusionslam.service.routes.parameters import (
+    BODY_ANSWERS,
+    Answers,
+    Count,
+    Format,
+    Where,
+    describe_body,
+)
+from fusionslam.service.state import ADMITTED, Shared, State
+from fusionslam.storage.arrays import Floats32
+
+T = TypeVar("T")
+
+router = APIRouter(prefix="/v1", dependencies=[ADMITTED], tags=["clouds"])
+_FORMATS = (*CLOUD_FORMATS, VECTORS, "json")
+_SMALL = 100_000
+"""Bytes that are parsed at once: a thread would take longer to begin."""
+_NOT_STORED: Answers = {
+    501: {"model": Problem, "description": "The clouds of places are not stored."}
+}
+
+
+@router.post("/describe", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=False))
+async def describe(request: Request, state: Shared, format: Format = None) -> Described:
+    """Describe a cloud as the places are described."""
+    places = state.places
+
+    def work(cloud: Cloud) -> Described:
+        vector = places.describe(cloud)
+        return Described(
+            descriptor=places.descriptor,
+            length=len(vector),
+            points=len(cloud),
+            vector=vector.tolist(),
+        )
+
+    return await _with_cloud(request, state, format, work)
+
+
+@router.post("/query", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=True))
+async def query(
+    request: Request, state: Shared, where: Where, k: Count, format: Format = None
+) -> Found:
+    """Find the places that look like a cloud, or like each of some vectors."""
+    form = choose_format(request, format, _FORMATS)
+    with state.workers.place():
+        if form in CLOUD_FORMATS:
+            vector = await _receive_cloud(request, state, form, state.places.describe)
+            vectors = vector[None]
+        else:
+            vectors = await _receive_vectors(request, state, form)
+        results = await state.batches.find(vectors, k, where)
+    rows = [[FoundPlace.of(each) for each in found] for found in results]
+    return Found(descriptor=state.places.descriptor, results=rows)
+
+
+@router.post(
+    "/locate", responses=BODY_ANSWERS | _NOT_STORED, openapi_extra=describe_body(vectors=False)
+)
+async def locate(
+    request: Request, state: Shared, where: Where, k: Count, format: Format = None
+) -> LocatedCloud:
+    """Find where a cloud is, proven by registration with the clouds of its candidates."""
+
+    def work(cloud: Cloud) -> LocatedCloud:
+        return LocatedCloud.of(state.places.locate(cloud, k, where))
+
+    return await _with_cloud(request, state, format, work)
+
+
+async def _with_cloud(
+    request: Request, state: State, format: str | None, work: Callable[[Cloud], T]
+) -> T:
+    form = choose_format(request, format, CLOUD_FORMATS)
+    with state.workers.place():
+        return await _receive_cloud(request, state, form, work)
+
+
+async def _receive_cloud(
+    request: Request, state: State, form: str, work: Callable[[Cloud], T]
+) -> T:
+    """Receive a cloud, then read it and work on it in a thread."""
+    async with body_file(request, state.config, form) as path:
+        return await state.workers.run(lambda: work(load_cloud(path, state.config)))
+
+
+async def _receive_vectors(request: Request, state: State, form: str) -> Floats32:
+    length, most = state.places.length, state.config.max_vectors
+    body = await read_body(request, state.config, most_bytes(state.config, length))
+    if len(body) < _SMALL:
+        return parse_vectors(body, form, length, most)
+    return await state.workers.run(lambda: parse_vectors(body, form, length, most))

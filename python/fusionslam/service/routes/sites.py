@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Routes that say which places there are."""
+
+from fastapi import APIRouter
+
+from fusionslam.service.models import Counts, Problem, SitePaths
+from fusionslam.service.problems import RequestError
+from fusionslam.service.routes.parameters import ANSWERS, Answers
+from fusionslam.service.state import ADMITTED, Shared
+
+router = APIRouter(prefix="/v1", dependencies=[ADMITTED], tags=["places"], responses=ANSWERS)
+_NO_SITE: Answers = {404: {"model": Problem, "description": "There is no such site."}}
+
+
+@router.get("/places")
+async def count_places(state: Shared) -> Counts:
+    """Count the places by site, region, session and robot."""
+    served = state.places
+
+    def work() -> Counts:
+        columns = {f"{name}s": served.count_by(name) for name in ("region", "session", "robot")}
+        return Counts(
+            descriptor=served.descriptor,
+            length=served.length,
+            proves=served.proves,
+            places=len(served),
+            sites=served.count_by("site"),
+            **columns,
+        )
+
+    with state.workers.place():
+        return await state.workers.run(work)
+
+
+@router.get("/sites/{site:path}", responses=_NO_SITE)
+async def show_site(site: str, state: Shared) -> SitePaths:
+    """Return where the places of a site are, by session; an empty name is that of no site."""
+
+    def work() -> SitePaths:
+        found = state.places.positions(site)
+        if not found.sessions:
+            message = f"there is no site {site!r}; /v1/places lists them"
+            raise RequestError(404, message, code="unknown-site", fields=(site,))
+        return SitePaths.of(site, found, state.config.max_positions)
+
+    with state.workers.place():
+        return await state.workers.run(work)

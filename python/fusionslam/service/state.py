@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What all routes of one application share, and who may use them."""
+
+import ipaddress
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from fusionslam.service.batches import QueryBatches
+from fusionslam.service.config import ServiceConfig
+from fusionslam.service.keys import ApiKeys
+from fusionslam.service.metrics import Metrics
+from fusionslam.service.places import ServedPlaces
+from fusionslam.service.problems import RequestError
+from fusionslam.service.rates import Rates
+from fusionslam.service.workers import Workers
+
+
+@dataclass(frozen=True)
+class State:
+    """What the routes of one application share."""
+
+    config: ServiceConfig
+    places: ServedPlaces
+    keys: ApiKeys
+    rates: Rates
+    workers: Workers
+    batches: QueryBatches
+    metrics: Metrics
+
+
+async def state_of(request: Request) -> State:
+    """Return what the routes of the application share."""
+    state: State = request.app.state.shared
+    return state
+
+
+Shared = Annotated[State, Depends(state_of)]
+_BEARER = HTTPBearer(auto_error=False, description="An API key, if the service has keys.")
+
+
+async def admit(
+    request: Request,
+    state: Shared,
+    given: Annotated[HTTPAuthorizationCredentials | None, Depends(_BEARER)],
+) -> None:
+    """Let a request in, before its body is read.
+
+    Raises:
+        RequestError: 401, no or a wrong key; 429, too many requests; 421, a service without keys
+            is addressed by the name of another machine.
+    """
+    address = request.client.host if request.client else ""
+    if not state.keys:
+        _check_name(request, state.config)
+        state.rates.count(address)
+        return
+    name = state.keys.find(given.credentials) if given else None
+    # Those who guess are counted by address, so that they do not use up anybody's requests.
+    state.rates.count(f"refused {address}" if name is None else name)
+    if name is None:
+        raise RequestError(
+            401,
+            "expected Authorization: Bearer and an API key" if given is None else "a wrong API key",
+            code="no-key" if given is None else "wrong-key",
+            headers={"WWW-Authenticate": "Bearer"},
+        )
+
+
+def _check_name(request: Request, config: ServiceConfig) -> None:
+    """Refuse what a web page of elsewhere sends to this machine under its own name."""
+    name = request.url.hostname or ""
+    if is_local(config.host) and not is_local(name):
+        message = f"this service answers as localhost, not as {name}, unless it has API keys"
+        raise RequestError(421, message, code="wrong-host", fields=(name,))
+
+
+def is_local(host: str) -> bool:
+    """Whether a name or an address is of this machine and cannot be reached from others."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+ADMITTED = Depends(admit)

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmark of a million places measures what it says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.neighbors import NearestNeighbors
+
+from benchmarks.fleet import million, phases
+from benchmarks.fleet.drives import DATA, blocks_of, exact_distances, made, places_of, queries_of
+
+
+def test_blocks_are_the_same_whenever_they_are_made() -> None:
+    (first,) = [rows for _, rows in blocks_of(made(), 3000)]
+    assert (first.shape, first.dtype) == ((3000, 576), np.float32)
+    assert_array_equal(first, made()(0)[:3000])
+    assert [len(rows) for _, rows in blocks_of(made(), 12_000)] == [10_000, 2000]
+    assert not np.array_equal(made(1)(0), made()(0))
+    places = places_of(1, made()(1), 2500)
+    assert len(set(places.keys)) == 2500
+    assert places.keys[0] == "drive00010:10000"
+    assert set(places.column("robot")) == {"r10", "r11", "r12"}
+
+
+def test_exact_distances_are_those_of_scikit_learn() -> None:
+    queries = queries_of("made", 4000, 20)
+    peer = NearestNeighbors(n_neighbors=5, algorithm="brute").fit(made()(0)[:4000])
+    distances, _ = peer.kneighbors(queries)
+    assert_allclose(exact_distances(made(), 4000, queries, 5), distances, rtol=1e-4)
+
+
+def test_a_small_run_gives_all_figures(tmp_path: Path) -> None:
+    pytest.importorskip("lancedb", reason="the table of places is an extra")
+    found = {}
+    for name in million.OURS:
+        found[name] = phases.PHASES[name](tmp_path, "made", 6000, 60)
+        found[name] |= {"peak MB": 1.0, "cpu s": 1.0, "disk MB": 1.0}
+    assert found["query"]["recall"] >= 0.99
+    assert found["query"]["top-1"] == 1.0
+    assert found["change"]["deleted"] == 1000
+    text = million.tables({"made": {6000: found}})
+    assert "6,000" in text
+
+
+def test_real_vectors_are_driven_again(test_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FUSIONSLAM_TEST_DATA", str(test_data))
+    rows = DATA["real"](0)(0)
+    assert rows.shape == (10_000, 192)
+    again = np.linalg.norm(rows[:100] - rows[1101:1201], axis=1)
+    assert np.median(again) < np.median(np.linalg.norm(rows[:100] - rows[300:400], axis=1))
+
+
+def test_exponents_are_slopes_of_logarithms(tmp_path: Path) -> None:
+    sizes = {
+        n: {"query": {"p50 ms": n**0.5, "p95 ms": n**0.5}, "index": {"index s": 3.0 * n}}
+        for n in (10, 100, 1000)
+    }
+    assert million.exponent(sizes, "query", "p50 ms") == pytest.approx(0.5)
+    assert million.exponent(sizes, "index", "index s") == pytest.approx(1.0)
+    assert np.isnan(million.exponent(sizes, "add", "add s"))
+    pytest.importorskip("matplotlib", reason="an extra draws pictures")
+    million.draw(sizes, tmp_path / "growth.png")
+    assert (tmp_path / "growth.png").stat().st_size > 5000

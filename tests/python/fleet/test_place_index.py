@@ -1,0 +1,206 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The index of a database of places: its recall is measured, and nothing is lost by it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from sklearn.neighbors import NearestNeighbors
+
+from error_codes import has_code
+from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
+from fusionslam.errors import DataError
+from fusionslam.fleet import vector_index
+from fusionslam.fleet.place_database import PlaceDatabase
+from fusionslam.fleet.places import PlaceFilter, Places
+from fusionslam.fleet.vector_index import IndexReport, Search
+from fusionslam.storage.arrays import Floats32
+
+pytest.importorskip("lancedb", reason="the table of places is an extra")
+
+COUNT = 8_000
+
+
+def many_places() -> Places:
+    """Places of eighty recordings by eight robots."""
+    sessions = np.arange(COUNT) // 100
+    return replace(
+        made_places("all", COUNT),
+        session=[f"s{session}" for session in sessions],
+        robot=[f"r{session % 8}" for session in sessions],
+    )
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A database with an index, which tests copy or only read."""
+    path = tmp_path_factory.mktemp("fleet") / "database"
+    with PlaceDatabase.create(path, SETTINGS) as database:
+        database.add(many_places())
+        database.build_index()
+    return path
+
+
+@pytest.fixture
+def indexed(built: Path, tmp_path: Path) -> Iterator[PlaceDatabase]:
+    import shutil
+
+    with PlaceDatabase.open(shutil.copytree(built, tmp_path / "database")) as database:
+        yield database
+
+
+def queries(count: int = 50) -> Floats32:
+    """Stored vectors from all over with a little noise."""
+    rng = np.random.default_rng(3)
+    rows = made_vectors(COUNT)[rng.choice(COUNT, count, replace=False)]
+    return (rows + 0.1 * rng.standard_normal(rows.shape)).astype(np.float32)
+
+
+def test_the_report_tells_the_recall_that_scikit_learn_confirms(built: Path) -> None:
+    with PlaceDatabase.open(built, read_only=True) as database:
+        report = database.index
+        assert report is not None
+        assert (report.rows, report.kind, report.partitions) == (COUNT, "IVF_SQ", 10)
+        assert (report.queries, report.first) == (200, 1.0)
+        assert report.recall >= 0.99
+        peer = NearestNeighbors(n_neighbors=10, algorithm="brute").fit(made_vectors(COUNT))
+        found = database.query(queries(), k=10)
+    distances, rows = peer.kneighbors(queries())
+    true = [{f"all:{row}" for row in some} for some in rows.tolist()]
+    right = [len(keys & {one.key for one in row}) for keys, row in zip(true, found, strict=True)]
+    assert np.mean(right) >= 9.9
+    assert_allclose([row[0].distance for row in found], distances[:, 0], rtol=1e-4)
+
+
+def test_one_query_answers_as_many_do(built: Path) -> None:
+    with PlaceDatabase.open(built, read_only=True) as database:
+        together = database.query(queries(40), k=3)
+        assert [database.query(query, k=3)[0][0].key for query in queries(40)] == [
+            row[0].key for row in together
+        ]
+        exact = database.query(queries(40), k=3, exact=True)
+        assert [row[0].key for row in exact] == [row[0].key for row in together]
+
+
+def test_places_of_a_filter_are_found_though_others_are_nearer(
+    built: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for few in (0, 20_000):  # with the index, and without
+        monkeypatch.setattr("fusionslam.fleet.place_database._FEW", few)
+        with PlaceDatabase.open(built, read_only=True) as database:
+            where = PlaceFilter(session="s3")
+            found = database.query(queries(3), k=100, where=where)
+            assert [len(row) for row in found] == [100] * 3
+            assert {one.session for row in found for one in row} == {"s3"}
+            robot = PlaceFilter(robot="r5")
+            rows = np.flatnonzero(np.arange(COUNT) // 100 % 8 == 5)
+            peer = NearestNeighbors(n_neighbors=1, algorithm="brute")
+            distances, _ = peer.fit(made_vectors(COUNT)[rows]).kneighbors(queries(20))
+            nearest = [row[0].distance for row in database.query(queries(20), k=10, where=robot)]
+            assert_allclose(nearest, distances[:, 0], rtol=1e-4)
+
+
+def test_places_that_are_not_in_the_index_yet_are_found(indexed: PlaceDatabase) -> None:
+    indexed.add(made_places("new", 60, seed=8))
+    found = indexed.query(made_vectors(60, seed=8), k=1)
+    assert [row[0].key for row in found] == [f"new:{row}" for row in range(60)]
+
+
+def test_deleted_places_are_not_found_by_the_index(indexed: PlaceDatabase) -> None:
+    with PlaceDatabase.open(indexed.location, read_only=True) as reader:
+        reader.query(queries(2))
+        assert indexed.delete(PlaceFilter(robot="r2")) == COUNT // 8
+        for _ in range(2):
+            for database in (reader, indexed):
+                rows = database.query(queries(30), k=50)
+                assert "r2" not in {one.robot for row in rows for one in row}
+                assert database.query(queries(1), where=PlaceFilter(robot="r2")) == [[]]
+            indexed.compact(keep_s=0)
+
+
+def test_a_database_that_was_emptied_takes_places_again(indexed: PlaceDatabase) -> None:
+    assert indexed.delete(PlaceFilter(until_ns=10**18)) == COUNT
+    indexed.compact(keep_s=0)
+    assert indexed.query(queries(2), k=5) == [[], []]
+    indexed.add(made_places("new", 20, seed=8))
+    indexed.compact(keep_s=0)
+    assert [len(row) for row in indexed.query(queries(2), k=30)] == [20, 20]
+
+
+def test_compaction_puts_new_places_into_the_index(indexed: PlaceDatabase) -> None:
+    for day in range(4):
+        indexed.add(made_places(f"day{day}", 200, seed=20 + day))
+    indexed.compact()
+    table = indexed._table
+    assert table.index_stats("vector_idx").num_unindexed_rows == 0
+    assert indexed.index is not None
+    assert (indexed.index.rows, indexed.index.first) == (COUNT + 800, 1.0)
+    found = indexed.query(made_vectors(200, seed=22), k=1)
+    assert [row[0].key for row in found] == [f"day2:{row}" for row in range(200)]
+
+
+def test_an_index_that_was_not_measured_is_searched_with_care(indexed: PlaceDatabase) -> None:
+    before = indexed.query(queries(), k=5)
+    assert indexed.index is not None
+    vector_index.write_report(indexed._table, replace(indexed.index, index="of another"))
+    search = vector_index.usual_search(indexed._table)
+    assert search is not None
+    assert search.candidates == 400
+    assert len(indexed.query(queries(), k=5)) == len(before)
+    indexed.compact()
+    assert indexed.index is not None
+    assert indexed.index.first == 1.0
+    assert indexed.index.index != "of another"
+
+
+def test_a_small_database_needs_no_index(tmp_path: Path) -> None:
+    with PlaceDatabase.create(tmp_path / "small", SETTINGS) as database:
+        database.add(made_places("one", 100))
+        report = database.build_index()
+        assert (report.rows, report.kind, report.recall) == (100, "exact", 1.0)
+        assert database.index is None
+
+
+def test_an_index_is_built_anew(indexed: PlaceDatabase) -> None:
+    steps: list[str] = []
+    indexed.add(made_places("more", 4000, seed=5))
+    report = indexed.build_index(recall=0.9, progress=steps.append)
+    assert isinstance(report, IndexReport)
+    assert (report.rows, report.partitions) == (COUNT + 4000, 15)
+    assert indexed.index == report
+    assert len(steps) > 3
+
+
+def test_a_damaged_index_is_named(indexed: PlaceDatabase) -> None:
+    for path in (Path(indexed.location) / "places.lance" / "_indices").rglob("*.idx"):
+        path.write_bytes(path.read_bytes()[:100])
+    with (
+        PlaceDatabase.open(indexed.location, read_only=True) as reader,
+        pytest.raises(DataError, check=has_code("damaged", indexed.location)),
+    ):
+        reader.query(np.zeros(LENGTH))
+
+
+# How much is searched.
+
+
+def choose(shares: dict[int, tuple[float, float]], recall: float = 0.99) -> tuple[int, int]:
+    def measured(search: Search) -> tuple[float, float]:
+        return shares.get(search.nprobes, (0.5, 0.5))
+
+    search, _ = vector_index._choose(16, recall, measured, lambda text: None)
+    return search.nprobes, search.candidates
+
+
+def test_one_step_more_than_reaches_the_recall_is_searched() -> None:
+    assert choose({4: (0.99, 1.0), 6: (1.0, 1.0)}) == (6, 100)
+    assert choose({2: (0.999, 0.99), 3: (0.995, 1.0), 4: (1.0, 1.0)}) == (4, 100)
+    assert choose({32: (1.0, 1.0)}) == (32, 100)
+
+
+def test_without_the_recall_the_best_is_chosen() -> None:
+    assert choose({9: (0.98, 1.0), 4: (0.97, 1.0)}) == (9, 100)

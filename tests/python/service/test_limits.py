@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The service: who may use it, and how much."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fleet_service import KEY, LENGTH, serving
+from fusionslam.errors import ConfigError
+from fusionslam.service.config import ServiceConfig
+from fusionslam.service.keys import VARIABLE, ApiKeys
+from fusionslam.service.listening import check_exposure
+
+OTHER = "another-key-for-tests-9876543210"
+VECTOR = {"vector": [0.0] * LENGTH}
+
+
+@pytest.fixture
+def key_file(tmp_path: Path) -> Path:
+    path = tmp_path / "keys.txt"
+    digest = hashlib.sha256(OTHER.encode()).hexdigest()
+    path.write_text(f"# who may\n\nred {KEY}  # a robot\nblue sha256:{digest}\n")
+    return path
+
+
+def bearer(key: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {key}"}
+
+
+@pytest.mark.parametrize("key", [KEY, OTHER])
+def test_a_key_lets_in_whether_it_is_stored_or_its_digest(
+    made: Path, key_file: Path, key: str
+) -> None:
+    with serving(made, ApiKeys.load(key_file)) as client:
+        for path in ("/v1/places", "/v1/sites/depot", "/metrics"):
+            assert client.get(path, headers=bearer(key)).status_code == 200
+        assert client.post("/v1/query", json=VECTOR, headers=bearer(key)).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("headers", "code"),
+    [
+        ({}, "no-key"),
+        ({"Authorization": "Bearer "}, "no-key"),
+        ({"Authorization": f"Basic {KEY}"}, "no-key"),
+        ({"X-Api-Key": KEY}, "no-key"),
+        (bearer("wrong"), "wrong-key"),
+        (bearer(KEY + "x"), "wrong-key"),
+        (bearer("sha256:" + "0" * 64), "wrong-key"),
+        ({"Authorization": "Bearer \xff\xfe"}, "wrong-key"),
+    ],
+)
+def test_without_a_right_key_nothing_is_told(
+    made: Path, key_file: Path, headers: dict[str, str], code: str
+) -> None:
+    headers = {name: value.encode("latin-1") for name, value in headers.items()}
+    with serving(made, ApiKeys.load(key_file)) as client:
+        for method, path in (
+            ("GET", "/v1/places"),
+            ("GET", "/v1/sites/nowhere"),
+            ("GET", "/metrics"),
+            ("POST", "/v1/describe?format=x"),
+            ("POST", "/v1/query?k=0"),
+            ("POST", "/v1/locate"),
+        ):
+            answer = client.request(method, path, headers=headers, content=b"x" * 10)
+            assert (answer.status_code, answer.json()["code"]) == (401, code)
+            assert answer.headers["WWW-Authenticate"] == "Bearer"
+        assert client.get("/health").status_code == client.get("/").status_code == 200
+
+
+def test_keys_come_from_the_environment_too(
+    key_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, f"{'e' * 20} {'f' * 20}")
+    keys = ApiKeys.load(key_file)
+    assert len(keys) == 4
+    assert len({keys.find(key) for key in (KEY, OTHER, "e" * 20, "f" * 20)} - {None}) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("red short", "short-key"),
+        (KEY, "bad-key"),
+        (f"red {KEY} more", "bad-key"),
+        ("# nothing\n", "config-file"),
+        (None, "config-file"),
+        (b"\xff\xfe\x00", "config-file"),
+    ],
+)
+def test_a_file_without_good_keys_is_refused(
+    tmp_path: Path, text: str | bytes | None, code: str
+) -> None:
+    path = tmp_path / "keys.txt"
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ConfigError) as caught:
+        ApiKeys.load(path)
+    assert caught.value.code == code and KEY not in str(caught.value)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.org"])
+def test_other_machines_are_let_in_by_keys_only_unless_that_is_wanted(host: str) -> None:
+    config, keys = ServiceConfig(host=host), ApiKeys([b"x" * 32])
+    with pytest.raises(ConfigError) as caught:
+        check_exposure(config, ApiKeys(), without_keys=False)
+    assert caught.value.code == "no-keys"
+    check_exposure(config, keys, without_keys=False)
+    check_exposure(config, ApiKeys(), without_keys=True)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.8.8.8"])
+def test_this_machine_needs_no_keys(host: str) -> None:
+    check_exposure(ServiceConfig(host=host), ApiKeys(), without_keys=False)
+
+
+def test_pages_of_other_names_cannot_use_a_service_without_keys(made: Path, key_file: Path) -> None:
+    """A name that its owner lets point to 127.0.0.1 would else get around the browser's rules."""
+    named = {"Host": "evil.example"}
+    with serving(made) as client:
+        answer = client.get("/v1/places", headers=named)
+        assert (answer.status_code, answer.json()["code"]) == (421, "wrong-host")
+        assert client.get("/v1/places", headers={"Host": "[::1]:8766"}).status_code == 200
+    with serving(made, ApiKeys.load(key_file)) as client:
+        assert client.get("/v1/places", headers=named | bearer(KEY)).status_code == 200
+
+
+def test_too_many_requests_are_turned_away_with_a_time(made: Path, key_file: Path) -> None:
+    with serving(made, ApiKeys.load(key_file), requests_per_minute=5) as client:
+        statuses = [client.get("/v1/places", headers=bearer(KEY)).status_code for _ in range(7)]
+        late = client.get("/v1/places", headers=bearer(KEY))
+        other = client.get("/v1/places", headers=bearer(OTHER))
+        guesses = [client.get("/v1/places", headers=bearer("x")).status_code for _ in range(7)]
+        again = client.get("/v1/places", headers=bearer(OTHER))
+    assert statuses == [200] * 5 + [429] * 2
+    assert late.json()["code"] == "too-many-requests"
+    assert 1 <= int(late.headers["Retry-After"]) <= 60
+    assert other.status_code == again.status_code == 200
+    assert guesses == [401] * 5 + [429] * 2
+
+
+def test_a_service_with_too_much_to_do_says_so_at_once(made: Path) -> None:
+    with serving(made, max_waiting=1) as client:
+        workers: Any = client.app.state.shared.workers
+        with workers.place():
+            answers = [client.get("/v1/places"), client.post("/v1/query", json=VECTOR)]
+            assert client.get("/health").status_code == 200
+        assert client.get("/v1/places").status_code == 200
+    for answer in answers:
+        assert (answer.status_code, answer.json()["code"]) == (503, "busy")
+        assert answer.headers["Retry-After"] == "1"
+
+
+def test_a_place_is_free_again_after_every_refusal(made: Path) -> None:
+    with serving(made, max_waiting=1, max_request_mb=0.01) as client:
+        for body in (b"", b"xyz", b"x" * 20_000):
+            client.post("/v1/describe?format=bin", content=body)
+        client.get("/v1/sites/nowhere")
+        assert client.app.state.shared.workers.busy == 0
+        assert client.get("/v1/places").status_code == 200

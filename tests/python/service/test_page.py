@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of the service, in headless Chromium."""
+
+import hashlib
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from browser import Page, open_browser
+from fleet_service import FRAMES, KEY, scan_at
+from fusionslam.service.config import ServiceConfig
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Page]:
+    with open_browser() as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def urls(fleet: Path) -> Iterator[dict[str, str]]:
+    """Addresses of two services of the fleet, one of them with keys."""
+    import uvicorn
+
+    from fusionslam.service.app import create_app
+    from fusionslam.service.keys import ApiKeys
+
+    keys = ApiKeys([hashlib.sha256(KEY.encode()).digest()])
+    started: list[tuple[Any, threading.Thread]] = []
+    addresses = {}
+    for name, given in (("open", ApiKeys()), ("locked", keys)):
+        app = create_app(fleet, ServiceConfig(requests_per_minute=0), given)
+        listener = socket.create_server(("127.0.0.1", 0))
+        addresses[name] = f"http://127.0.0.1:{listener.getsockname()[1]}"
+        server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        started.append((server, thread))
+    yield addresses
+    for server, thread in started:
+        server.should_exit = True
+        thread.join()
+
+
+def drawn(page: Page, kind: str) -> list[str]:
+    found = page.run(f"[...document.querySelectorAll('#map {kind}')].map(e => e.getAttribute('d'))")
+    return list(found)
+
+
+def test_the_page_shows_a_site_and_where_a_scan_was_found(
+    page: Page, urls: dict[str, str], tmp_path: Path
+) -> None:
+    scan = tmp_path / "scan.npy"
+    np.save(scan, scan_at("yard", 1.3))
+    page.open(f"{urls['open']}/sites/yard")
+    page.wait_for("document.querySelector('#map path[data-session]')")
+    assert page.text("h1") == "yard"
+    (path,) = drawn(page, "path[data-session]")
+    assert path.count("M") == FRAMES and path.startswith("M0 0h0M3 -0.5h0")
+    page.choose_file("#scan", scan)
+    page.run("document.querySelector('#find').click()")
+    page.wait_for("document.querySelector('#map .proven')")
+    assert page.text("#answer").startswith("Found on yard at x 3.9 m, y 0.")
+    assert page.run("document.querySelectorAll('#candidates tbody tr').length") == 2 * FRAMES
+    assert len(drawn(page, ".candidate")) + len(drawn(page, ".best")) == FRAMES
+    assert page.messages == []
+
+
+def test_a_file_that_is_no_scan_is_named(page: Page, urls: dict[str, str], tmp_path: Path) -> None:
+    scan = tmp_path / "scan.ply"
+    scan.write_bytes(b"no cloud")
+    page.open(urls["open"])
+    page.wait_for("document.querySelector('#map path[data-session]')")
+    assert page.text("h1") == "depot"  # the first site
+    page.choose_file("#scan", scan)
+    page.run("document.querySelector('#find').click()")
+    page.wait_for("document.querySelector('#answer.problem')")
+    assert "cloud.ply" in page.text("#answer")
+    page.messages.clear()
+
+
+def test_the_page_asks_for_a_key(page: Page, urls: dict[str, str]) -> None:
+    page.open(urls["locked"])
+    page.wait_for("!document.querySelector('#key-form').hidden")
+    assert not drawn(page, "path")
+    page.run(f"document.querySelector('#key').value = '{KEY}'")
+    page.run("document.querySelector('#key-form button').click()")
+    page.wait_for("document.querySelector('#map path[data-session]')")
+    assert page.run("document.querySelector('#key-form').hidden")
+    page.messages.clear()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_fits_on_a_phone_light_and_dark(
+    page: Page, urls: dict[str, str], dark: bool
+) -> None:
+    page.screen(360, 740, dark=dark)
+    page.open(f"{urls['open']}/sites/yard")
+    page.wait_for("document.querySelector('#map path[data-session]')")
+    assert page.run("document.documentElement.scrollWidth") <= 360
+    assert page.run("document.querySelector('#find').getBoundingClientRect().height") >= 40
+    color = page.run("getComputedStyle(document.body).backgroundColor")
+    shade = sum(int(part) for part in color[4:-1].split(",")) / 3
+    assert (shade < 60) == dark and page.messages == []
+
+
+def test_the_page_of_the_interface_works_without_the_internet(
+    page: Page, urls: dict[str, str]
+) -> None:
+    page.open(f"{urls['open']}/docs")
+    page.wait_for("document.querySelectorAll('.opblock').length >= 7")
+    assert page.messages == []

@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The service: how it refuses requests that it cannot answer."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fleet_service import LENGTH, as_npy, as_npz, scan_at, serving, vectors_of
+from fusionslam.datasets import write_cloud
+from fusionslam.sensors.frame import Cloud
+
+ZEROS = [0.0] * LENGTH
+BIN = np.ones((9, 4), np.float32)
+
+
+def refusal(answer: Any) -> tuple[int, str]:
+    """Status and code; every refusal has the same form and no traceback."""
+    content = answer.json()
+    assert set(content) == {"code", "message", "fields"}
+    assert "Traceback" not in answer.text and "/tmp" not in answer.text
+    return answer.status_code, content["code"]
+
+
+@pytest.mark.parametrize(
+    ("format", "body", "expected"),
+    [
+        ("bin", b"", (422, "no-body")),
+        ("ply", b"", (422, "no-body")),
+        ("bin", b"123", (422, "truncated")),
+        ("ply", b"no cloud", (422, "bad-header")),
+        ("pcd", b"no cloud", (422, "bad-header")),
+        ("npy", b"no cloud", (422, "not-npy")),
+        ("npy", as_npy(np.zeros((3, 2))), (422, "shape")),
+        ("npy", as_npy(np.zeros((0, 3))), (422, "no-points")),
+        ("npy", as_npy(np.array([["a", "b", "c"]])), (422, "not-numbers")),
+        ("npy", as_npy(np.zeros((3, 3), complex)), (422, "not-numbers")),
+        ("npy", as_npy(np.full((9, 3), np.nan)), (422, "data")),
+        ("npy", as_npy(np.ones((9, 3))), (422, "data")),
+        ("npy", as_npy(np.full((9, 3), 1e30)), (422, "far-points")),
+        ("npy", as_npz(np.ones((9, 3))), (422, "npz")),
+        ("npy", as_npy(np.array([{}], object)), (422, "not-npy")),
+        ("npy", as_npy(np.zeros((9, 3))).replace(b"), }", b")   "), (422, "not-npy")),
+        ("npy", as_npy(np.zeros((9, 3))).replace(b"(9, 3), }", b"(-9, 3),}"), (422, "not-npy")),
+        ("tiff", b"x", (415, "format")),
+        ("vectors", b"x", (415, "format")),
+        (None, b"x", (415, "format")),
+    ],
+)
+def test_a_body_that_is_no_cloud_is_named(
+    client: Any, format: str | None, body: bytes, expected: tuple[int, str]
+) -> None:
+    parameters = {} if format is None else {"format": format}
+    for route in ("describe", "locate"):
+        answer = client.post(f"/v1/{route}", params=parameters, content=body)
+        assert refusal(answer) == expected
+
+
+@pytest.mark.parametrize("form", ["ply", "pcd", "npy"])
+def test_a_damaged_header_is_no_error_of_the_service(
+    client: Any, form: str, tmp_path: Path
+) -> None:
+    path, points = tmp_path / f"cloud.{form}", scan_at("yard", 0)[:60]
+    if form == "npy":
+        np.save(path, points)
+    else:
+        write_cloud(path, Cloud(points))
+    whole, rng = path.read_bytes(), np.random.default_rng(3)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for place in rng.integers(0, 250, 3).tolist():
+            damaged[place] = rng.integers(0, 256)
+        answer = client.post(f"/v1/describe?format={form}", content=bytes(damaged))
+        assert answer.status_code == 200 or refusal(answer)[0] in (413, 422)
+
+
+@pytest.mark.parametrize("form", ["ply", "pcd", "bin", "npy"])
+def test_a_cloud_cut_anywhere_is_refused_or_read(client: Any, form: str, tmp_path: Path) -> None:
+    path, points = tmp_path / f"cloud.{form}", scan_at("yard", 0)[:400]
+    if form == "npy":
+        np.save(path, points)
+    else:
+        write_cloud(path, Cloud(points))
+    whole = path.read_bytes()
+    for length in np.linspace(1, len(whole) - 1, 25).astype(int).tolist():
+        answer = client.post(f"/v1/describe?format={form}", content=whole[:length])
+        if not (form == "bin" and length % 16 == 0):
+            assert refusal(answer)[0] == 422
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        (b"{", "not-json"),
+        (b"[1, 2]", "not-vectors"),
+        (b"{}", "not-vectors"),
+        (json.dumps({"vector": ZEROS, "k": 3}).encode(), "not-vectors"),
+        (json.dumps({"vector": ZEROS[1:]}).encode(), "shape"),
+        (json.dumps({"vectors": [ZEROS, ZEROS[1:]]}).encode(), "shape"),
+        (json.dumps({"vectors": []}).encode(), "shape"),
+        (json.dumps({"vectors": [[[1.0]]]}).encode(), "shape"),
+        (json.dumps({"vector": "text"}).encode(), "not-numbers"),
+        (json.dumps({"vector": ["1"] * LENGTH}).encode(), "not-numbers"),
+        (json.dumps({"vector": [None] * LENGTH}).encode(), "not-numbers"),
+        (json.dumps({"vector": {"a": 1}}).encode(), "not-numbers"),
+        (json.dumps({"vector": [True] * LENGTH}).encode(), "not-numbers"),
+        (json.dumps({"vector": [10**400] * LENGTH}).encode(), "not-numbers"),
+        (json.dumps({"vector": [float("nan"), *ZEROS[1:]]}).encode(), "not-finite"),
+        (json.dumps({"vector": [1e300, *ZEROS[1:]]}).encode(), "not-finite"),
+        (b'{"vector": ' + b"[" * 100_000, "not-json"),
+        (b"\xff\xfe", "not-json"),
+    ],
+)
+def test_vectors_that_cannot_be_compared_are_named(client: Any, body: bytes, code: str) -> None:
+    head = {"Content-Type": "application/json"}
+    assert refusal(client.post("/v1/query", content=body, headers=head)) == (422, code)
+
+
+def test_an_array_of_other_vectors_is_refused(client: Any) -> None:
+    for array, code in (
+        (np.zeros((2, LENGTH + 1)), "shape"),
+        (np.full((2, LENGTH), np.inf), "not-finite"),
+        (np.zeros((1, 1, LENGTH)), "shape"),
+    ):
+        answer = client.post("/v1/query?format=vectors", content=as_npy(array))
+        assert refusal(answer) == (422, code)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        *("k=0", "k=-1", "k=101", "k=many", "k=1e3", "since_ns=now", "until_ns=1e400"),
+        *("since_ns=99999999999999999999", "site=a%00b", f"site={'x' * 501}", "sight=depot"),
+    ],
+)
+def test_parameters_out_of_range_are_named(client: Any, parameters: str) -> None:
+    answer = client.post(f"/v1/query?{parameters}", json={"vector": ZEROS})
+    status, code = refusal(answer)
+    assert status == 422 and code in ("parameter", "unknown-parameter")
+    assert answer.json()["fields"][0] == parameters.partition("=")[0]
+
+
+def test_a_site_that_is_not_there_is_named(client: Any) -> None:
+    answer = client.get("/v1/sites/nowhere")
+    assert refusal(answer) == (404, "unknown-site")
+    assert answer.json()["fields"] == ["nowhere"]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "expected"),
+    [
+        ("GET", "/v2/query", (404, "no-such-page")),
+        ("GET", "/page/secret", (404, "no-such-page")),
+        ("GET", "/page/..%2fplaces.py", (404, "no-such-page")),
+        ("GET", "/v1/query", (405, "wrong-method")),
+        ("DELETE", "/v1/places", (405, "wrong-method")),
+    ],
+)
+def test_pages_that_are_not_there(
+    client: Any, method: str, path: str, expected: tuple[int, str]
+) -> None:
+    assert refusal(client.request(method, path)) == expected
+
+
+def test_bodies_are_cut_off_at_the_limit_with_and_without_a_stated_length(made: Path) -> None:
+    parts = [b"x" * 50_000] * 50
+    taken = 0
+
+    def stream() -> Any:
+        nonlocal taken
+        for part in parts:
+            taken += 1
+            yield part
+
+    with serving(made, max_request_mb=0.1) as client:
+        for body in (b"".join(parts), stream()):
+            answer = client.post("/v1/describe?format=bin", content=body)
+            assert refusal(answer) == (413, "too-long")
+        lie = {"Content-Length": "1" + "0" * 30}
+        answer = client.post("/v1/describe?format=bin", content=BIN.tobytes(), headers=lie)
+        assert refusal(answer) == (413, "too-long")
+        long = json.dumps({"vectors": [[0.123456789] * LENGTH] * 300})
+        head = {"Content-Type": "application/json"}
+        assert refusal(client.post("/v1/query", content=long, headers=head))[0] == 413
+
+
+def test_too_many_points_vectors_or_candidates_are_refused(made: Path) -> None:
+    with serving(made, max_points=8, max_vectors=2, max_k=3) as client:
+        answer = client.post("/v1/describe?format=bin", content=BIN.tobytes())
+        assert refusal(answer) == (413, "too-many-points")
+        answer = client.post("/v1/query", json={"vectors": [ZEROS] * 3})
+        assert refusal(answer) == (413, "too-many-vectors")
+        answer = client.post("/v1/query?k=4", json={"vector": ZEROS})
+        assert refusal(answer) == (422, "parameter")
+
+
+def test_a_cloud_that_unpacks_to_much_more_is_refused_unpacked(made: Path) -> None:
+    head = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 300000000\n"
+    head += b"HEIGHT 1\nPOINTS 300000000\nDATA binary_compressed\n"
+    with serving(made) as client:
+        answer = client.post(
+            "/v1/describe?format=pcd", content=head + struct.pack("<2I", 20, 3_600_000_000)
+        )
+    assert refusal(answer) == (413, "too-long")
+
+
+def test_nothing_is_proven_without_stored_clouds(made: Path) -> None:
+    with serving(made) as client:
+        answer = client.post("/v1/locate?format=npy", content=as_npy(scan_at("yard", 0)))
+    assert refusal(answer) == (501, "no-clouds")
+
+
+def test_an_error_of_the_service_shows_no_traceback(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fusionslam.service.places import ServedPlaces
+
+    monkeypatch.setattr(ServedPlaces, "query", lambda *_: 1 / 0)
+    with serving(made) as client:
+        answer = client.post("/v1/query", json={"vector": vectors_of(1, 1)[0].tolist()})
+    assert refusal(answer) == (500, "internal")
