@@ -196,9 +196,9 @@ def choose(shares: dict[int, tuple[float, float]], recall: float = 0.99) -> tupl
     return search.nprobes, search.candidates
 
 
-def test_one_step_more_than_reaches_the_recall_is_searched() -> None:
-    assert choose({4: (0.99, 1.0), 6: (1.0, 1.0)}) == (6, 100)
-    assert choose({2: (0.999, 0.99), 3: (0.995, 1.0), 4: (1.0, 1.0)}) == (4, 100)
+def test_three_times_the_lists_that_reach_the_recall_are_searched() -> None:
+    assert choose({4: (0.99, 1.0)}) == (12, 100)
+    assert choose({2: (0.999, 0.99), 3: (0.995, 1.0)}) == (9, 100)
     assert choose({32: (1.0, 1.0)}) == (32, 100)
 
 
