@@ -263,19 +263,19 @@ def kill_driver(fleet: Fleet, name: str) -> Case:
     context = multiprocessing.get_context("spawn")
     driver = context.Process(target=_drive, args=(fleet, folder))
     driver.start()
-    while len(files := digests_there(folder)) < 0.3 * len(fleet.expected):
+    while len(files := chunks_there(folder)) < 0.3 * len(fleet.expected):
         time.sleep(0.02)
     driver.kill()
     driver.join()
     time.sleep(1)  # its workers follow it
-    had = len(digests_there(folder))
+    had = len(chunks_there(folder))
     failures, seconds = describe(fleet, folder, open_engine("local", 2))
     share = 1 - had / len(fleet.expected)
     note = f"killed at {len(files) / len(fleet.expected):.0%}; the rerun did {share:.0%}"
     return check(fleet, name, folder, seconds, note + _named(failures))
 
 
-def digests_there(folder: Path) -> list[Path]:
+def chunks_there(folder: Path) -> list[Path]:
     """Whole files of chunks."""
     return [*(folder / "chunks").rglob("*.npz")]
 
@@ -295,7 +295,8 @@ def poison(fleet: Fleet, name: str) -> Case:
 def full_disk(fleet: Fleet, name: str) -> Case:
     """The disk has space for half of it; then for all, and another run completes it."""
     folder = fleet.folder(name)
-    command = [sys.executable, "-c", _CHILD, fleet.root, folder, fleet.frames, fleet.chunk]
+    space = sum(path.stat().st_size for path in chunks_there(fleet.out / "1-process")) // 2
+    command = [sys.executable, "-c", _CHILD, fleet.root, folder, fleet.frames, fleet.chunk, space]
     started = time.monotonic()
     done = subprocess.run(
         ["unshare", "--map-root-user", "--mount", *map(str, command)],
@@ -311,15 +312,13 @@ def fill_disk(arguments: list[str]) -> None:
     """In a process that may mount: describe on a disk that is too small, then on a larger one."""
     root, folder = map(Path, arguments[1:3])
     fleet = Fleet(root, folder, int(arguments[3]), int(arguments[4]), {})
-    disk = folder / "disk"
+    disk, space = folder / "disk", int(arguments[5])
     disk.mkdir()
-    bytes_a_frame = 4_000
-    total = 8 * fleet.frames * bytes_a_frame
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={total // 2}", "none", disk], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={space}", "none", disk], check=True)
     failures, _ = describe(fleet, disk, open_engine("local", 2))
-    first = len(digests_there(disk))
+    first = len(chunks_there(disk))
     reasons = {each.reason.rpartition(": ")[2] for each in failures}
-    subprocess.run(["mount", "-o", f"remount,size={4 * total}", disk], check=True)
+    subprocess.run(["mount", "-o", f"remount,size={8 * space}", disk], check=True)
     again, _ = describe(fleet, disk, open_engine("local", 2))
     shutil.copytree(disk / "chunks", folder / "chunks")
     print(
