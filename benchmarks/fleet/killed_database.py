@@ -30,7 +30,7 @@ from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.storage.arrays import Floats32
 
-PAGE = ROOT / "docs" / "guides" / "fleet.md"
+PAGE = ROOT / "docs" / "results" / "fleet.md"
 SETTINGS = DatabaseSettings("m2dp", 32)
 ADDED = 500
 """Places that one ``add`` brings, the recording of one session."""

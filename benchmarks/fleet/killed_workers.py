@@ -43,7 +43,7 @@ from fusionslam.fleet.work import Failure, Plan, describe_recordings
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.sensors.frame import Cloud
 
-PAGE = ROOT / "docs" / "guides" / "fleet.md"
+PAGE = ROOT / "docs" / "results" / "fleet.md"
 POISONOUS = "drive-1"
 _POINTS = 20_000
 _DISTINCT = 200  # clouds; frames share their files

@@ -27,7 +27,7 @@ from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.fleet.drives import DATA
 from benchmarks.fleet.phases import PHASES, Figures
 
-PAGE = ROOT / "docs" / "guides" / "fleet.md"
+PAGE = ROOT / "docs" / "results" / "fleet.md"
 PICTURE = ROOT / "docs" / "images" / "fleet_growth.png"
 PEERS = {"faiss sq": "FAISS IVF, SQ8", "faiss flat": "FAISS IVF, Flat"}
 OURS = [name for name in PHASES if name not in PEERS]
