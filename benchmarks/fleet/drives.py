@@ -88,10 +88,11 @@ def queries_of(name: str, places: int, count: int) -> Floats32:
 def exact_distances(blocks: Blocks, places: int, queries: Floats32, k: int) -> Floats:
     """Distances of the k nearest, nearest first, by brute force, float64 (q, k)."""
     nearest = np.full((len(queries), k), np.inf)
-    norms = (queries.astype(np.float64) ** 2).sum(axis=1)
-    for _, rows in blocks_of(blocks, places):
-        squares = -2 * (queries @ rows.T).astype(np.float64)
-        squares += norms[:, None] + (rows.astype(np.float64) ** 2).sum(axis=1)
+    wide = queries.astype(np.float64)  # differences of float32 squares are too coarse for near rows
+    norms = (wide**2).sum(axis=1)[:, None]
+    for _, narrow in blocks_of(blocks, places):
+        rows = narrow.astype(np.float64)
+        squares = norms - 2 * wide @ rows.T + (rows**2).sum(axis=1)
         some = np.partition(squares, k - 1, axis=1)[:, :k] if places > k else squares
         nearest = np.sort(np.hstack([nearest, some]), axis=1)[:, :k]
     exact: Floats = np.sqrt(np.maximum(nearest, 0))

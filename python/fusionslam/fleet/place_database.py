@@ -423,7 +423,7 @@ class PlaceDatabase:
         usual = self._plan[1]
         if exact or usual is None or (sql is not None and table.count_rows(sql) <= _FEW):
             return vector_index.exactly(k, sql)
-        return Search(usual.nprobes, max(usual.candidates, 4 * k), sql)
+        return Search(usual.nprobes, max(usual.candidates, 3 * k), sql)
 
 
 def _lock(location: str) -> WriteLock | None:

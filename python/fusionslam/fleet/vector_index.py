@@ -33,7 +33,8 @@ _TRAINING = 128  # rows for each partition
 _ROUNDS = 25  # of k-means
 _MOST_DELTAS = 4  # parts of an index, each of which is searched
 _GROWTH = 1.5  # of the rows, after which partitions are made anew
-_CANDIDATES = (100, 200, 400)
+_MARGIN = 3  # times the lists that suffice for the queries that measure recall
+_CANDIDATES = (30, 100, 400)
 _CAREFUL = 0.1  # of the partitions are searched while recall is not measured
 _BLOCK = 8_192  # rows read at a time
 _BATCH = 32  # queries at a time
@@ -253,29 +254,34 @@ def _partitions(rows: int) -> int:
 def _choose(
     partitions: int, recall: float, measured: Callable[[Search], tuple[float, float]], say: Progress
 ) -> tuple[Search, tuple[float, float]]:
-    """The search after the first that reaches a recall and always finds the nearest; else the best.
+    """Search some times the lists with which recall is reached and the nearest is always found.
 
-    It goes one step beyond, as few queries cannot tell 0.999 from 0.995.
+    Few queries cannot tell 0.999 from 0.995. Of so many lists as few rows are then compared exactly
+    as do. If recall is not reached, the best search is chosen.
     """
-    best = Search(0, 0), (-1.0, 0.0)
-    is_enough = False
-    for search in _searches(partitions):
+    wanted, best = (recall, 1.0), (Search(0, 0), (-1.0, 0.0))
+    for nprobes in _numbers_of_lists(partitions):
+        search = Search(nprobes, _CANDIDATES[-1])
         found = measured(search)
-        say(f"{search.nprobes} lists, {search.candidates} candidates: recall {found[0]:.4f}")
+        say(f"{nprobes} lists, {search.candidates} candidates: recall {found[0]:.4f}")
         best = max(best, (search, found), key=lambda one: one[1])
-        if is_enough or (search.nprobes > partitions and found >= (recall, 1.0)):
-            return search, found
-        is_enough = found[0] >= recall and found[1] == 1.0
-    return best
-
-
-def _searches(partitions: int) -> Iterator[Search]:
+        if found[0] >= recall and found[1] == 1.0:
+            best = Search(min(_MARGIN * nprobes, 2 * partitions), _CANDIDATES[-1]), wanted
+            break
     for candidates in _CANDIDATES:
-        nprobes = 2
-        while nprobes < partitions:  # some of which may have been split
-            yield Search(nprobes, candidates)
-            nprobes += max(1, nprobes // 2)
-        yield Search(2 * partitions, candidates)
+        search = best[0]._replace(candidates=candidates)
+        found = measured(search)
+        if found >= best[1] and found[1] >= best[1][1]:
+            break
+    return search, found
+
+
+def _numbers_of_lists(partitions: int) -> Iterator[int]:
+    nprobes = 2
+    while nprobes < partitions:  # some of which may have been split
+        yield nprobes
+        nprobes += max(1, nprobes // 2)
+    yield 2 * partitions
 
 
 def _candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Any]:

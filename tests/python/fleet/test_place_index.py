@@ -188,19 +188,33 @@ def test_a_damaged_index_is_named(indexed: PlaceDatabase) -> None:
 # How much is searched.
 
 
-def choose(shares: dict[int, tuple[float, float]], recall: float = 0.99) -> tuple[int, int]:
+def choose(
+    shares: dict[int, tuple[float, float]], recall: float = 0.99, fewest: int = 0
+) -> tuple[int, int]:
+    """What is chosen if so many lists give these shares, and fewer rows than some too little."""
+
     def measured(search: Search) -> tuple[float, float]:
-        return shares.get(search.nprobes, (0.5, 0.5))
+        if search.candidates < fewest:
+            return 0.1, 0.1
+        return shares[max((n for n in shares if n <= search.nprobes), default=0)]
 
     search, _ = vector_index._choose(16, recall, measured, lambda text: None)
     return search.nprobes, search.candidates
 
 
-def test_one_step_more_than_reaches_the_recall_is_searched() -> None:
-    assert choose({4: (0.99, 1.0), 6: (1.0, 1.0)}) == (6, 100)
-    assert choose({2: (0.999, 0.99), 3: (0.995, 1.0), 4: (1.0, 1.0)}) == (4, 100)
-    assert choose({32: (1.0, 1.0)}) == (32, 100)
+NOTHING = {0: (0.5, 0.5)}
+
+
+def test_three_times_the_lists_that_reach_the_recall_are_searched() -> None:
+    assert choose(NOTHING | {4: (0.99, 1.0)}) == (12, 30)
+    assert choose(NOTHING | {2: (0.999, 0.99), 3: (0.995, 1.0)}) == (9, 30)
+    assert choose(NOTHING | {32: (1.0, 1.0)}) == (32, 30)
+
+
+def test_as_few_rows_are_compared_exactly_as_do() -> None:
+    assert choose(NOTHING | {4: (0.99, 1.0)}, fewest=31) == (12, 100)
+    assert choose(NOTHING | {4: (0.99, 1.0)}, fewest=101) == (12, 400)
 
 
 def test_without_the_recall_the_best_is_chosen() -> None:
-    assert choose({9: (0.98, 1.0), 4: (0.97, 1.0)}) == (9, 100)
+    assert choose({0: (0.5, 0.5), 4: (0.97, 1.0), 9: (0.98, 1.0), 32: (0.9, 1.0)}) == (9, 30)
