@@ -205,8 +205,8 @@ def _check_reachable(address: str) -> None:
 
 def _no_cluster(where: str, error: Exception) -> DataError:
     return DataError(
-        f"no Ray cluster at {where}: {one_line(error)}; expected one that ray start --head began, and its "
-        "token here if it has one (ray get-auth-token)",
+        f"no Ray cluster at {where}: {one_line(error)}; expected one that ray start --head began, "
+        "and its token here if it has one (ray get-auth-token)",
         code="no-cluster",
         fields=(where,),
     )
