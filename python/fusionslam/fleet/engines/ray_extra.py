@@ -7,9 +7,10 @@ import socket
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError, one_line
 from fusionslam.fleet.chunk import Chunk
 from fusionslam.fleet.engines import Work, WorkerDiedError
 
@@ -31,6 +32,9 @@ def load(address: str | None = None) -> Any:
     # No statistics are sent anywhere.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    if address is not None and _has_token():
+        # Clusters ask for the token by default, its clients only then give it.
+        os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
         if address is not None and address.startswith("ray://"):
             import_module("grpc")  # of ray[client]
@@ -43,6 +47,12 @@ def load(address: str | None = None) -> Any:
             fields=("fleet",),
         ) from error
     return ray
+
+
+def _has_token() -> bool:
+    """Whether there is a token of Ray, where ``ray get-auth-token`` puts it or the user says."""
+    named = "RAY_AUTH_TOKEN" in os.environ or "RAY_AUTH_TOKEN_PATH" in os.environ
+    return named or (Path.home() / ".ray" / "auth_token").exists()
 
 
 class RayEngine:
@@ -193,9 +203,10 @@ def _check_reachable(address: str) -> None:
         raise _no_cluster(address, error) from error
 
 
-def _no_cluster(where: str, error: object) -> DataError:
+def _no_cluster(where: str, error: Exception) -> DataError:
     return DataError(
-        f"no Ray cluster at {where}: {error}; expected one that ray start --head began",
+        f"no Ray cluster at {where}: {one_line(error)}; expected one that ray start --head began, "
+        "and its token here if it has one (ray get-auth-token)",
         code="no-cluster",
         fields=(where,),
     )
