@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets import Dataset
+from fusionslam.datasets.base import CAMERA_FROM_ROBOT_AXES
 from fusionslam.descriptors import describe, for_clouds, length_of
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.fleet.config import FleetConfig, FleetSettings
@@ -136,7 +137,7 @@ class _Opened(NamedTuple):
 
     Attributes:
         dataset: its frames.
-        poses: float64 (N, 4, 4), true ones of the robot; None if there are none.
+        poses: float64 (N, 4, 4), true ones of the robot, z up; None if there are none.
         odometry: the same by odometry, if it is in a file of its own.
     """
 
@@ -149,7 +150,11 @@ class _Opened(NamedTuple):
 def _open(recording: str, source: str) -> _Opened:
     """Open a recording in JSON; workers keep some open, as the next chunk often is of the same."""
     dataset = FleetRecording.load(json.loads(recording)).recording.open(source)
-    poses = None if dataset.true_poses is None else dataset.true_poses @ dataset.body_from_robot
+    poses = None
+    if dataset.true_poses is not None:
+        poses = dataset.true_poses @ dataset.body_from_robot
+        if dataset.body_is_camera:  # and so is the world, as KITTI's
+            poses = np.linalg.inv(CAMERA_FROM_ROBOT_AXES) @ poses
     odometry = None if dataset.odometry_topic is None else odometry_of(dataset, "recorded")
     return _Opened(dataset, poses, odometry)
 

@@ -2,16 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which drives of a fleet came by the same places: some places of each, asked for in the others."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 
+from fusionslam.errors import DataError
 from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.localization import FleetLocalization
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places, join_places
 from fusionslam.fleet.work import Plan
 from fusionslam.storage.progress import Progress
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -46,18 +50,20 @@ def find_encounters(
         most: places of each drive, spread evenly.
         progress: called with (drives done, total).
 
-    Raises:
-        DataError: a chunk is missing or damaged.
+    A drive without clouds, or with a damaged chunk, is left out; the log says so.
     """
     locator, found = folder.locator(database), []
     for done, each in enumerate(plan.recordings, start=1):
         session = each.recording.session
-        places = _spread(folder, each.keys, most)
-        others = PlaceFilter(not_session=session)
-        for row in range(0 if places is None else len(places)):
-            assert places is not None
-            seen = locator.localize_place(places.keys[row], places.vectors[row], where=others)
-            found.append(Encounter(session, int(places.frames[row]), seen))
+        try:
+            places = _spread(folder, each.keys, most)
+            for row in range(0 if places is None else len(places)):
+                assert places is not None
+                key, vector = places.keys[row], places.vectors[row]
+                seen = locator.localize_place(key, vector, where=PlaceFilter(not_session=session))
+                found.append(Encounter(session, int(places.frames[row]), seen))
+        except DataError as error:  # no clouds, or a damaged chunk
+            logger.warning("%s is not looked for in other drives: %s", session, error)
         if progress is not None:
             progress(done, len(plan.recordings))
     return found

@@ -12,10 +12,12 @@ from fusionslam.fleet.chunk import Chunk, chunk_path
 from fusionslam.fleet.chunk_store import ChunkStore, places_of
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.engines import Engine
+from fusionslam.fleet.lance_extra import has_table
 from fusionslam.fleet.localization import FleetLocator
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import ABOUT, PlaceFilter, Places, join_places
 from fusionslam.fleet.recordings import FleetRecording
+from fusionslam.fleet.site_maps import forget_drive
 from fusionslam.fleet.work import (
     PLAN,
     Failure,
@@ -69,7 +71,7 @@ class FleetFolder:
                 database can search.
         """
         location, expected = self.path / DATABASE, self._database_settings
-        if not read_only and not location.exists():
+        if not read_only and not has_table(str(location)):
             return PlaceDatabase.create(location, expected)
         return PlaceDatabase.open(location, expected=expected, read_only=read_only)
 
@@ -92,7 +94,8 @@ class FleetFolder:
     ) -> list[Failure]:
         """Describe what is missing of a plan, and add its places to the database.
 
-        Recordings that were forgotten stay so.
+        Recordings that were forgotten stay so. Places of one that has changed stay until the new
+        ones are there.
 
         Args:
             plan: all work; it is stored.
@@ -102,30 +105,52 @@ class FleetFolder:
         Returns:
             What failed, as ``failed.jsonl`` has it.
         """
-        plan, old = self._join(plan)
         with self.database(read_only=False) as database:
-            for each in old:
-                database.delete(PlaceFilter(session=each.recording.session))
-                self._delete_chunks(each)
+            plan, forgotten = self._join(plan)
+            for each in forgotten:
+                self._forget_recording(database, each)
             plan.save(self.path)
             taker = _Taker(self, database, plan)
             failures = describe_recordings(
                 plan, self.settings, self.path, engine, progress=progress, taker=taker
             )
             taker.flush()
+            self._delete_outdated(plan, database)
         if taker.problem is not None:
             failures.append(taker.problem)
             add_failure(self.path, taker.problem)
         return failures
 
     def _join(self, plan: Plan) -> tuple[Plan, list[PlannedRecording]]:
-        """Return all recordings that are not forgotten, and those whose places are out of date."""
+        """Return the plan with all known recordings, and those that were forgotten meanwhile."""
         plan, _ = self._without_forgotten(plan)
         if not (self.path / PLAN).exists():
             return plan, []
         earlier, forgotten = self._without_forgotten(Plan.load(self.path))
-        plan, changed = plan.joined(earlier)
-        return plan, changed + forgotten
+        return plan.joined(earlier), forgotten
+
+    def _forget_recording(self, database: PlaceDatabase, planned: PlannedRecording) -> None:
+        database.delete(PlaceFilter(session=planned.recording.session))
+        self._delete_chunks(planned)
+        forget_drive(self.path, planned.recording)
+
+    def _delete_outdated(self, plan: Plan, database: PlaceDatabase) -> None:
+        """Delete what changed recordings had before, once all of what they have now is there."""
+        now = {each.recording.session: each for each in plan.recordings}
+        waiting = []
+        for old in plan.outdated:
+            new = now.get(old.recording.session)
+            if new is not None and not all(map(self.store.has, new.keys)):
+                waiting.append(old)
+                continue
+            kept = () if new is None else new.keys
+            keys = [key for key in old.keys if key not in kept]
+            size = self.settings.fleet.chunk
+            database.delete_keys([f"{key}:{row}" for key in keys for row in range(size)])
+            for key in keys:
+                chunk_path(self.path, key).unlink(missing_ok=True)
+        if len(waiting) < len(plan.outdated):
+            replace(plan, outdated=waiting).save(self.path)
 
     def _without_forgotten(self, plan: Plan) -> tuple[Plan, list[PlannedRecording]]:
         """Return a plan without the recordings that were forgotten, and these."""
@@ -139,7 +164,7 @@ class FleetFolder:
             chunk_path(self.path, key).unlink(missing_ok=True)
 
     def forget(self, where: PlaceFilter) -> int:
-        """Delete places for good: from the database, and the chunks of their recordings.
+        """Delete places for good: from the database, with chunks and maps of their recordings.
 
         Returns:
             How many places there were.
@@ -159,7 +184,7 @@ class FleetFolder:
             if (self.path / PLAN).exists():
                 plan, forgotten = self._without_forgotten(Plan.load(self.path))
                 for each in forgotten:
-                    self._delete_chunks(each)
+                    self._forget_recording(database, each)
                 plan.save(self.path)
         return count
 

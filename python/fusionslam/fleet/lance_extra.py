@@ -51,7 +51,7 @@ def create_table(location: str, schema: Any, options: Mapping[str, str] | None) 
         DataError: there is something already (code "exists"), or it cannot be written.
     """
     lancedb = load()
-    if not is_remote(location) and _has_table(location):
+    if not is_remote(location) and has_table(location):
         raise _exists(location)
     with errors(location):
         try:
@@ -131,7 +131,8 @@ def _connect(lancedb: Any, location: str, options: Mapping[str, str] | None) -> 
     return lancedb.connect(location, storage_options=dict(options) if options else None)
 
 
-def _has_table(location: str) -> bool:
+def has_table(location: str) -> bool:
+    """Whether a folder has a table with at least one version; not for object stores."""
     return (Path(location) / f"{TABLE}{_SUFFIX}" / "_versions").exists()
 
 

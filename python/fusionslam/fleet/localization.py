@@ -5,10 +5,11 @@
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from fusionslam.config import merged
 from fusionslam.descriptors import describe, for_clouds
 from fusionslam.errors import DataError
 from fusionslam.fleet.chunk_store import PlaceCloud
@@ -67,6 +68,30 @@ class FleetLocalization:
     reason: Refusal | None = None
 
 
+class _Seen(NamedTuple):
+    """What is looked for: a frame, its cloud, and where that is on the robot, if it is known."""
+
+    frame: Frame
+    cloud: Cloud
+    mount: Matrix | None
+
+    @classmethod
+    def of(cls, frame_or_cloud: Frame | Cloud, settings: FleetSettings) -> "_Seen":
+        """Fuse a frame, or treat a scan as the places were."""
+        fusion = settings.fusion
+        if isinstance(frame_or_cloud, Frame):
+            frame = frame_or_cloud
+            return cls(frame, fuse(frame, fusion), robot_from_cloud(frame, fusion))
+        scan = frame_or_cloud
+        frame = Frame(
+            points=scan.points,
+            colors=scan.colors,
+            intensities=scan.intensities,
+            robot_from_points=np.eye(4),
+        )
+        return cls(frame, fuse(frame, merged(fusion, {"source": "cloud"})), None)
+
+
 class FleetLocator:
     """Describes clouds as those of a folder were, and finds where they were seen.
 
@@ -93,8 +118,7 @@ class FleetLocator:
         Raises:
             DataError: a cloud that cannot be described, or a frame that cannot be fused.
         """
-        frame, cloud = _fused(frame_or_cloud, self._settings)
-        return self._describe(frame, cloud)
+        return self._describe(_Seen.of(frame_or_cloud, self._settings))
 
     def find(
         self, frame_or_cloud: Frame | Cloud, k: int = 10, where: PlaceFilter | None = None
@@ -102,8 +126,9 @@ class FleetLocator:
         """Return the k places that look most like a cloud.
 
         Args:
-            frame_or_cloud: a frame, or a cloud in the frame of the places' clouds
-                (``fusion.frame``), metres.
+            frame_or_cloud: a frame; or a scan, metres, which is treated as those of the places
+                were: in the frame of the scanner, or of the robot if ``fusion.frame`` is robot.
+                Its scanner is taken to sit on the robot as that of the place that is found.
             k: number of places, at least 1.
             where: which places are asked.
 
@@ -121,12 +146,9 @@ class FleetLocator:
         Arguments and errors as of ``find``; candidates whose clouds are not stored, or cannot be
         read, prove nothing.
         """
-        frame, cloud = _fused(frame_or_cloud, self._settings)
-        vector = self._describe(frame, cloud)
-        mount = np.eye(4)
-        if frame is not None:
-            mount = robot_from_cloud(frame, self._settings.fusion)
-        return self._localize(vector, lambda: self._prepare(frame, cloud), mount, k, where)
+        seen = _Seen.of(frame_or_cloud, self._settings)
+        vector = self._describe(seen)
+        return self._localize(vector, lambda: self._prepare(seen), seen.mount, k, where)
 
     def localize_place(
         self, key: str, vector: Floats32, k: int = 10, where: PlaceFilter | None = None
@@ -143,7 +165,7 @@ class FleetLocator:
         self,
         vector: Floats32,
         prepare: Callable[[], PreparedCloud],
-        mount: Matrix,
+        mount: Matrix | None,
         k: int,
         where: PlaceFilter | None,
     ) -> FleetLocalization:
@@ -157,10 +179,10 @@ class FleetLocator:
             return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
         return self._prove(prepare(), mount, candidates, clouds)
 
-    def _describe(self, frame: Frame | None, cloud: Cloud) -> Floats32:
+    def _describe(self, seen: _Seen) -> Floats32:
         name = self._settings.names[0]
-        config = for_clouds(self._settings.descriptors, name, self._settings.fusion, frame)
-        return describe(cloud, name, config)
+        config = for_clouds(self._settings.descriptors, name, self._settings.fusion, seen.frame)
+        return describe(seen.cloud, name, config)
 
     def _load(
         self, candidates: Sequence[Candidate]
@@ -176,16 +198,16 @@ class FleetLocator:
                     logger.warning("%s; fleet describe makes it anew", error)
         return found, problem
 
-    def _prepare(self, frame: Frame | None, cloud: Cloud) -> PreparedCloud:
+    def _prepare(self, seen: _Seen) -> PreparedCloud:
         registration = self._settings.registration
         scans = fusion_of_scans(self._settings.fusion, registration)
-        whole = cloud if frame is None or scans == self._settings.fusion else fuse(frame, scans)
-        return prepare_cloud(whole, cloud, registration, fits_lengths=False, is_first=False)
+        whole = seen.cloud if scans == self._settings.fusion else fuse(seen.frame, scans)
+        return prepare_cloud(whole, seen.cloud, registration, fits_lengths=False, is_first=False)
 
     def _prove(
         self,
         cloud: PreparedCloud,
-        mount: Matrix,
+        mount: Matrix | None,
         candidates: Sequence[Candidate],
         clouds: Mapping[int, PlaceCloud],
     ) -> FleetLocalization:
@@ -201,7 +223,9 @@ class FleetLocator:
         if best.reason is not None or best.match_from_query is None:
             return FleetLocalization(candidates, probability=probability, reason=best.reason)
         place = candidates[best.match]
-        pose = clouds[best.match].robot_from_cloud @ best.match_from_query @ np.linalg.inv(mount)
+        there = clouds[best.match].robot_from_cloud
+        mount = there if mount is None else mount  # the scanner sits as that of the other robot
+        pose = there @ best.match_from_query @ np.linalg.inv(mount)
         carry = adjoint(mount)  # small motions of the cloud's frame are the robot's
         return FleetLocalization(
             candidates,
@@ -211,10 +235,3 @@ class FleetLocator:
             None if best.covariance is None else carry @ best.covariance @ carry.T,
             probability,
         )
-
-
-def _fused(frame_or_cloud: Frame | Cloud, settings: FleetSettings) -> tuple[Frame | None, Cloud]:
-    """Return the frame, if it is one, and its cloud."""
-    if isinstance(frame_or_cloud, Frame):
-        return frame_or_cloud, fuse(frame_or_cloud, settings.fusion)
-    return None, frame_or_cloud

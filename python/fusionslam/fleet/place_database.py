@@ -233,6 +233,19 @@ class PlaceDatabase:
         with self._writing() as table:
             return int(table.delete(where.sql()).num_deleted_rows)
 
+    def delete_keys(self, keys: Sequence[str]) -> int:
+        """Delete places by their keys; return how many of them there were.
+
+        Raises:
+            DataError: as ``delete``.
+        """
+        count = 0
+        with self._writing() as table:
+            for first in range(0, len(keys), _KEYS):
+                some = ", ".join(map(quote, keys[first : first + _KEYS]))
+                count += int(table.delete(f"key IN ({some})").num_deleted_rows)
+        return count
+
     def build_index(
         self, *, recall: float = vector_index.RECALL, progress: Progress | None = None
     ) -> IndexReport:

@@ -8,7 +8,7 @@ from pathlib import Path
 from fusionslam.config import Section, merged
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CloudDataset
-from fusionslam.descriptors import find_descriptor
+from fusionslam.descriptors import describe, find_descriptor, for_clouds
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
 from fusionslam.fleet.recordings import Found
@@ -28,6 +28,7 @@ from fusionslam.registration import (
     has_lengths,
     without_lengths,
 )
+from fusionslam.sensors.frame import Frame
 from fusionslam.storage.files import make_folder
 
 _SHOWN = 3
@@ -119,6 +120,12 @@ def _fit_first(
     raise DataError(f"no recording can be described: {shown}{more}", code="no-recording")
 
 
+def _describe_by_first(frame: Frame, name: str, config: PipelineConfig) -> None:
+    """Raise DataError if the database's descriptor cannot describe a frame."""
+    how = for_clouds(config.descriptors, name, config.fusion, frame)
+    describe(fuse(frame, config.fusion), name, how)
+
+
 def _fit(
     dataset: Dataset, names: Sequence[str], config: PipelineConfig, source: str
 ) -> PipelineConfig:
@@ -127,6 +134,11 @@ def _fit(
     if not isinstance(dataset, CloudDataset):
         config = config.model_copy(update={"fusion": settle_frame(config.fusion, dataset)})
     config = fix_radius(dataset, names, config, "skip")
+
+    def describe_one(index: int) -> None:
+        _describe_by_first(dataset[index], names[0], config)
+
+    first_that_works(dataset, describe_one, "skip")
     if has_lengths(config.registration) or config.registration.method == "planar":
         return config
     scans = fusion_of_scans(config.fusion, config.registration)

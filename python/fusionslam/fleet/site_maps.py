@@ -50,6 +50,25 @@ def site_map_path(folder: Path, site: str) -> Path:
     return folder / MAPS / f"{_file_name(site)}.fsmap"
 
 
+def _drive_map_path(folder: Path, drive: FleetRecording) -> Path:
+    joint = site_map_path(folder, drive.site)
+    return joint.with_suffix("") / f"{_file_name(drive.session)}.fsmap"
+
+
+def forget_drive(folder: Path, drive: FleetRecording) -> None:
+    """Delete the map of a drive, and its session of the site's joint map.
+
+    Raises:
+        DataError: a map cannot be written.
+        FusionSlamError: there is a joint map, and the extra ``map`` is not installed.
+    """
+    _drive_map_path(folder, drive).unlink(missing_ok=True)
+    path = site_map_path(folder, drive.site)
+    if drive.session in _sessions(path):
+        with PlaceMap.open(path) as site:
+            site.forget(drive.session)
+
+
 def merge_site(
     folder: Path,
     site: str,
@@ -92,7 +111,7 @@ def merge_site(
     merge.known = _sessions(merge.path)
     built: dict[str, Path] = {}
     for drive in drives:
-        path = merge.path.with_suffix("") / f"{_file_name(drive.session)}.fsmap"
+        path = _drive_map_path(folder, drive)
         if drive.session in merge.known:
             continue
         try:

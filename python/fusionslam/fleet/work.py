@@ -73,6 +73,25 @@ class PlannedRecording:
     frames: int
     keys: tuple[str, ...]
 
+    @property
+    def identity(self) -> tuple[str, str | None]:
+        """Where the recording is: its path, and the sequence there."""
+        return self.recording.recording.path, self.recording.recording.sequence
+
+    def dump(self) -> dict[str, Any]:
+        """Return everything as values for JSON."""
+        return {
+            "recording": self.recording.dump(),
+            "frames": self.frames,
+            "keys": list(self.keys),
+        }
+
+    @classmethod
+    def load(cls, values: Mapping[str, Any]) -> "PlannedRecording":
+        """Return what ``dump`` was called on."""
+        recording = FleetRecording.load(values["recording"])
+        return cls(recording, int(values["frames"]), tuple(values["keys"]))
+
     def chunks(self, size: int) -> list[Chunk]:
         """Return its chunks, of so many frames each."""
         firsts = range(0, self.frames, size)
@@ -90,11 +109,13 @@ class Plan:
         root: of the recordings.
         recordings: those that can be opened.
         failures: the others, and what failed later.
+        outdated: recordings as they were before they changed, whose places are still there.
     """
 
     root: str
     recordings: list[PlannedRecording] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
+    outdated: list[PlannedRecording] = field(default_factory=list)
 
     @classmethod
     def make(
@@ -123,41 +144,45 @@ class Plan:
     def load(cls, folder: Path) -> "Plan":
         """Read the plan of a folder and its failures. Raises DataError if it is damaged."""
         with load_json(folder / PLAN, PLAN_FORMAT, "the recordings of a fleet") as values:
-            recordings = [
-                PlannedRecording(
-                    FleetRecording.load(each["recording"]), int(each["frames"]), tuple(each["keys"])
-                )
-                for each in values["recordings"]
-            ]
-            return cls(str(values["root"]), recordings, load_failures(folder))
+            recordings, outdated = (
+                [PlannedRecording.load(each) for each in values.get(name, ())]
+                for name in ("recordings", "outdated")
+            )
+            return cls(str(values["root"]), recordings, load_failures(folder), outdated)
 
     def save(self, folder: Path) -> None:
         """Write the plan. Raises DataError if it cannot be written."""
-        recordings = [
-            {"recording": e.recording.dump(), "frames": e.frames, "keys": list(e.keys)}
-            for e in self.recordings
-        ]
-        save_json(folder / PLAN, PLAN_FORMAT, {"root": self.root, "recordings": recordings})
+        recordings, outdated = (
+            [each.dump() for each in some] for some in (self.recordings, self.outdated)
+        )
+        values = {"root": self.root, "recordings": recordings, "outdated": outdated}
+        save_json(folder / PLAN, PLAN_FORMAT, values)
 
-    def joined(self, earlier: "Plan") -> tuple["Plan", list[PlannedRecording]]:
-        """Return this plan with the recordings of an earlier one, and the old ones that changed.
+    def joined(self, earlier: "Plan") -> "Plan":
+        """Return this plan with the recordings of an earlier one; those that changed are outdated.
 
         Recordings that are not found any more stay: robots make room for new ones. One of another
-        path with the name of an earlier one, which is still there, is refused.
+        path with the name of an earlier one, which is still there, is refused; and so is one that
+        has another name already.
         """
         known = {each.recording.session: each for each in earlier.recordings}
-        plan, changed = Plan(self.root, failures=[*self.failures]), []
+        names = {each.identity: each.recording.session for each in earlier.recordings}
+        plan = Plan(self.root, failures=[*self.failures], outdated=[*earlier.outdated])
         for new in self.recordings:
-            old = known.get(new.recording.session, new)
+            session = new.recording.session
+            old = known.get(session, new)
             path = old.recording.recording.path
             if path != new.recording.recording.path and Path(path).exists():
                 plan.failures.append(_same_name(new, old))
                 continue
-            known[new.recording.session] = new
+            if (other := names.get(new.identity, session)) != session:
+                plan.failures.append(_same_recording(new, other))
+                continue
+            known[session] = new
             if old.keys != new.keys:
-                changed.append(old)
+                plan.outdated.append(old)
         plan.recordings.extend(known[session] for session in sorted(known))
-        return plan, changed
+        return plan
 
     @property
     def frames(self) -> int:
@@ -184,6 +209,12 @@ def _same_name(new: PlannedRecording, old: PlannedRecording) -> Failure:
     session, path = new.recording.session, old.recording.recording.path
     reason = f"{new.recording.recording.path} has the name of {path}, which is known already"
     return Failure(session, None, None, "same-name", reason)
+
+
+def _same_recording(new: PlannedRecording, other: str) -> Failure:
+    path = new.recording.recording.path
+    reason = f"{path} is known already as {other!r}: expected the same ROOT as then"
+    return Failure(new.recording.session, None, None, "same-recording", reason)
 
 
 def load_failures(folder: Path) -> list[Failure]:

@@ -6,12 +6,9 @@ import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from fusionslam.config import merged
 from fusionslam.errors import FusionSlamError
 from fusionslam.fleet.chunk import CHUNKS
 from fusionslam.fleet.chunk_store import ChunkStore, PlaceCloud
@@ -20,7 +17,7 @@ from fusionslam.fleet.folder import DATABASE, FleetFolder
 from fusionslam.fleet.localization import FleetLocalization, FleetLocator
 from fusionslam.fleet.place_database import PlaceDatabase, Positions
 from fusionslam.fleet.places import Candidate, PlaceFilter
-from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.frame import Cloud
 from fusionslam.service.problems import RequestError
 from fusionslam.storage.arrays import Floats32
 
@@ -83,7 +80,7 @@ class ServedPlaces:
         Raises:
             DataError: it cannot be described.
         """
-        return self._opened.locator.describe(_frame_of(cloud))
+        return self._opened.locator.describe(cloud)
 
     def query(
         self, vectors: Floats32, k: int = 10, where: PlaceFilter | None = None
@@ -102,7 +99,7 @@ class ServedPlaces:
         if not self.proves:
             message = "the clouds of these places are not stored: nothing can be proven"
             raise RequestError(501, message, code="no-clouds")
-        return self._opened.locator.localize(_frame_of(cloud), k, where)
+        return self._opened.locator.localize(cloud, k, where)
 
     def cloud(self, key: str) -> PlaceCloud:
         """Return the cloud of a place, for the locator."""
@@ -149,22 +146,10 @@ class ServedPlaces:
     def _open(self) -> _Opened:
         folder = FleetFolder.open(self._folder)
         identity = self._identity()
-        # Frames are made of clouds that are sent, whichever sensors the places are from.
-        fusion = merged(folder.settings.fusion, {"source": "cloud"})
-        locator = FleetLocator(self, self, replace(folder.settings, fusion=fusion))
+        locator = FleetLocator(self, self, folder.settings)
         return _Opened(identity, folder.settings, folder.database(), folder.store, locator)
 
     def _identity(self) -> _Identity:
         """Return numbers that stay the same while places are added."""
         settings, database = (self._folder / FILE).stat(), (self._folder / DATABASE).stat()
         return settings.st_ino, settings.st_ctime_ns, database.st_ino
-
-
-def _frame_of(cloud: Cloud) -> Frame:
-    """Return a frame with a cloud that is in the robot's frame."""
-    return Frame(
-        points=cloud.points,
-        colors=cloud.colors,
-        intensities=cloud.intensities,
-        robot_from_points=np.eye(4),
-    )

@@ -26,7 +26,12 @@ from fusionslam.descriptors import describe
 from fusionslam.fleet import chunk as chunks
 from fusionslam.fleet.chunk import StoredChunk, describe_chunk, is_stored
 from fusionslam.fleet.chunk_store import ChunkStore
-from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.config import FleetConfig, FleetSettings
+from fusionslam.fleet.recordings import Labels, find_recordings
+from fusionslam.fleet.settings import settle_settings
+from fusionslam.fleet.work import Plan
+from fusionslam.pipelines.describe import PipelineConfig
+from kitti import write_sequence
 from refusals import refuses
 from streets import WAY, at, drift
 
@@ -240,3 +245,18 @@ def test_the_file_of_another_chunk_is_refused(own_places: Path) -> None:
     shutil.copyfile(first, second)
     with refuses("wrong-digest"):
         StoredChunk.load(second)
+
+
+def test_true_poses_of_kitti_have_z_up(tmp_path: Path) -> None:
+    root = write_sequence(tmp_path, [0, 1, 2], [500] * 3, metres=2.0, width=80)
+    found = find_recordings(root.parents[1], Labels())
+    settings = settle_settings(
+        found, ["m2dp"], PipelineConfig(), FleetConfig(), tmp_path / "places", source="cloud"
+    )
+    plan = Plan.make(root.parents[1], found, settings)
+    ((chunk,),) = (each.chunks(50) for each in plan.recordings)
+    describe_chunk(chunk, settings, tmp_path / "places")
+    poses = StoredChunk.load(chunk.path(tmp_path / "places")).arrays["poses"]
+    # The camera drives along its z axis, which is ahead.
+    assert_allclose(np.diff(poses[:, :3, 3], axis=0), [[2, 0, 0]] * 2, atol=1e-6)
+    assert (poses[:, 2, 2] > 0.99).all()

@@ -16,7 +16,7 @@ from fleets import FRAMES, describe_fleet, digests
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet import work
 from fusionslam.fleet.chunk import Chunk
-from fusionslam.fleet.engines import Engine, check_engine, open_engine
+from fusionslam.fleet.engines import Engine, check_engine, local, open_engine
 from fusionslam.fleet.engines.local import LocalEngine
 from fusionslam.fleet.recordings import FleetRecording
 from fusionslam.pipelines.recording import Recording
@@ -217,3 +217,18 @@ def test_without_ray_it_is_said_what_installs_it(monkeypatch: pytest.MonkeyPatch
 
 def test_all_frames_are_counted(fleet: Path) -> None:
     assert len([*fleet.rglob("*.bin")]) == FRAMES
+
+
+class TwoArgumentsError(Exception):
+    """Can be pickled, but not unpickled: then it is made with one argument."""
+
+    def __init__(self, one: str, two: str) -> None:
+        super().__init__(f"{one} and {two}")
+
+
+def test_an_error_that_cannot_be_sent_is_described_instead() -> None:
+    sent = local._portable(TwoArgumentsError("this", "that"))
+    assert type(sent) is RuntimeError and str(sent) == "TwoArgumentsError: this and that"
+    assert local._portable(None) is None
+    fine = ZeroDivisionError("fine")
+    assert local._portable(fine) is fine

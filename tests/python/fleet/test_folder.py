@@ -3,7 +3,7 @@
 """A folder of places: recordings change, robots are forgotten, and its database follows."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,10 @@ from fleets import (
 from fusionslam.datasets import write_cloud
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet import folder as folders
+from fusionslam.fleet.chunk import Chunk
+from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.encounters import find_encounters
+from fusionslam.fleet.engines import Work
 from fusionslam.fleet.folder import FORGOTTEN, FleetFolder
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.recordings import find_recordings
@@ -227,3 +231,60 @@ def test_clouds_that_are_empty_are_no_places(own_fleet: Path, tmp_path: Path) ->
     write_cloud(path, Cloud(np.empty((0, 3), np.float32)))
     describe(own_fleet, tmp_path / "places")
     assert counts(tmp_path / "places") == ALL | {"south/r3/wednesday": 8}
+
+
+class Interrupted(InProcess):
+    """Ends before its first chunk."""
+
+    def run(
+        self, chunks: Iterable[Chunk], work: Work
+    ) -> Iterator[tuple[Chunk, BaseException | None]]:
+        raise KeyboardInterrupt
+        yield
+
+
+def test_places_of_a_changed_recording_stay_until_the_new_ones_are_there(
+    own_fleet: Path, tmp_path: Path
+) -> None:
+    places = tmp_path / "places"
+    describe(own_fleet, places)
+    (own_fleet / "north/r1/monday/clouds/000003.bin").touch()
+    settings = FleetSettings.load(places)
+    for _ in range(2):
+        plan = Plan.make(own_fleet, find_recordings(own_fleet, LABELS), settings)
+        with pytest.raises(KeyboardInterrupt):
+            FleetFolder(places, settings).describe(plan, Interrupted())
+        assert counts(places) == ALL and len(chunk_files(places)) == 9
+    assert describe(own_fleet, places)[0] == []
+    assert counts(places) == ALL and len(chunk_files(places)) == 9
+    assert Plan.load(places).outdated == []
+
+
+def test_a_database_that_was_not_finished_is_made_anew(fleet: Path, places: Path) -> None:
+    shutil.rmtree(places / "database")
+    (places / "database").mkdir()
+    (places / "database/.lock").touch()
+    failures, engine = describe(fleet, places)
+    assert failures == [] and engine.begun == [] and counts(places) == ALL
+
+
+def test_places_without_clouds_are_not_looked_for_and_the_others_are(
+    fleet: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = settings_for(find_recordings(fleet, LABELS), tmp_path, clouds=False)
+    folder = FleetFolder(tmp_path, settings)
+    folder.describe(Plan.make(fleet, find_recordings(fleet, LABELS), settings), InProcess())
+    with folder.database() as database:
+        assert find_encounters(folder, database, Plan.load(tmp_path)) == []
+    assert len(caplog.records) == 3
+
+
+def test_drives_of_one_site_meet_and_no_others(places: Path) -> None:
+    folder = FleetFolder.open(places)
+    with folder.database() as database:
+        found = find_encounters(folder, database, Plan.load(places), most=3)
+    met = {each.session: each.found.place for each in found if each.found.place is not None}
+    assert {name: place.session for name, place in met.items()} == {
+        "north/r1/monday": "north/r2/tuesday",
+        "north/r2/tuesday": "north/r1/monday",
+    }

@@ -12,11 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
 from fleets import chunk_files, describe_fleet
-from fusionslam import Cloud, Frame
-from fusionslam.fleet.chunk_store import ChunkStore
-from fusionslam.fleet.config import FleetSettings
+from fusionslam import Cloud, Frame, FusionConfig
+from fusionslam.fleet.chunk_store import ChunkStore, PlaceCloud
+from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.localization import FleetLocalization, FleetLocator
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, join_places
+from fusionslam.fleet.recordings import Labels, find_recordings
+from fusionslam.fleet.settings import settle_settings
+from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.storage.arrays import Floats32, Matrix
 from streets import WAY, at
 
@@ -173,3 +176,26 @@ def test_a_place_without_a_pose_gives_none_in_its_site(described: Path) -> None:
     locator = FleetLocator(Unknown(described), ChunkStore(described, settings), settings)
     found = locator.localize(Cloud(scan_blocks(at(0.5, 0.2, 10), 9007)))
     assert found.place_from_robot is not None and found.site_from_robot is None
+
+
+def test_a_scan_is_treated_as_those_of_the_places_were(fleet: Path, tmp_path: Path) -> None:
+    found = find_recordings(fleet, Labels(("site", "robot")))
+    config = PipelineConfig(fusion=FusionConfig(source="cloud", voxel=0.7))
+    settings = settle_settings(found, ["m2dp"], config, FleetConfig(), tmp_path)
+    locator = FleetLocator(NoPlaces(), NoPlaces(), settings)
+    frame = found.recordings[0].recording.open("cloud")[2]
+    assert frame.points is not None
+    holes = np.vstack([frame.points, np.full((5, 3), np.nan, np.float32)])
+    np.testing.assert_array_equal(locator.describe(Cloud(holes)), locator.describe(frame))
+
+
+class NoPlaces:
+    """A database without places."""
+
+    def query(
+        self, vectors: Floats32, k: int = 10, where: PlaceFilter | None = None
+    ) -> list[list[Candidate]]:
+        return [[] for _ in vectors]
+
+    def cloud(self, key: str) -> PlaceCloud:
+        raise AssertionError(key)

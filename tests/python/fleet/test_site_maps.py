@@ -10,7 +10,7 @@ from error_codes import has_code
 from fleets import LABELS, settings_for, write_drive
 from fusionslam.errors import ConfigError
 from fusionslam.fleet.recordings import FleetRecording, find_recordings
-from fusionslam.fleet.site_maps import MAPS, SiteMerge, merge_site, site_map_path
+from fusionslam.fleet.site_maps import MAPS, SiteMerge, forget_drive, merge_site, site_map_path
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
 from streets import RETURN, WAY
@@ -66,6 +66,12 @@ def test_drives_are_joined_as_they_arrive_and_the_others_wait(drives: Path, tmp_
     assert not third.added and names(third.known) == {"b-monday", "c-tuesday"}
     assert names(third.left_out) == {"a-elsewhere", "d-bad"}
     assert site_map_path(tmp_path, "yard").read_bytes() == before
+    # A drive that is forgotten leaves the joint map, and has none of its own any more.
+    (monday,) = recordings_of(drives, "b-monday")
+    own = {*(tmp_path / MAPS / "yard").glob("*b-monday*.fsmap")}
+    forget_drive(tmp_path, monday)
+    assert sessions_of(tmp_path) == {"c-tuesday"}
+    assert len(own) == 1 and not any(path.exists() for path in own)
 
 
 def test_an_unknown_site_is_refused(drives: Path, tmp_path: Path) -> None:

@@ -398,14 +398,27 @@ def test_recordings_that_are_gone_stay_known_and_others_may_not_take_their_names
     (moved / "north/r5").mkdir()
     shutil.copytree(own_fleet / "north/r1/monday", moved / "north/r5/friday")
     later = Plan.make(moved, find_recordings(moved, LABELS), settings)
-    joined, changed = later.joined(earlier)
+    joined = later.joined(earlier)
     assert [each.recording.session for each in joined.recordings] == [
         "north/r1/monday",
         "north/r2/tuesday",
         "north/r5/friday",
         "south/r3/wednesday",
     ]
-    assert changed == []
+    assert joined.outdated == []
     assert [(each.session, each.code) for each in joined.failures] == [
         ("north/r2/tuesday", "same-name")
+    ]
+
+
+def test_a_recording_that_is_known_by_another_name_is_refused(
+    own_fleet: Path, own_places: Path
+) -> None:
+    earlier, settings = plan_of(own_fleet, own_places)
+    below = Plan.make(own_fleet / "north", find_recordings(own_fleet / "north", LABELS), settings)
+    joined = below.joined(earlier)
+    assert joined.recordings == earlier.recordings
+    assert [(each.session, each.code) for each in joined.failures] == [
+        ("r1/monday", "same-recording"),
+        ("r2/tuesday", "same-recording"),
     ]

@@ -132,7 +132,7 @@ def describe_root(
     finally:
         workers.close()
     with folder.database() as database:
-        return Described(folder, plan, failures, len(database))
+        return Described(folder, Plan.load(output), failures, len(database))
 
 
 def print_described(described: Described) -> None:

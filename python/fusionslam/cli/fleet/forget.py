@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 @opt.options_of(where=where)
 def forget(places: Places, *, where: "Callable[[], PlaceFilter]") -> None:
-    """Delete all places of a robot, recording, site or region, with their clouds.
+    """Delete all places of a robot, recording, site or region, with their clouds and maps.
 
-    No query finds them any more, and fleet describe leaves their recordings out from now on.
-    Sessions of joint maps stay: map forget deletes them.
+    No query finds them any more, and fleet describe leaves their recordings out from now on
+    (forgotten.json).
     """
     count = open_folder(places).forget(where())
-    print(f"{counted(count, 'place')} forgotten")
+    print(f"{counted(count, 'place')} forgotten; such recordings are left out from now on")

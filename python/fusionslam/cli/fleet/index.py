@@ -38,6 +38,8 @@ def index(
     if report is None or not report.partitions:
         print(f"{count} places: so few are compared exactly, without an index")
         return
+    if report.recall < recall:
+        print(f"the recall asked for, {recall:g}, is not reached")
     print(
         f"{report.rows} places in {report.partitions} partitions, of which {report.nprobes} are "
         f"searched: recall {report.recall:.4f} of {report.queries} queries, {report.seconds:.0f} s"

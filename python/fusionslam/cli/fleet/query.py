@@ -45,7 +45,7 @@ def query(
 ) -> None:
     """Find where a scan was seen before, by which robot and when.
 
-    A cloud of a file is in the frame of the places' clouds: the robot's, x ahead and z up.
+    A cloud of a file is a scan like those of the places, and treated as they were.
     The exit status is 1 if a pose is asked for and none is proven.
     """
     folder = open_folder(places)
@@ -83,7 +83,7 @@ def _read(scan: Path, frame: int | None, folder: "FleetFolder") -> "Frame | Clou
 
 def _print_candidates(candidates: "Sequence[Candidate]") -> None:
     rows = [_row(each) for each in candidates]
-    print_table(["distance", "site", "robot", "recording", "frame", "seen"], rows)
+    print_table(["distance", "site", "robot", "recording", "frame", "seen (UTC)"], rows)
 
 
 def _row(each: "Candidate") -> list[str]:

@@ -4,6 +4,7 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Iterable, Iterator
@@ -123,10 +124,16 @@ def _serve(connection: Connection) -> None:
             work(chunk)
         except Exception as problem:
             error = problem
-        try:
-            connection.send(error)
-        except Exception:  # an error that cannot be pickled
-            connection.send(RuntimeError(f"{type(error).__name__}: {error}"))
+        connection.send(_portable(error))
+
+
+def _portable(error: BaseException | None) -> BaseException | None:
+    """Return an error that can be sent to another process: not all can be pickled, and back."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def _follow_driver() -> None:
