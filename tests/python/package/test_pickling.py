@@ -27,6 +27,7 @@ from fusionslam.config import Section
 from fusionslam.datasets.streams import GapsError, MissingSensorError
 from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.evaluation import judge_map
+from fusionslam.fleet.engines import WorkerDiedError
 from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.loop_closure.loop import Loop
@@ -45,6 +46,7 @@ from fusionslam.ratslam import (
 from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.transforms import TransformError, TransformTree
+from fusionslam.service.problems import RequestError
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from kitti import odometry, raw_drive
@@ -89,6 +91,8 @@ ERRORS = [
     FrameError("drive, frame 3: cut", code="cut", fields=("000003.bin",)),
     GapsError("gaps", fields=("path", "3")),
     TransformError("unknown", may_come=True, code="no-link", fields=("base", "lidar")),
+    WorkerDiedError("killed", fields=("9",)),
+    RequestError(429, "too many", code="rate", fields=("10",), headers={"Retry-After": "3"}),
 ]
 
 

@@ -267,6 +267,7 @@ def test_scans_wait_for_late_transforms_and_count_once(tmp_path: Path) -> None:
         listener.wait_for("/rgb_cloud")
         driver = run(world, "driver", LATE, str(PUBLISHER.parent))
         assert driver.wait(timeout=300) == 0, world.log("driver")
+        wait_until(lambda: listener.count() >= 12, "all clouds")  # a busy node rests for seconds
         listener.settle()
         stamps = [stamp_of(each.header.stamp) for each in listener.messages()["/rgb_cloud"]]
         assert "is its driver running twice" in world.log("data_fusion")
