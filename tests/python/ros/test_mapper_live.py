@@ -121,6 +121,7 @@ def test_a_map_outlives_a_killed_node_and_goes_on(played_bag: PlayedBag, tmp_pat
     assert numbers[: len(frames)].tolist() == frames.tolist() and np.all(np.diff(numbers) > 0)
 
 
+@pytest.mark.nightly
 def test_a_robot_that_starts_elsewhere_is_found_on_the_map(
     played_bag: PlayedBag, tmp_path: Path
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from drives import RATE, SECOND, Message, lap_course, rmse
 from fusionslam.datasets.bags.messages import stamp_of
@@ -58,6 +59,7 @@ def test_map_and_views_go_on_after_nodes_were_killed(played_bag: PlayedBag, tmp_
     assert {path.name for path in (tmp_path / "exported").iterdir()} >= {"map.json", "map.g2o"}
 
 
+@pytest.mark.nightly
 def test_a_map_outlives_views_that_were_lost(played_bag: PlayedBag, tmp_path: Path) -> None:
     with RosWorld(tmp_path) as world:
         listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
@@ -82,6 +84,7 @@ def test_a_map_outlives_views_that_were_lost(played_bag: PlayedBag, tmp_path: Pa
     assert max(views) == len(new) - 1
 
 
+@pytest.mark.nightly
 def test_a_robot_that_was_carried_at_night_is_found_on_its_map(tmp_path: Path) -> None:
     course = lap_course(3)
     lap = len(course.speeds) // 3
