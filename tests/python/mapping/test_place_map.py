@@ -592,11 +592,9 @@ def test_a_map_cut_by_some_bytes_is_damaged(path: Path) -> None:
 
 
 def test_a_descriptor_may_be_named_with_its_preset(tmp_path: Path) -> None:
-    path = tmp_path / "site.fsmap"
-    options = OPTIONS | {"descriptor": "m2dp:author"}
-    with PlaceMap.open(path, "monday", **options) as site:
+    with PlaceMap.open(tmp_path / "a", "a", **OPTIONS | {"descriptor": "m2dp:author"}) as site:
         for frame in frames(WAY[:3]):
             site.add(frame)
-    with PlaceMap.open(path, read_only=True) as site:
+    with PlaceMap.open(tmp_path / "a", read_only=True) as site:
         assert len(site) == 3 and site.settings.descriptor == "m2dp:author"
         assert site.localize(Cloud(scan_blocks(WAY[1], 77))).keyframe == 1
