@@ -75,7 +75,7 @@ class ServedPlaces:
         return self._opened.settings.fleet.clouds and (self._folder / CHUNKS).is_dir()
 
     def describe(self, cloud: Cloud) -> Floats32:
-        """Describe a cloud in the robot's frame, as the places were; float32 (D,).
+        """Describe a scan as those of the places were; float32 (D,).
 
         Raises:
             DataError: it cannot be described.
@@ -90,7 +90,7 @@ class ServedPlaces:
             return opened.database.query(vectors, k, where)
 
     def locate(self, cloud: Cloud, k: int, where: PlaceFilter) -> FleetLocalization:
-        """Find a cloud in the robot's frame, and prove it by registration.
+        """Find a scan like those of the places, and prove it by registration.
 
         Raises:
             DataError: the cloud cannot be described.

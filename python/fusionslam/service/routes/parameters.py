@@ -85,7 +85,7 @@ _BINARY = {"schema": {"type": "string", "format": "binary"}}
 
 def describe_body(*, vectors: bool) -> dict[str, Any]:
     """Return what the OpenAPI page says of a body: a cloud, or else vectors."""
-    formats = f"A cloud in the robot's frame; ?format= is one of {', '.join(CLOUD_FORMATS)}"
+    formats = f"A scan like those of the places; ?format= is one of {', '.join(CLOUD_FORMATS)}"
     content: dict[str, Any] = {"application/octet-stream": _BINARY}
     if vectors:
         formats += ', vectors (a .npy array). JSON is {"vector": [..]} or {"vectors": [[..], ..]}'
