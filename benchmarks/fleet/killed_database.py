@@ -25,9 +25,9 @@ import typer
 
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.markdown import table, write_between
-from fusionslam.fleet import vector_index
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
+from fusionslam.fleet.row_search import scan
 from fusionslam.storage.arrays import Floats32
 
 PAGE = ROOT / "docs" / "results" / "fleet.md"
@@ -140,11 +140,7 @@ def check(folder: Path, acknowledged: set[int], deleted: set[int], count: KillCo
     """Open the database and count what is wrong; what a killed step had done is noted."""
     with PlaceDatabase.open(folder / "database", read_only=True) as database:
         with database._reading() as rows:
-            keys = [
-                key
-                for batch in vector_index.scan(rows, ["key"])
-                for key in batch["key"].to_pylist()
-            ]
+            keys = [key for batch in scan(rows, ["key"]) for key in batch["key"].to_pylist()]
         found = Counter(int(key.split(":")[0]) for key in keys)
         count.doubled += len(keys) - len(set(keys))
         count.lost += sum(ADDED - found[one] for one in acknowledged)

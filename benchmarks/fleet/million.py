@@ -25,12 +25,16 @@ import typer
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.fleet.drives import DATA
-from benchmarks.fleet.phases import PHASES, Figures
+from benchmarks.fleet.phases import FILTERS, PHASES, Figures
 
 PAGE = ROOT / "docs" / "results" / "fleet.md"
 PICTURE = ROOT / "docs" / "images" / "fleet_growth.png"
-PEERS = {"faiss sq": "FAISS IVF, SQ8", "faiss flat": "FAISS IVF, Flat"}
-OURS = [name for name in PHASES if name not in PEERS]
+STORES = {
+    "query": ("index", "fusionslam"),
+    "lance query": ("lance index", "LanceDB alone"),
+    "faiss sq": ("faiss sq", "FAISS alone"),
+}
+"""Phases that query, those that build what is queried, and what it is called."""
 
 Results = dict[str, dict[int, dict[str, Figures]]]
 """Figures by data, places and phase."""
@@ -56,7 +60,7 @@ def measure(
     ] = Path("out/fleet/million.json"),
     write: Annotated[bool, typer.Option("--write", help="Put tables into the docs.")] = False,
 ) -> None:
-    """Measure, and print tables and exponents of growth of all figures so far."""
+    """Measure; print tables, exponents of growth and missed bounds of all figures so far."""
     figures = _read(results)
     wanted = [name for name in PHASES if name in phases.split(",")]
     for name in filter(None, data.split(",")):
@@ -74,6 +78,10 @@ def measure(
         draw(figures["made"], PICTURE)
     if write:
         write_between(PAGE, "million places", text)
+    for line in (lines := missed(figures)):
+        print(f"missed: {line}")
+    if lines:
+        raise typer.Exit(1)
 
 
 def tables(figures: Results) -> str:
@@ -81,7 +89,7 @@ def tables(figures: Results) -> str:
     parts = []
     for name, sizes in figures.items():
         parts.append(f"**{name}**\n\n{_build_table(sizes)}\n\n{_query_table(sizes)}")
-        parts.append(_change_table(sizes))
+        parts += [_change_table(sizes), _filter_table(sizes)]
         grown = [exponent_text(sizes, *one) for one in GROWN]
         parts.append("Exponents of growth: " + ", ".join(filter(None, grown)) + ".")
     return "\n\n".join(parts)
@@ -114,7 +122,7 @@ def draw(sizes: dict[int, dict[str, Figures]], path: Path) -> None:
         return
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for phase, label in (("query", "LanceDB, with exact re-rank"), *PEERS.items()):
+    for phase, (_, label) in STORES.items():
         for quantile, style in (("p50 ms", "-"), ("p95 ms", ":")):
             points = [(n, sizes[n][phase][quantile]) for n in shown if phase in sizes[n]]
             if points:
@@ -124,7 +132,7 @@ def draw(sizes: dict[int, dict[str, Figures]], path: Path) -> None:
                     marker="o",
                     label=f"{label}, {quantile.removesuffix(' ms')}",
                 )
-    for phase, label in (("index", "LanceDB, recall measured"), *PEERS.items()):
+    for phase, label in STORES.values():
         points = [(n, sizes[n][phase]["index s"]) for n in shown if phase in sizes[n]]
         if points:
             right.plot(*zip(*points, strict=True), marker="o", label=label)
@@ -139,29 +147,36 @@ def draw(sizes: dict[int, dict[str, Figures]], path: Path) -> None:
 def _build_table(sizes: dict[int, dict[str, Figures]]) -> str:
     rows = []
     for n, known in sorted(sizes.items()):
-        if {"add", "index"} <= known.keys():
-            added, built = known["add"], known["index"]
-            peak, disk = max(added["peak MB"], built["peak MB"]), f"{built['disk MB']:,.0f}"
-            rows.append(_row(n, "LanceDB", f"{added['add s']:.1f}", built, peak, disk))
-        for phase, label in PEERS.items():
+        if "add" in known:
+            added = known["add"]
+            row = [
+                f"{n:,}",
+                "LanceDB, the rows",
+                f"{added['add s']:.1f}",
+                "",
+                f"{added['cpu s']:.1f}",
+            ]
+            rows.append([*row, f"{added['peak MB']:,.0f}", f"{added['disk MB']:,.0f}"])
+        for phase, label in STORES.values():
             if phase in known:
-                rows.append(_row(n, label, "", known[phase], known[phase]["peak MB"], ""))
+                rows.append(_row(n, f"{label}, the index", known[phase]))
     head = "places, store, added (s), index built (s), processor time (s), memory (MB), disk (MB)"
     return table(head.split(", "), rows)
 
 
-def _row(n: int, store: str, added: str, built: Figures, peak: float, disk: str) -> list[str]:
+def _row(n: int, store: str, built: Figures) -> list[str]:
     seconds = [f"{built[name]:.1f}" for name in ("index s", "cpu s")]
-    return [f"{n:,}", store, added, *seconds, f"{peak:,.0f}", disk]
+    disk = "" if store.startswith("FAISS") else f"{built['disk MB']:,.0f}"
+    return [f"{n:,}", store, "", *seconds, f"{built['peak MB']:,.0f}", disk]
 
 
 def _query_table(sizes: dict[int, dict[str, Figures]]) -> str:
     rows = []
     for n, known in sorted(sizes.items()):
-        for phase, label in (("query", "LanceDB"), *PEERS.items()):
+        for phase, (built, label) in STORES.items():
             if (one := known.get(phase)) is None:
                 continue
-            searched = known.get("index", {}) if phase == "query" else one
+            searched = known.get(built, {})
             lists = f"{searched.get('nprobes', 0):.0f} of {searched.get('partitions', 0):.0f}"
             opened = f"{one['open s']:.2f}" if "open s" in one else ""
             shares = [f"{one['recall']:.4f}", f"{100 * one['top-1']:.2f} %"]
@@ -178,13 +193,54 @@ def _change_table(sizes: dict[int, dict[str, Figures]]) -> str:
     for n, known in sorted(sizes.items()):
         if (one := known.get("change")) is not None:
             done = [f"{one[name]:.2f}" for name in ("add 1000 s", "delete s", "compact s")]
-            whens = ("added", "compacted", "filtered")
-            rows.append([f"{n:,}", *done, *(_times(one, f"{when} ")[0] for when in whens)])
+            times = [_times(one, f"{when} ")[0] for when in ("added", "deleted", "compacted")]
+            rows.append([f"{n:,}", *done, *times])
     head = (
         "places, 1000 added and found (s), robot deleted (s), compacted (s), "
-        "p50 / p95 after adding (ms), after compaction (ms), of one robot (ms)"
+        "p50 / p95 after adding (ms), after deleting (ms), after compaction (ms)"
     )
     return table(head.split(", "), rows)
+
+
+def _filter_table(sizes: dict[int, dict[str, Figures]]) -> str:
+    rows = []
+    for n, known in sorted(sizes.items()):
+        for name in FILTERS:
+            if (one := known.get("change")) is not None:
+                shares = [one[f"{name} recall"], one[f"{name} top-1"]]
+                times = [_times(one, f"{name} ")[0], f"{one[f'{name} first ms']:.0f}"]
+                rows.append(
+                    [f"{n:,}", name, *times, f"{shares[0]:.4f}", f"{100 * shares[1]:.1f} %"]
+                )
+    head = "places, of one, p50 / p95 (ms), the first query (ms), recall@10, first is exact"
+    return table(head.split(", "), rows)
+
+
+BOUNDS = [
+    ("index", "index s", 600, -1),
+    ("index", "peak MB", 8000, -1),
+    ("query", "open s", 1, -1),
+    ("query", "p95 ms", 20, -1),
+    ("query", "recall", 0.99, 1),
+    ("query", "top-1", 0.999, 1),
+    ("change", "add 1000 s", 1, -1),
+    ("change", "delete s", 1, -1),
+    ("change", "added p95 ms", 20, -1),
+    ("change", "deleted p95 ms", 20, -1),
+    ("change", "compacted p95 ms", 20, -1),
+]
+"""Phases and figures with what they are to be at most (-1) or at least (1), of a million places."""
+
+
+def missed(figures: Results) -> list[str]:
+    """What does not keep its bound."""
+    return [
+        f"{name}, {n:,} places: {phase}, {figure} is {known[phase][figure]:.4g}, not {limit:g}"
+        for name, sizes in figures.items()
+        for n, known in sizes.items()
+        for phase, figure, limit, sign in BOUNDS
+        if phase in known and sign * (known[phase][figure] - limit) < 0
+    ]
 
 
 def _times(one: Figures, when: str = "") -> list[str]:

@@ -27,6 +27,7 @@ from benchmarks.fleet.drives import (
     queries_of,
 )
 from fusionslam.fleet import lance_extra
+from fusionslam.fleet.index_report import Kind
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.storage.arrays import Floats, Floats32, Integers
@@ -37,6 +38,10 @@ K = 10
 ADDED = 1_000
 LIMIT = 1 + 1e-5
 """Of distances that count as equal: they are float32."""
+FILTERS = {"robot": PlaceFilter(robot="r2"), "site": PlaceFilter(site="site2")}
+"""Of one in twenty places, and of one in five."""
+FILTERED = 100
+"""Queries with a filter whose answers are compared with the exact ones."""
 _WARM = 20  # queries before those that are timed
 _EXACT = "exact.npy"
 
@@ -59,8 +64,18 @@ def add(folder: Path, data: str, places: int, queries: int) -> Figures:
 def index(folder: Path, data: str, places: int, queries: int) -> Figures:
     """Build the index and measure its recall."""
     del data, places, queries
+    return _build(folder, None)
+
+
+def lance_index(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """The same by LanceDB alone."""
+    del data, places, queries
+    return _build(folder, "lance")
+
+
+def _build(folder: Path, kind: Kind | None) -> Figures:
     with PlaceDatabase.open(folder / "database") as database:
-        report = database.build_index(progress=_say)
+        report = database.build_index(kind=kind, progress=_say)
     return {
         "index s": report.seconds,
         "partitions": report.partitions,
@@ -108,13 +123,17 @@ def change(folder: Path, data: str, places: int, queries: int) -> Figures:
         forgotten = time.perf_counter() - started
         found = {one.robot for row in reader.query(vectors[:100]) for one in row}
         assert not left and "r1" not in found, "a deleted robot was found"
+        without = _timed(vectors[:220], lambda vector: _distances_found(reader, vector))
         started = time.perf_counter()
         writer.compact(keep_s=0, progress=_say)
         compacted = time.perf_counter() - started
     with PlaceDatabase.open(folder / "database", read_only=True) as reader:
         after = _timed(vectors[:220], lambda vector: _distances_found(reader, vector))
-        named = PlaceFilter(robot="r2")
-        filtered = _timed(vectors[:70], lambda vector: reader.query(vector, where=named))
+        filtered = {
+            f"{name} {figure}": value
+            for name, where in FILTERS.items()
+            for figure, value in _filtered(reader, vectors, where).items()
+        }
         report = reader.index
     return {
         f"add {ADDED} s": added,
@@ -123,37 +142,30 @@ def change(folder: Path, data: str, places: int, queries: int) -> Figures:
         "compact s": compacted,
         "recall told": report.recall if report else 1.0,
         **{f"added {name}": value for name, value in between.items()},
+        **{f"deleted {name}": value for name, value in without.items()},
         **{f"compacted {name}": value for name, value in after.items()},
-        **{f"filtered {name}": value for name, value in filtered.items()},
+        **filtered,
     }
 
 
-def faiss_sq(folder: Path, data: str, places: int, queries: int) -> Figures:
-    """FAISS, IVF with one byte a value, in memory."""
-    return _faiss("SQ8", folder, data, places, queries)
-
-
-def faiss_flat(folder: Path, data: str, places: int, queries: int) -> Figures:
-    """FAISS, IVF with whole vectors, in memory."""
-    return _faiss("Flat", folder, data, places, queries)
-
-
-PHASES: Mapping[str, Callable[[Path, str, int, int], Figures]] = {
-    "add": add,
-    "index": index,
-    "query": query,
-    "change": change,
-    "faiss sq": faiss_sq,
-    "faiss flat": faiss_flat,
-}
-
-
-def main() -> None:
-    phase, folder, data, places, queries = sys.argv[1:]
-    figures = PHASES[phase](Path(folder), data, int(places), int(queries))
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    whole = {"peak MB": used.ru_maxrss / 1e3, "cpu s": used.ru_utime + used.ru_stime}
-    print(json.dumps({**figures, **whole}))
+def _filtered(reader: PlaceDatabase, vectors: Floats32, where: PlaceFilter) -> Figures:
+    """Times of queries of some places alone, and how many of the true ten nearest they find."""
+    started = time.perf_counter()
+    reader.query(vectors[0], where=where)
+    first = time.perf_counter() - started
+    times = _timed(vectors[:220], lambda vector: reader.query(vector, where=where))
+    some = vectors[:FILTERED]
+    found, right = (reader.query(some, k=K, where=where, exact=exact) for exact in (False, True))
+    pairs = [
+        ([one.distance for one in row], LIMIT * true[-1].distance, LIMIT * true[0].distance)
+        for row, true in zip(found, right, strict=True)
+    ]
+    return {
+        "first ms": 1e3 * first,
+        **times,
+        "recall": float(np.mean([np.mean(np.array(row) <= last) for row, last, _ in pairs])),
+        "top-1": float(np.mean([row[0] <= nearest for row, _, nearest in pairs])),
+    }
 
 
 def _say(text: str) -> None:
@@ -220,15 +232,15 @@ def _exact(folder: Path, data: str, places: int, vectors: Floats32) -> Floats:
     return exact
 
 
-def _faiss(kind: str, folder: Path, data: str, places: int, queries: int) -> Figures:
-    """Build an index as large as ours, and search so many lists that recall is reached."""
+def faiss_sq(folder: Path, data: str, places: int, queries: int) -> Figures:
+    """FAISS in memory, an index as ours without a database, that searches until recall is met."""
     import faiss
 
     found: Any  # faiss's types do not tell what the factory makes
     blocks, vectors = DATA[data](0), queries_of(data, places, queries)
     lists = max(1, int(places**0.5))
     started = time.perf_counter()
-    found = faiss.index_factory(vectors.shape[1], f"IVF{lists},{kind}")
+    found = faiss.index_factory(vectors.shape[1], f"IVF{lists},SQ8")
     # From all over the drives: trained with the first ones, lists of FAISS become unequal.
     every = max(1, places // (64 * lists))
     found.train(np.vstack([some[::every] for _, some in blocks_of(blocks, places)]))
@@ -259,6 +271,25 @@ def _true_distances(blocks: Blocks, vectors: Floats32, numbers: Integers) -> Ite
     for vector, row in zip(vectors, numbers, strict=True):
         rows = stored[np.searchsorted(needed, row[row >= 0])]
         yield np.sort(np.linalg.norm(rows - vector, axis=1))[:K].tolist()
+
+
+PHASES: Mapping[str, Callable[[Path, str, int, int], Figures]] = {
+    "add": add,
+    "lance index": lance_index,
+    "lance query": query,
+    "index": index,
+    "query": query,
+    "change": change,
+    "faiss sq": faiss_sq,
+}
+
+
+def main() -> None:
+    phase, folder, data, places, queries = sys.argv[1:]
+    figures = PHASES[phase](Path(folder), data, int(places), int(queries))
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    whole = {"peak MB": used.ru_maxrss / 1e3, "cpu s": used.ru_utime + used.ru_stime}
+    print(json.dumps({**figures, **whole}))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ from fusionslam.storage.files import cannot_write, why_not
 
 TABLE = "places"
 _SUFFIX = ".lance"
+_STABLE = {"new_table_enable_stable_row_ids": "true"}
+"""Numbers of rows stay the same when files are merged: the index of vectors knows rows by them."""
 _FULL = ("No space left", "Disk quota exceeded", "Read-only file system", "Permission denied")
 
 
@@ -56,7 +58,9 @@ def create_table(location: str, schema: Any, options: Mapping[str, str] | None) 
     with errors(location):
         try:
             Path(location).mkdir(parents=True, exist_ok=True) if not is_remote(location) else None
-            return _connect(lancedb, location, options).create_table(TABLE, schema=schema)
+            return _connect(lancedb, location, options).create_table(
+                TABLE, schema=schema, storage_options={**(options or {}), **_STABLE}
+            )
         except ValueError as error:
             if "already exists" in str(error):
                 raise _exists(location) from error

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A database of places that several recordings and robots have seen."""
 
+import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ import numpy as np
 from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet import lance_extra, vector_index
+from fusionslam.fleet.index_report import IndexReport, Kind, no_index, read_report
 from fusionslam.fleet.place_rows import (
     SHOWN,
     DatabaseSettings,
@@ -26,14 +28,14 @@ from fusionslam.fleet.place_rows import (
     settings_of,
 )
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
-from fusionslam.fleet.vector_index import IndexReport, Progress, Search
+from fusionslam.fleet.row_search import Search, exactly, nearest_rows, scan
+from fusionslam.fleet.vector_index import Lookup, Progress
 from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.storage.arrays import Floats, Integers
 from fusionslam.storage.files import PathLike
 
 __all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
 
-_FEW = 20_000  # rows that a filter leaves are searched without index
 _KEYS = 10_000  # looked up at a time
 
 
@@ -108,7 +110,8 @@ class PlaceDatabase:
         self.read_only = read_only
         self._table, self._lock = table, lock
         self._is_pinned = self._is_closed = False
-        self._plan: tuple[int, Search | None] = (-1, None)
+        self._lookup: Lookup | None = None
+        self._looking = threading.Lock()
 
     @classmethod
     def create(
@@ -247,7 +250,11 @@ class PlaceDatabase:
         return count
 
     def build_index(
-        self, *, recall: float = vector_index.RECALL, progress: Progress | None = None
+        self,
+        *,
+        recall: float = vector_index.RECALL,
+        kind: Kind | None = None,
+        progress: Progress | None = None,
     ) -> IndexReport:
         """Build the index anew, and measure its recall on the database's own vectors.
 
@@ -256,6 +263,7 @@ class PlaceDatabase:
 
         Args:
             recall: to reach, of the ten nearest.
+            kind: whose index; None for FAISS's in a folder and LanceDB's in an object store.
             progress: called with a line of text for each step.
 
         Raises:
@@ -270,14 +278,15 @@ class PlaceDatabase:
             )
         with self._writing() as table:
             if table.count_rows() < vector_index.FEWEST_ROWS:
-                return vector_index.no_index(table)
-            return vector_index.build(table, recall, progress)
+                return no_index(table.count_rows())
+            kind = kind or ("lance" if lance_extra.is_remote(self.location) else "faiss")
+            return vector_index.build(table, self.location, recall, kind, progress)
 
     @property
     def index(self) -> IndexReport | None:
         """The report of the last ``build_index`` or ``compact``; None without index."""
         with self._reading() as table:
-            return vector_index.read_report(table)
+            return read_report(table)
 
     def compact(self, *, keep_s: float = 3600.0, progress: Progress | None = None) -> None:
         """Merge small files, put new rows into the index, and drop old versions.
@@ -292,7 +301,7 @@ class PlaceDatabase:
         with self._writing() as table:
             keep = timedelta(seconds=max(keep_s, 1e-3))  # LanceDB warns of zero
             table.optimize(cleanup_older_than=keep, delete_unverified=self._lock is not None)
-            vector_index.fold(table, progress)
+            vector_index.renew(table, self.location, progress)
 
     def query(
         self, vectors: Any, k: int = 10, where: PlaceFilter | None = None, *, exact: bool = False
@@ -326,8 +335,9 @@ class PlaceDatabase:
             )
         rows = check_vectors("vectors", np.atleast_2d(queries), self.settings.length)
         with self._reading() as table:
-            search = self._search(table, k, where, exact)
-            return [_best(*found, k) for found in vector_index.nearest_rows(table, rows, search)]
+            lookup = self._looked_up(table)
+            search = _search(table, lookup, k, where, exact)
+            return [_best(*found, k) for found in nearest_rows(lookup.candidates, rows, search)]
 
     def count_by(self, column: str) -> dict[str, int]:
         """Number of places by one of site, region, robot and session.
@@ -343,7 +353,7 @@ class PlaceDatabase:
             )
         counts: Counter[str] = Counter()
         with self._reading() as table:
-            for batch in vector_index.scan(table, [column]):
+            for batch in scan(table, [column]):
                 for pair in batch[column].value_counts().to_pylist():
                     counts[pair["values"]] += pair["counts"]
         return dict(sorted(counts.items()))
@@ -355,7 +365,7 @@ class PlaceDatabase:
         columns = [*ABOUT, "stamp_ns"]
         with self._reading() as table:
             found = pa.Table.from_batches(
-                vector_index.scan(table, columns),
+                scan(table, columns),
                 pa.schema([table.schema.field(name) for name in columns]),
             )
         spans = [("stamp_ns", "count"), ("stamp_ns", "min"), ("stamp_ns", "max")]
@@ -428,15 +438,24 @@ class PlaceDatabase:
         with self._reading() as table:
             yield table
 
-    def _search(self, table: Any, k: int, where: PlaceFilter | None, exact: bool) -> Search:
-        sql = None if where is None or where.is_any else where.sql()
-        version = table.version
-        if self._plan[0] != version:
-            self._plan = version, vector_index.usual_search(table)
-        usual = self._plan[1]
-        if exact or usual is None or (sql is not None and table.count_rows(sql) <= _FEW):
-            return vector_index.exactly(k, sql)
-        return Search(usual.nprobes, max(usual.candidates, 3 * k), sql)
+    def _looked_up(self, table: Any) -> Lookup:
+        """How the table is searched as it is now."""
+        with self._looking:
+            if self._lookup is None or self._lookup.version != table.version:
+                self._lookup = vector_index.look_up(table, self.location, self._lookup)
+            return self._lookup
+
+
+def _search(table: Any, lookup: Lookup, k: int, where: PlaceFilter | None, exact: bool) -> Search:
+    sql = None if where is None or where.is_any else where.sql()
+    usual = lookup.usual
+    if (
+        exact
+        or usual is None
+        or (sql is not None and table.count_rows(sql) < vector_index.FEWEST_ROWS)
+    ):
+        return exactly(k, sql)
+    return Search(usual.nprobes, max(usual.candidates, 3 * k), sql)
 
 
 def _lock(location: str) -> WriteLock | None:

@@ -35,7 +35,7 @@ def test_exact_distances_are_those_of_scikit_learn() -> None:
 def test_a_small_run_gives_all_figures(tmp_path: Path) -> None:
     pytest.importorskip("lancedb", reason="the table of places is an extra")
     found = {}
-    for name in million.OURS:
+    for name in phases.PHASES:
         found[name] = phases.PHASES[name](tmp_path, "made", 6000, 60)
         found[name] |= {"peak MB": 1.0, "cpu s": 1.0, "disk MB": 1.0}
     assert found["query"]["recall"] >= 0.99
@@ -64,3 +64,11 @@ def test_exponents_are_slopes_of_logarithms(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="an extra draws pictures")
     million.draw(sizes, tmp_path / "growth.png")
     assert (tmp_path / "growth.png").stat().st_size > 5000
+
+
+def test_bounds_that_are_missed_are_named() -> None:
+    good = {"open s": 0.1, "p95 ms": 20.0, "recall": 0.99, "top-1": 0.999}
+    assert not million.missed({"made": {100: {"query": good}}})
+    for change in ({"p95 ms": 20.1}, {"recall": 0.98}, {"top-1": 0.9}):
+        (line,) = million.missed({"made": {100: {"query": good | change}}})
+        assert next(iter(change)) in line

@@ -15,9 +15,10 @@ from error_codes import has_code
 from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
 from fusionslam.errors import DataError
 from fusionslam.fleet import vector_index
+from fusionslam.fleet.index_report import IndexReport, Kind, write_report
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
-from fusionslam.fleet.vector_index import IndexReport, Search
+from fusionslam.fleet.row_search import Search
 from fusionslam.storage.arrays import Floats32
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -35,13 +36,23 @@ def many_places() -> Places:
     )
 
 
+PARTITIONS: dict[Kind, int] = {"faiss": 89, "lance": 10}
+
+
+@pytest.fixture(scope="module", params=PARTITIONS)
+def kind(request: pytest.FixtureRequest) -> Kind:
+    """Whose index."""
+    found: Kind = request.param
+    return found
+
+
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def built(tmp_path_factory: pytest.TempPathFactory, kind: Kind) -> Path:
     """A database with an index, which tests copy or only read."""
     path = tmp_path_factory.mktemp("fleet") / "database"
     with PlaceDatabase.create(path, SETTINGS) as database:
         database.add(many_places())
-        database.build_index()
+        database.build_index(kind=kind)
     return path
 
 
@@ -60,11 +71,11 @@ def queries(count: int = 50) -> Floats32:
     return (rows + 0.1 * rng.standard_normal(rows.shape)).astype(np.float32)
 
 
-def test_the_report_tells_the_recall_that_scikit_learn_confirms(built: Path) -> None:
+def test_the_report_tells_the_recall_that_scikit_learn_confirms(built: Path, kind: Kind) -> None:
     with PlaceDatabase.open(built, read_only=True) as database:
         report = database.index
         assert report is not None
-        assert (report.rows, report.kind, report.partitions) == (COUNT, "IVF_SQ", 10)
+        assert (report.rows, report.kind, report.partitions) == (COUNT, kind, PARTITIONS[kind])
         assert (report.queries, report.first) == (200, 1.0)
         assert report.recall >= 0.99
         peer = NearestNeighbors(n_neighbors=10, algorithm="brute").fit(made_vectors(COUNT))
@@ -90,7 +101,7 @@ def test_places_of_a_filter_are_found_though_others_are_nearer(
     built: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for few in (0, 20_000):  # with the index, and without
-        monkeypatch.setattr("fusionslam.fleet.place_database._FEW", few)
+        monkeypatch.setattr("fusionslam.fleet.vector_index.FEWEST_ROWS", few)
         with PlaceDatabase.open(built, read_only=True) as database:
             where = PlaceFilter(session="s3")
             found = database.query(queries(3), k=100, where=where)
@@ -135,22 +146,25 @@ def test_compaction_puts_new_places_into_the_index(indexed: PlaceDatabase) -> No
     for day in range(4):
         indexed.add(made_places(f"day{day}", 200, seed=20 + day))
     indexed.compact()
-    table = indexed._table
-    assert table.index_stats("vector_idx").num_unindexed_rows == 0
-    assert indexed.index is not None
-    assert (indexed.index.rows, indexed.index.first) == (COUNT + 800, 1.0)
+    report = indexed.index
+    assert report is not None
+    assert (report.rows, report.first, report.last_row) == (COUNT + 800, 1.0, COUNT + 799)
     found = indexed.query(made_vectors(200, seed=22), k=1)
     assert [row[0].key for row in found] == [f"day2:{row}" for row in range(200)]
+    indexed.compact()
+    assert indexed.index == report  # nothing was to be done
 
 
-def test_an_index_that_was_not_measured_is_searched_with_care(indexed: PlaceDatabase) -> None:
-    before = indexed.query(queries(), k=5)
+def test_an_index_that_was_not_measured_is_searched_with_care(
+    indexed: PlaceDatabase, kind: Kind
+) -> None:
+    before = [row[0].key for row in indexed.query(queries())]
     assert indexed.index is not None
-    vector_index.write_report(indexed._table, replace(indexed.index, index="of another"))
-    search = vector_index.usual_search(indexed._table)
-    assert search is not None
-    assert search.candidates == 400
-    assert len(indexed.query(queries(), k=5)) == len(before)
+    write_report(indexed._table, replace(indexed.index, index="of another", rows=1))
+    usual = vector_index.look_up(indexed._table, indexed.location, None).usual
+    assert usual is None if kind == "faiss" else usual is not None and usual.candidates == 400
+    after = [row[0].key for row in indexed.query(queries())]
+    assert np.mean([one == other for one, other in zip(before, after, strict=True)]) >= 0.9
     indexed.compact()
     assert indexed.index is not None
     assert indexed.index.first == 1.0
@@ -165,17 +179,18 @@ def test_a_small_database_needs_no_index(tmp_path: Path) -> None:
         assert database.index is None
 
 
-def test_an_index_is_built_anew(indexed: PlaceDatabase) -> None:
+def test_an_index_is_built_anew(indexed: PlaceDatabase, kind: Kind) -> None:
     steps: list[str] = []
     indexed.add(made_places("more", 4000, seed=5))
-    report = indexed.build_index(recall=0.9, progress=steps.append)
+    report = indexed.build_index(recall=0.9, kind=kind, progress=steps.append)
     assert isinstance(report, IndexReport)
-    assert (report.rows, report.partitions) == (COUNT + 4000, 15)
+    assert (report.rows, report.partitions) == (COUNT + 4000, {"faiss": 109, "lance": 15}[kind])
     assert indexed.index == report
     assert len(steps) > 3
 
 
-def test_a_damaged_index_is_named(indexed: PlaceDatabase) -> None:
+def test_a_damaged_index_of_lance_is_named(indexed: PlaceDatabase) -> None:
+    indexed.build_index(kind="lance")
     for path in (Path(indexed.location) / "places.lance" / "_indices").rglob("*.idx"):
         path.write_bytes(path.read_bytes()[:100])
     with (
@@ -183,6 +198,59 @@ def test_a_damaged_index_is_named(indexed: PlaceDatabase) -> None:
         pytest.raises(DataError, check=has_code("damaged", indexed.location)),
     ):
         reader.query(np.zeros(LENGTH))
+
+
+@pytest.mark.parametrize("left", [None, 0, 50_000])
+def test_without_a_whole_segment_all_places_are_compared(
+    indexed: PlaceDatabase, left: int | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    report = indexed.build_index()
+    path = Path(indexed.location) / "segments" / report.index
+    content = path.read_bytes()
+    path.unlink()
+    if left is not None:
+        path.write_bytes(content[:left])
+    with PlaceDatabase.open(indexed.location, read_only=True) as reader:
+        found = reader.query(queries(), k=5)
+        assert report.index in caplog.text
+        exact = reader.query(queries(), k=5, exact=True)
+    assert [[one.key for one in row] for row in found] == [[one.key for one in r] for r in exact]
+    assert indexed.build_index().first == 1.0
+    assert len([*path.parent.iterdir()]) == 1
+
+
+def test_more_later_places_than_memory_should_hold_are_found(
+    indexed: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    indexed.add(made_places("new", 60, seed=8))
+    where = PlaceFilter(until_ns=10**18)
+    expected = [
+        indexed.query(made_vectors(60, seed=8), k=3, where=one, exact=True) for one in (None, where)
+    ]
+    monkeypatch.setattr("fusionslam.fleet.vector_index.FEWEST_ROWS", 0)
+    for most in (20_000, 10):
+        monkeypatch.setattr("fusionslam.fleet.row_search._LATER", most)
+        with PlaceDatabase.open(indexed.location, read_only=True) as reader:
+            for one, right in zip((None, where), expected, strict=True):
+                found = reader.query(made_vectors(60, seed=8), k=3, where=one)
+                assert [row[0].key for row in found] == [row[0].key for row in right]
+                assert found[0][0].key == "new:0"
+
+
+def test_a_segment_knows_which_rows_are_gone_from_version_to_version(
+    indexed: PlaceDatabase,
+) -> None:
+    """Each robot's places are near each other: without them, as many others have to be found."""
+    with PlaceDatabase.open(indexed.location, read_only=True) as reader:
+        for robot in ("r1", "r2", "r3"):
+            indexed.delete(PlaceFilter(robot=robot))
+            indexed.add(made_places(f"after {robot}", 10, seed=9))
+            found = reader.query(queries(20), k=20)
+            right = reader.query(queries(20), k=20, exact=True)
+            assert [len(row) for row in found] == [20] * 20
+            pairs = zip(found, right, strict=True)
+            same = [len({x.key for x in a} & {x.key for x in b}) for a, b in pairs]
+            assert np.mean(same) >= 19
 
 
 # How much is searched.

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a table of places tells of its index: how good it is, and how it is searched."""
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+Kind = Literal["faiss", "lance", "exact"]
+"""An IVF of FAISS or LanceDB, one byte a value, or none."""
+
+_KEY = "fusionslam.index"
+
+
+@dataclass(frozen=True)
+class IndexReport:
+    """How good the index of a table is, and how it is searched.
+
+    Attributes:
+        rows: of the table when the index was built.
+        last_row: the greatest number of a row that it had then.
+        partitions: number of the index's lists, about; 0 without index.
+        kind: FAISS's segment beside the table, LanceDB's own index, or "exact" for a small table,
+            which has no index.
+        nprobes: partitions searched by a query.
+        candidates: rows that are compared exactly.
+        wanted: recall that was asked for.
+        recall: share of the true ten nearest that queries find.
+        first: share of queries that find the true nearest.
+        queries: number of them that recall was measured with.
+        seconds: that building and measuring took.
+        index: identity of the index that was measured: name of the segment, or LanceDB's.
+    """
+
+    rows: int
+    last_row: int
+    partitions: int
+    kind: Kind
+    nprobes: int
+    candidates: int
+    wanted: float
+    recall: float
+    first: float
+    queries: int
+    seconds: float
+    index: str
+
+
+def no_index(rows: int) -> IndexReport:
+    """Return the report of a table that is searched as a whole."""
+    return IndexReport(
+        rows=rows,
+        last_row=-1,
+        partitions=0,
+        kind="exact",
+        nprobes=0,
+        candidates=0,
+        wanted=1.0,
+        recall=1.0,
+        first=1.0,
+        queries=0,
+        seconds=0.0,
+        index="",
+    )
+
+
+def read_report(table: Any) -> IndexReport | None:
+    """Return the report that a table carries."""
+    text = (table.schema.field("vector").metadata or {}).get(_KEY.encode())
+    try:
+        return IndexReport(**json.loads(text)) if text else None
+    except (ValueError, TypeError):  # of another version of this program
+        return None
+
+
+def write_report(table: Any, report: IndexReport) -> None:
+    """Store a report in the table, which is one commit."""
+    table.update_field_metadata({"path": "vector", "metadata": {_KEY: json.dumps(asdict(report))}})

@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""FAISS's index of the rows of a table, in a file that is written once."""
+
+import math
+import secrets
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.storage.arrays import Floats32, Integers, Mask
+from fusionslam.storage.files import atomic_path, cannot_write, why_not
+
+FOLDER = "segments"
+_TRAINING = 64  # rows for each list
+
+Blocks = Callable[[], Iterable[tuple[Integers, Floats32]]]
+"""Yields numbers (n) and vectors (n, D) of all rows, some thousands at a time."""
+
+
+class Segment:
+    """An inverted file with one byte a value, which stays on the disk and is mapped to memory.
+
+    Several threads may search it.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        DataError: it cannot be read (code "damaged").
+        FusionSlamError: FAISS is not installed (code "missing-extra").
+    """
+
+    def __init__(self, path: Path) -> None:
+        faiss = _load()
+        self.name = path.name
+        try:
+            self._index = faiss.read_index(str(path), faiss.IO_FLAG_MMAP_IFC)
+        except RuntimeError as error:
+            why = "it is not there" if not path.exists() else "FAISS cannot read it"
+            raise DataError(
+                f"{path} is damaged: {why}", code="damaged", fields=(str(path),)
+            ) from error
+
+    def __len__(self) -> int:
+        return int(self._index.ntotal)
+
+    @property
+    def lists(self) -> int:
+        """Number of its lists."""
+        return int(self._index.nlist)
+
+    def search(self, queries: Floats32, nprobes: int, count: int, allowed: Mask | None) -> Integers:
+        """Find rows that may be near.
+
+        Args:
+            queries: float32 (q, D).
+            nprobes: lists that are searched, at most all.
+            count: of rows to find for each query.
+            allowed: bool (n), by number of a row, which rows may be found; None for all.
+
+        Returns:
+            int64 (q, count), numbers of rows, the nearest first; -1 where there are no more.
+        """
+        faiss = _load()
+        bits = None if allowed is None else np.packbits(allowed, bitorder="little")
+        parameters = faiss.SearchParametersIVF(
+            nprobe=min(nprobes, self.lists),
+            sel=None if bits is None else faiss.IDSelectorBitmap(bits),
+        )
+        rows: Integers = self._index.search(queries, count, params=parameters)[1]
+        return rows
+
+
+def write_segment(folder: Path, rows: int, blocks: Blocks, progress: Callable[[str], None]) -> Path:
+    """Build a segment and write it, whole or not at all.
+
+    Args:
+        folder: which is made if it is not there.
+        rows: number of them, at least 1.
+        blocks: all rows; called twice.
+        progress: called with a line of text for each step.
+
+    Raises:
+        DataError: it cannot be written (code "cannot-write").
+    """
+    faiss = _load()
+    lists = math.isqrt(rows)
+    every = max(1, rows // (_TRAINING * lists))
+    progress(f"{lists} lists")
+    sample = np.vstack([vectors[::every] for _, vectors in blocks()])
+    index: Any = faiss.index_factory(sample.shape[1], f"IVF{lists},SQ8")
+    index.train(sample)
+    for numbers, vectors in blocks():
+        index.add_with_ids(vectors, numbers)
+        progress(f"{index.ntotal} of {rows} rows")
+    path = folder / f"{secrets.token_hex(8)}.faiss"
+    try:
+        folder.mkdir(exist_ok=True)
+        with atomic_path(path) as temporary:
+            faiss.write_index(index, str(temporary))
+    except (OSError, RuntimeError) as error:  # FAISS raises the latter when the disk is full
+        reason = why_not(path, error) if isinstance(error, OSError) else str(error).splitlines()[-1]
+        raise cannot_write(path, reason) from error
+    return path
+
+
+def _load() -> Any:
+    """FAISS's module.
+
+    Raises:
+        FusionSlamError: it is not installed (code "missing-extra").
+    """
+    try:
+        import faiss
+    except ImportError as error:
+        raise FusionSlamError(
+            f"the index of places needs FAISS, which is not installed ({error}): "
+            "pip install 'fusionslam[fleet]'",
+            code="missing-extra",
+            fields=("fleet",),
+        ) from error
+    return faiss
