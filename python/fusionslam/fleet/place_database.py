@@ -24,6 +24,7 @@ from fusionslam.fleet.place_rows import (
     rows_of,
     schema_of,
     settings_of,
+    thin_out,
 )
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
 from fusionslam.fleet.vector_index import IndexReport, Progress, Search
@@ -65,12 +66,16 @@ class Positions:
         frames: int64 (n), numbers in their recordings.
         stamps_ns: int64 (n).
         poses: float64 (n, 4, 4), in a frame of the recording; NaN where unknown.
+        every: so many places of a recording stand for one of these.
+        counts: numbers of all places, by recording.
     """
 
     sessions: Sequence[str]
     frames: Integers
     stamps_ns: Integers
     poses: Floats
+    every: int
+    counts: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -362,18 +367,33 @@ class PlaceDatabase:
         rows = found.group_by(list(ABOUT)).aggregate(spans).to_pylist()
         return sorted((_session(row) for row in rows), key=lambda one: (one.session, one.robot))
 
-    def positions(self, site: str) -> Positions:
-        """Where the places of a site are, by recording and frame."""
-        columns = ["session", "frame", "stamp_ns", "pose"]
+    def positions(self, site: str, most: int | None = None) -> Positions:
+        """Where the places of a site are, by recording and frame.
+
+        Args:
+            site: name of the site.
+            most: number of places that are returned, and one more for each recording; of more,
+                every n-th of each recording, in the order in which they were added. None is all.
+                The others are not kept in memory.
+        """
+        import pyarrow as pa
+
+        sql = PlaceFilter(site=site).sql()
         with self._reading() as table:
-            sql = PlaceFilter(site=site).sql()
-            found = table.search().select(columns).where(sql).to_arrow()
-        found = found.sort_by([("session", "ascending"), ("frame", "ascending")])
+            every = 1 if most is None else max(1, -(-table.count_rows(sql) // most))
+            counts: Counter[str] = Counter()
+            columns = ["session", "frame", "stamp_ns", "pose"]
+            found = pa.Table.from_batches(
+                (thin_out(each, every, counts) for each in vector_index.scan(table, columns, sql)),
+                pa.schema([table.schema.field(name) for name in columns]),
+            ).sort_by([("session", "ascending"), ("frame", "ascending")])
         return Positions(
             found["session"].to_pylist(),
             found["frame"].to_numpy(),
             found["stamp_ns"].to_numpy(),
             poses_of(found["pose"]),
+            every,
+            dict(sorted(counts.items())),
         )
 
     def versions(self) -> list[Version]:

@@ -238,9 +238,10 @@ def no_index(table: Any) -> IndexReport:
     )
 
 
-def scan(table: Any, columns: list[str]) -> Iterator[Any]:
-    """Yield columns of all rows, some thousands at a time, as Arrow's batches."""
-    yield from table.search().select(columns).to_batches(_BLOCK)
+def scan(table: Any, columns: list[str], sql: str | None = None) -> Iterator[Any]:
+    """Yield columns of all rows, or of those of a filter, some thousands at a time, as batches."""
+    search = table.search().select(columns)
+    yield from (search if sql is None else search.where(sql)).to_batches(_BLOCK)
 
 
 def _vector_index(table: Any) -> Any:

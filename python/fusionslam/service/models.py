@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers of the service, as its OpenAPI page lists them."""
 
-from collections import defaultdict
 from typing import Self
 
 import numpy as np
@@ -121,25 +120,24 @@ class SitePaths(BaseModel):
     sessions: list[SessionPath]
 
     @classmethod
-    def of(cls, site: str, found: Positions, most: int) -> Self:
-        """Return positions as an answer, thinned out evenly to at most so many."""
-        every = max(1, -(-len(found.sessions) // most))
-        rows_of = defaultdict(list)
+    def of(cls, site: str, found: Positions) -> Self:
+        """Return positions as an answer."""
+        is_known = np.isfinite(found.poses[:, :3, 3].sum(axis=1)).tolist()
+        rows: dict[str, list[int]] = {name: [] for name in found.counts}
         for row, session in enumerate(found.sessions):
-            rows_of[session].append(row)
-        is_known = np.isfinite(found.poses[:, :3, 3].sum(axis=1))
-        paths = []
-        for name, rows in rows_of.items():
-            kept = [row for row in rows[::every] if is_known[row]]
-            paths.append(
-                SessionPath(
-                    session=name,
-                    places=len(rows),
-                    frames=found.frames[kept].tolist(),
-                    positions=found.poses[kept, :3, 3].tolist(),
-                )
+            if is_known[row]:
+                rows[session].append(row)
+        paths = [
+            SessionPath(
+                session=name,
+                places=found.counts[name],
+                frames=found.frames[kept].tolist(),
+                positions=found.poses[kept, :3, 3].tolist(),
             )
-        return cls(site=site, places=len(found.sessions), every=every, sessions=paths)
+            for name, kept in rows.items()
+        ]
+        total = sum(found.counts.values())
+        return cls(site=site, places=total, every=found.every, sessions=paths)
 
 
 class Health(BaseModel):

@@ -111,10 +111,10 @@ class ServedPlaces:
         with self._reading() as opened:
             return opened.database.count_by(column)
 
-    def positions(self, site: str) -> Positions:
-        """Return where the places of a site are."""
+    def positions(self, site: str, most: int) -> Positions:
+        """Return where the places of a site are, every n-th of more than so many."""
         with self._reading() as opened:
-            return opened.database.positions(site)
+            return opened.database.positions(site, most)
 
     def close(self) -> None:
         """Let go of the folder."""

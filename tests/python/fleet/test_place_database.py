@@ -18,7 +18,7 @@ from sklearn.neighbors import NearestNeighbors
 from error_codes import has_code
 from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
-from fusionslam.fleet import lance_extra
+from fusionslam.fleet import lance_extra, vector_index
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter
 
@@ -117,7 +117,19 @@ def test_sessions_counts_and_positions_tell_of_all_places(drives: PlaceDatabase)
     assert_array_equal(yard.stamps_ns, yard.frames * 10**9)
     assert_array_equal(np.flatnonzero(np.isnan(yard.poses[:, 0, 0])), [0, 60])
     assert_array_equal(yard.poses[61:, 0, 3], np.arange(1, 40))
+    assert yard.every == 1 and yard.counts == {"monday": 60, "tuesday": 40}
     assert drives.positions("nowhere").poses.shape == (0, 4, 4)
+
+
+def test_of_many_positions_every_nth_of_each_session_is_read(
+    drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vector_index, "_BLOCK", 7)  # rows of a batch
+    yard = drives.positions("yard", most=34)
+    assert yard.every == 3 and yard.counts == {"monday": 60, "tuesday": 40}
+    assert_array_equal(yard.frames, [*range(0, 60, 3), *range(0, 40, 3)])
+    assert yard.sessions == ["monday"] * 20 + ["tuesday"] * 14
+    assert_array_equal(yard.poses[1:20, 0, 3], np.arange(3, 60, 3))
 
 
 # What changes.

@@ -38,11 +38,11 @@ async def show_site(site: str, state: Shared) -> SitePaths:
     """Return where the places of a site are, by session; an empty name is that of no site."""
 
     def work() -> SitePaths:
-        found = state.places.positions(site)
-        if not found.sessions:
+        found = state.places.positions(site, state.config.max_positions)
+        if not found.counts:
             message = f"there is no site {site!r}; /v1/places lists them"
             raise RequestError(404, message, code="unknown-site", fields=(site,))
-        return SitePaths.of(site, found, state.config.max_positions)
+        return SitePaths.of(site, found)
 
     with state.workers.place():
         return await state.workers.run(work)
