@@ -84,7 +84,9 @@ async def locate(
     """Find where a cloud is, proven by registration with the clouds of its candidates."""
 
     def work(cloud: Cloud) -> LocatedCloud:
-        return LocatedCloud.of(state.places.locate(cloud, k, where))
+        found = state.places.locate(cloud, k, where)
+        joint = None if found.place is None else state.places.joint_map(found.place.site)
+        return LocatedCloud.of(found, joint)
 
     return await _with_cloud(request, state, format, work)
 

@@ -35,14 +35,18 @@ async def count_places(state: Shared) -> Counts:
 
 @router.get("/sites/{site:path}", responses=_NO_SITE)
 async def show_site(site: str, state: Shared) -> SitePaths:
-    """Return where the places of a site are, by session; an empty name is that of no site."""
+    """Return where the places of a site are, by session, and its joint map if it has one.
+
+    An empty name is that of no site.
+    """
+    served, most = state.places, state.config.max_positions
 
     def work() -> SitePaths:
-        found = state.places.positions(site, state.config.max_positions)
+        found = served.positions(site, most)
         if not found.counts:
             message = f"there is no site {site!r}; /v1/places lists them"
             raise RequestError(404, message, code="unknown-site", fields=(site,))
-        return SitePaths.of(site, found)
+        return SitePaths.of(site, found, served.joint_map(site), most)
 
     with state.workers.place():
         return await state.workers.run(work)
