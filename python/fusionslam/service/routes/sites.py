@@ -6,10 +6,12 @@ from fastapi import APIRouter
 
 from fusionslam.service.models import Counts, Problem, SitePaths
 from fusionslam.service.problems import RequestError
-from fusionslam.service.routes.parameters import ANSWERS, Answers
+from fusionslam.service.routes.parameters import ANSWERS, Answers, take_only
 from fusionslam.service.state import ADMITTED, Shared
 
-router = APIRouter(prefix="/v1", dependencies=[ADMITTED], tags=["places"], responses=ANSWERS)
+router = APIRouter(
+    prefix="/v1", dependencies=[ADMITTED, take_only()], tags=["places"], responses=ANSWERS
+)
 _NO_SITE: Answers = {404: {"model": Problem, "description": "There is no such site."}}
 
 
