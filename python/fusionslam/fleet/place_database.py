@@ -158,8 +158,8 @@ class PlaceDatabase:
 
         Raises:
             DataError: there is none (code "not-found"), something else is there ("other-format"),
-                it is of a later version ("newer-version"), damaged ("damaged"), or another process
-                changes it ("locked").
+                it is of a later version ("newer-version"), damaged ("damaged"), it cannot be read
+                ("cannot-read"), or another process changes it ("locked").
             ConfigError: its settings are others (code "other-descriptor"); ``fields`` has the
                 name of the first that differs, what was found, and what was expected.
             FusionSlamError: LanceDB is not installed (code "missing-extra").
@@ -318,7 +318,8 @@ class PlaceDatabase:
 
         Raises:
             ShapeError: vectors of another length.
-            DataError: vectors that are not finite (code "not-finite"), or the database is damaged.
+            DataError: vectors that are not finite (code "not-finite"), or the database is damaged
+                ("damaged") or cannot be read ("cannot-read").
             ConfigError: k is less than 1 (code "limit").
         """
         if k < 1:
@@ -420,7 +421,7 @@ class PlaceDatabase:
                 code="not-found",
                 fields=(self.location, str(number)),
             )
-        with self._reading() as table, lance_extra.errors(self.location):
+        with self._reading() as table:
             then = table._conn.open_table(table.name)
             then.checkout(number)
         database = PlaceDatabase(self.location, then, read_only=True)
@@ -428,11 +429,11 @@ class PlaceDatabase:
         return database
 
     @contextmanager
-    def _reading(self) -> Iterator[Any]:
-        """The table as it is now."""
+    def _reading(self, *, writing: bool = False) -> Iterator[Any]:
+        """The table as it is now; ``writing`` is as of ``lance_extra.errors``."""
         if self._is_closed:
             raise DataError(f"{self.location} is closed", code="closed", fields=(self.location,))
-        with lance_extra.errors(self.location):
+        with lance_extra.errors(self.location, writing=writing):
             if not self._is_pinned and self._lock is None:
                 self._table.checkout_latest()
             yield self._table
@@ -445,7 +446,7 @@ class PlaceDatabase:
                 code="read-only",
                 fields=(self.location,),
             )
-        with self._reading() as table:
+        with self._reading(writing=True) as table:
             yield table
 
     def _search(self, table: Any, k: int, where: PlaceFilter | None, exact: bool) -> Search:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A database of places: what is added is found, what is deleted is not, and bad input is named."""
 
+import errno
 import json
 import shutil
 import subprocess
@@ -356,6 +357,26 @@ def test_what_is_no_database_is_named(tmp_path: Path, drives: PlaceDatabase) -> 
         PlaceDatabase.create(drives.location, SETTINGS)
     with pytest.raises(DataError, check=has_code("cannot-write")):
         PlaceDatabase.create(tmp_path / "file" / "in it", SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.EIO, "Input/output error"), RuntimeError("LanceError: Permission denied")],
+)
+def test_what_the_system_refuses_names_whether_it_was_read_or_written(
+    drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    for method in ("count_rows", "search", "add", "delete"):
+        monkeypatch.setattr(type(drives._table), method, refuse)
+    reads = (lambda: len(drives), lambda: drives.positions("yard"), drives.sessions)
+    writes = (lambda: drives.delete(PlaceFilter(robot="r1")), lambda: drives.delete_keys(["a"]))
+    for code, calls in (("cannot-read", reads), ("cannot-write", writes)):
+        for call in calls:
+            with pytest.raises(DataError, check=has_code(code, drives.location)):
+                call()
 
 
 def test_tables_of_others_and_of_later_versions_are_refused(tmp_path: Path) -> None:
