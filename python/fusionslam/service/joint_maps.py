@@ -41,7 +41,9 @@ class JointMaps:
         path = site_map_path(self._folder, site)
         identity = _identity(path)
         if not identity:
-            self._known.pop(site, None)
+            if site in self._known:
+                with self._lock:
+                    self._known.pop(site, None)
             return None
         known = self._known.get(site)
         if known is None or known[0] != identity:
