@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError, needing
 from fusionslam.storage.files import cannot_write, why_not
 
 TABLE = "places"
@@ -22,15 +22,8 @@ def load() -> Any:
     Raises:
         FusionSlamError: it is not installed (code "missing-extra").
     """
-    try:
+    with needing("fleet", "a database of places needs LanceDB"):
         import lancedb
-    except ImportError as error:
-        raise FusionSlamError(
-            f"a database of places needs LanceDB, which is not installed ({error}): "
-            "pip install 'fusionslam[fleet]'",
-            code="missing-extra",
-            fields=("fleet",),
-        ) from error
     return lancedb
 
 
