@@ -81,9 +81,11 @@ function showApart(paths) {
 function showJoint({ map: { keyframes, every, sessions }, sessions: all }) {
   const others = all.filter(({ session }) => !joint.has(session));
   const drawn = map.draw([...sessions, ...others.map((each) => ({ ...each, apart: true }))]);
-  const verb = others.length === 1 ? "is" : "are";
-  const apart = others.length
-    ? ` ${counted(others.length, "session")} ${verb} not joined, and drawn in a frame of its own.` : "";
+  const count = counted(others.length, "session");
+  const apart = [
+    "", ` ${count} is not joined: ticked, it is drawn in its own frame.`,
+    ` ${count} are not joined: ticked, they are drawn in frames of their own.`,
+  ][Math.min(others.length, 2)];
   at("map-note").textContent = `The joint map from above: ${counted(drawn, "keyframe")} drawn of ${keyframes}${oneOf(every)}, by session.${apart}`;
 }
 
