@@ -5,10 +5,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-wanted=$(.venv/bin/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["bench"])')
-# shellcheck disable=SC2086  # one requirement a word
-.venv/bin/python -m pip install --quiet --disable-pip-version-check $wanted
-
 source scripts/ccache.sh
 log=build/bench-build.log
 {

@@ -7,6 +7,9 @@ Messages are for people and may be reworded: programs decide by class, ``code`` 
 """
 
 import copyreg
+import errno
+import os
+import socket
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -72,6 +75,49 @@ def naming(subject: object) -> Iterator[None]:
     except FusionSlamError as error:
         code = None if error.code in _CODES_OF_CLASSES else error.code
         raise DataError(f"{subject}: {error}", code=code, fields=error.fields) from error
+
+
+@contextmanager
+def needing(extra: str, need: str) -> Iterator[None]:
+    """Say what to install if an import in the block fails.
+
+    Args:
+        extra: name of the extra that brings the package.
+        need: what needs which package, such as "pose graphs need GTSAM".
+
+    Raises:
+        FusionSlamError: code "missing-extra".
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise FusionSlamError(
+            f"{need}, which is not installed ({error}): pip install 'fusionslam[{extra}]'",
+            code="missing-extra",
+            fields=(extra,),
+        ) from error
+
+
+@contextmanager
+def listening(who: str, host: str, port: int) -> Iterator[None]:
+    """Say why a socket that is made in the block cannot listen.
+
+    Raises:
+        ConfigError: the port is in use (code "port-in-use") or not allowed ("no-port"), or there
+            is no such host ("no-host").
+    """
+    try:
+        yield
+    except OSError as error:
+        code, reason = "no-port", os.strerror(error.errno or 0)
+        if isinstance(error, socket.gaierror):
+            code, reason = "no-host", "there is no such host; 127.0.0.1 is this machine alone"
+        elif error.errno == errno.EADDRINUSE:
+            code, reason = "port-in-use", "it is in use; take another port"
+        elif error.errno == errno.EADDRNOTAVAIL:
+            code = "no-host"
+        message = f"{who} cannot listen on port {port} of {host!r}: {reason}"
+        raise ConfigError(message, code=code, fields=(host, str(port))) from error
 
 
 def cause_of(error: BaseException) -> tuple[str, ...]:

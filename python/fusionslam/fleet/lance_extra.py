@@ -8,14 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, FusionSlamError, needing
 from fusionslam.storage.files import cannot_write, why_not
 
 TABLE = "places"
 _SUFFIX = ".lance"
 _STABLE = {"new_table_enable_stable_row_ids": "true"}
 """Numbers of rows stay the same when files are merged: the index of vectors knows rows by them."""
-_FULL = ("No space left", "Disk quota exceeded", "Read-only file system", "Permission denied")
+_REFUSED = ("No space left", "Disk quota exceeded", "Read-only file system", "Permission denied")
 
 
 def load() -> Any:
@@ -24,15 +24,8 @@ def load() -> Any:
     Raises:
         FusionSlamError: it is not installed (code "missing-extra").
     """
-    try:
+    with needing("fleet", "a database of places needs LanceDB"):
         import lancedb
-    except ImportError as error:
-        raise FusionSlamError(
-            f"a database of places needs LanceDB, which is not installed ({error}): "
-            "pip install 'fusionslam[fleet]'",
-            code="missing-extra",
-            fields=("fleet",),
-        ) from error
     return lancedb
 
 
@@ -55,7 +48,7 @@ def create_table(location: str, schema: Any, options: Mapping[str, str] | None) 
     lancedb = load()
     if not is_remote(location) and has_table(location):
         raise _exists(location)
-    with errors(location):
+    with errors(location, writing=True):
         try:
             Path(location).mkdir(parents=True, exist_ok=True) if not is_remote(location) else None
             return _connect(lancedb, location, options).create_table(
@@ -65,8 +58,6 @@ def create_table(location: str, schema: Any, options: Mapping[str, str] | None) 
             if "already exists" in str(error):
                 raise _exists(location) from error
             raise
-        except OSError as error:
-            raise cannot_write(Path(location), why_not(Path(location) / TABLE, error)) from error
 
 
 def open_table(location: str, options: Mapping[str, str] | None) -> Any:
@@ -77,7 +68,7 @@ def open_table(location: str, options: Mapping[str, str] | None) -> Any:
 
     Raises:
         DataError: there is none (code "not-found", or "other-format" for a folder of something
-            else), or it is damaged ("damaged").
+            else), it is damaged ("damaged"), or it cannot be read ("cannot-read").
     """
     lancedb = load()
     if not is_remote(location):
@@ -96,8 +87,14 @@ def open_table(location: str, options: Mapping[str, str] | None) -> Any:
 
 
 @contextmanager
-def errors(location: str) -> Iterator[None]:
-    """Raise what LanceDB says as DataError that names the location."""
+def errors(location: str, *, writing: bool = False) -> Iterator[None]:
+    """Raise what LanceDB says as DataError that names the location.
+
+    Args:
+        location: of the folder, or an address in an object store.
+        writing: whether the block changes something: what the system refuses then has the code
+            "cannot-write", else "cannot-read".
+    """
     try:
         yield
     except (FusionSlamError, MemoryError):
@@ -105,15 +102,16 @@ def errors(location: str) -> Iterator[None]:
     except UnicodeEncodeError as error:
         raise DataError(f"{error.object!r} is no text in Unicode", code="bad-text") from error
     except OSError as error:
+        if not writing:
+            raise _cannot_read(location, error.strerror or _first_line(error)) from error
         raise cannot_write(Path(location), why_not(Path(location) / TABLE, error)) from error
     except (RuntimeError, ValueError, LookupError) as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        if any(sign in str(error) for sign in _FULL):
+        first = _first_line(error)
+        is_refused = any(sign in str(error) for sign in _REFUSED)
+        if is_refused and writing:
             raise cannot_write(Path(location), first) from error
-        if is_remote(location):
-            raise DataError(
-                f"cannot read {location}: {first}", code="cannot-read", fields=(location,)
-            ) from error
+        if is_refused or is_remote(location):
+            raise _cannot_read(location, first) from error
         raise damaged(location, first) from error
 
 
@@ -151,11 +149,17 @@ def _check_folder(location: str) -> None:
         raise other_format(location) from error
     except OSError as error:
         reason = error.strerror or errno.errorcode.get(error.errno or 0, "unknown")
-        raise DataError(
-            f"cannot read {location}: {reason}", code="cannot-read", fields=(location,)
-        ) from error
+        raise _cannot_read(location, reason) from error
     if TABLE + _SUFFIX not in names:
         raise other_format(location) if names else _not_found(location)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _cannot_read(location: str, why: str) -> DataError:
+    return DataError(f"cannot read {location}: {why}", code="cannot-read", fields=(location,))
 
 
 def _not_found(location: str) -> DataError:

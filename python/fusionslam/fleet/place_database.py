@@ -26,6 +26,7 @@ from fusionslam.fleet.place_rows import (
     rows_of,
     schema_of,
     settings_of,
+    thin_out,
 )
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
 from fusionslam.fleet.row_search import Search, exactly, nearest_rows, scan
@@ -67,12 +68,16 @@ class Positions:
         frames: int64 (n), numbers in their recordings.
         stamps_ns: int64 (n).
         poses: float64 (n, 4, 4), in a frame of the recording; NaN where unknown.
+        every: so many places of a recording stand for one of these.
+        counts: numbers of all places, by recording.
     """
 
     sessions: Sequence[str]
     frames: Integers
     stamps_ns: Integers
     poses: Floats
+    every: int
+    counts: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -156,8 +161,8 @@ class PlaceDatabase:
 
         Raises:
             DataError: there is none (code "not-found"), something else is there ("other-format"),
-                it is of a later version ("newer-version"), damaged ("damaged"), or another process
-                changes it ("locked").
+                it is of a later version ("newer-version"), damaged ("damaged"), it cannot be read
+                ("cannot-read"), or another process changes it ("locked").
             ConfigError: its settings are others (code "other-descriptor"); ``fields`` has the
                 name of the first that differs, what was found, and what was expected.
             FusionSlamError: LanceDB is not installed (code "missing-extra").
@@ -322,7 +327,8 @@ class PlaceDatabase:
 
         Raises:
             ShapeError: vectors of another length.
-            DataError: vectors that are not finite (code "not-finite"), or the database is damaged.
+            DataError: vectors that are not finite (code "not-finite"), or the database is damaged
+                ("damaged") or cannot be read ("cannot-read").
             ConfigError: k is less than 1 (code "limit").
         """
         if k < 1:
@@ -372,18 +378,33 @@ class PlaceDatabase:
         rows = found.group_by(list(ABOUT)).aggregate(spans).to_pylist()
         return sorted((_session(row) for row in rows), key=lambda one: (one.session, one.robot))
 
-    def positions(self, site: str) -> Positions:
-        """Where the places of a site are, by recording and frame."""
-        columns = ["session", "frame", "stamp_ns", "pose"]
+    def positions(self, site: str, most: int | None = None) -> Positions:
+        """Where the places of a site are, by recording and frame.
+
+        Args:
+            site: name of the site.
+            most: number of places that are returned, and one more for each recording; of more,
+                every n-th of each recording, in the order in which they were added. None is all.
+                The others are not kept in memory.
+        """
+        import pyarrow as pa
+
+        sql = PlaceFilter(site=site).sql()
         with self._reading() as table:
-            sql = PlaceFilter(site=site).sql()
-            found = table.search().select(columns).where(sql).to_arrow()
-        found = found.sort_by([("session", "ascending"), ("frame", "ascending")])
+            every = 1 if most is None else max(1, -(-table.count_rows(sql) // most))
+            counts: Counter[str] = Counter()
+            columns = ["session", "frame", "stamp_ns", "pose"]
+            found = pa.Table.from_batches(
+                (thin_out(each, every, counts) for each in scan(table, columns, sql)),
+                pa.schema([table.schema.field(name) for name in columns]),
+            ).sort_by([("session", "ascending"), ("frame", "ascending")])
         return Positions(
             found["session"].to_pylist(),
             found["frame"].to_numpy(),
             found["stamp_ns"].to_numpy(),
             poses_of(found["pose"]),
+            every,
+            dict(sorted(counts.items())),
         )
 
     def versions(self) -> list[Version]:
@@ -410,7 +431,7 @@ class PlaceDatabase:
                 code="not-found",
                 fields=(self.location, str(number)),
             )
-        with self._reading() as table, lance_extra.errors(self.location):
+        with self._reading() as table:
             then = table._conn.open_table(table.name)
             then.checkout(number)
         database = PlaceDatabase(self.location, then, read_only=True)
@@ -418,11 +439,11 @@ class PlaceDatabase:
         return database
 
     @contextmanager
-    def _reading(self) -> Iterator[Any]:
-        """The table as it is now."""
+    def _reading(self, *, writing: bool = False) -> Iterator[Any]:
+        """The table as it is now; ``writing`` is as of ``lance_extra.errors``."""
         if self._is_closed:
             raise DataError(f"{self.location} is closed", code="closed", fields=(self.location,))
-        with lance_extra.errors(self.location):
+        with lance_extra.errors(self.location, writing=writing):
             if not self._is_pinned and self._lock is None:
                 self._table.checkout_latest()
             yield self._table
@@ -435,7 +456,7 @@ class PlaceDatabase:
                 code="read-only",
                 fields=(self.location,),
             )
-        with self._reading() as table:
+        with self._reading(writing=True) as table:
             yield table
 
     def _looked_up(self, table: Any) -> Lookup:

@@ -3,6 +3,7 @@
 """Places as rows of a table in Arrow's format, and the settings that its schema carries."""
 
 import json
+from collections import Counter
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -200,6 +201,23 @@ def poses_of(column: Any) -> Floats:
     values = column.drop_null().combine_chunks().flatten()
     poses[known] = values.to_numpy(zero_copy_only=False).reshape(-1, 4, 4)
     return poses
+
+
+def thin_out(batch: Any, every: int, seen: Counter[str]) -> Any:
+    """Return every n-th row of each session, in Arrow's batch of many.
+
+    Args:
+        batch: with a column "session".
+        every: n.
+        seen: numbers of rows by session in the batches before, to which these are added.
+    """
+    encoded = batch["session"].dictionary_encode()
+    codes, kept = encoded.indices.to_numpy(), []
+    for code, session in enumerate(encoded.dictionary.to_pylist()):
+        rows = np.flatnonzero(codes == code)
+        kept.append(rows[-seen[session] % every :: every])
+        seen[session] += len(rows)
+    return batch.take(np.sort(np.concatenate([*kept, codes[:0]])))
 
 
 def _newer(location: str, version: int) -> DataError:

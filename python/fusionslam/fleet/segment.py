@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import DataError, needing
 from fusionslam.storage.arrays import Floats32, Integers, Mask
 from fusionslam.storage.files import atomic_path, cannot_write, why_not
 
@@ -114,13 +114,6 @@ def _load() -> Any:
     Raises:
         FusionSlamError: it is not installed (code "missing-extra").
     """
-    try:
+    with needing("fleet", "the index of places needs FAISS"):
         import faiss
-    except ImportError as error:
-        raise FusionSlamError(
-            f"the index of places needs FAISS, which is not installed ({error}): "
-            "pip install 'fusionslam[fleet]'",
-            code="missing-extra",
-            fields=("fleet",),
-        ) from error
     return faiss

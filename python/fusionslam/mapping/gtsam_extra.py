@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fusionslam.errors import FusionSlamError
+from fusionslam.errors import FusionSlamError, needing
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 # GTSAM's small motions are rotations first.
@@ -41,15 +41,8 @@ def load() -> Any:
     Raises:
         FusionSlamError: it is not installed (code "missing-extra").
     """
-    try:
+    with needing("map", "pose graphs need GTSAM"):
         import gtsam
-    except ImportError as error:
-        raise FusionSlamError(
-            f"pose graphs need GTSAM, which is not installed ({error}): "
-            "pip install 'fusionslam[map]'",
-            code="missing-extra",
-            fields=("map",),
-        ) from error
     return gtsam
 
 

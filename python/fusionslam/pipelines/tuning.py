@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fusionslam.config import Section, merged, option
-from fusionslam.errors import ConfigError, DataError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, needing
 from fusionslam.evaluation import ViewJudge, ViewReport
 from fusionslam.pipelines.views import views_of
 from fusionslam.storage.archive import load_archive, save_archive
@@ -342,18 +342,11 @@ class _Search:
             yield Generation(numbers, values)
 
     def _algorithm(self) -> "Algorithm":
-        try:
+        with needing("tune", "tuning needs pymoo"):
             from pymoo.algorithms.soo.nonconvex.de import DE
             from pymoo.algorithms.soo.nonconvex.ga import GA
             from pymoo.core.problem import Problem
             from pymoo.core.termination import NoTermination
-        except ImportError as error:
-            raise FusionSlamError(
-                f"tuning needs pymoo, which is not installed ({error}): "
-                "pip install 'fusionslam[tune]'",
-                code="missing-extra",
-                fields=("tune",),
-            ) from error
         problem = Problem(n_var=len(self.low), n_obj=1, xl=self.low, xu=self.high)
         kinds = {"ga": GA, "de": DE}
         first = self._first()

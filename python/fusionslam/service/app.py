@@ -14,6 +14,7 @@ from fusionslam.service.batches import QueryBatches
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import CountRequests, Metrics
+from fusionslam.service.place_count import PlaceCount
 from fusionslam.service.places import ServedPlaces
 from fusionslam.service.problems import answer_problems
 from fusionslam.service.rates import Rates
@@ -50,12 +51,14 @@ def create_app(
         workers,
         QueryBatches(places, workers),
         Metrics(),
+        PlaceCount(places),
     )
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
         workers.close()
+        shared.count.close()
         places.close()
 
     app = FastAPIOffline(

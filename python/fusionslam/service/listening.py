@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The socket that the service listens on, and its life from the start to a signal."""
 
-import errno
-import os
 import signal
 import socket
 from collections.abc import Iterator
@@ -13,7 +11,7 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, listening
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.state import is_local
@@ -45,19 +43,9 @@ def listen(config: ServiceConfig) -> socket.socket:
             is no such host ("no-host").
     """
     host, port = config.host, config.port
-    fields = (host, str(port))
-    try:
+    with listening("the service", host, port):
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         return socket.create_server(address[:2], family=family, backlog=_BACKLOG)
-    except socket.gaierror as error:
-        message = f"there is no host {host!r}; 127.0.0.1 is this machine alone"
-        raise ConfigError(message, code="no-host", fields=fields) from error
-    except OSError as error:
-        codes = {errno.EADDRINUSE: "port-in-use", errno.EADDRNOTAVAIL: "no-host"}
-        code = codes.get(error.errno or 0, "no-port")
-        reason = "it is in use" if code == "port-in-use" else os.strerror(error.errno or 0)
-        message = f"the service cannot listen on port {port} of {host}: {reason}"
-        raise ConfigError(message, code=code, fields=fields) from error
 
 
 def url_of(listener: socket.socket) -> str:

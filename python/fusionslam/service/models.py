@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers of the service, as its OpenAPI page lists them."""
 
-from collections import defaultdict
+from collections.abc import Container
 from typing import Self
 
 import numpy as np
 from pydantic import BaseModel
 
+from fusionslam.fleet.joint_map import JointMap
 from fusionslam.fleet.localization import FleetLocalization
 from fusionslam.fleet.place_database import Positions
 from fusionslam.fleet.places import Candidate
@@ -65,25 +66,32 @@ class LocatedCloud(BaseModel):
 
     ``place`` is the candidate that proves it, ``place_from_robot`` the robot's pose in the frame of
     the robot that saw the place, with its covariance; ``site_from_robot`` is in the frame of the
-    place's recording. They are null without a proof; then ``reason`` says why.
+    place's recording. They are null without a proof; then ``reason`` says why. ``map_from_robot``
+    is in the frame of the site's joint map; null, too, if there is no map or the place's recording
+    is not joined. For it, the pose of the robot that saw the place is interpolated between
+    keyframes.
     """
 
     candidates: list[FoundPlace]
     place: FoundPlace | None
     place_from_robot: Rows | None
     site_from_robot: Rows | None
+    map_from_robot: Rows | None
     covariance: Rows | None
     probability: float
     reason: str | None
 
     @classmethod
-    def of(cls, found: FleetLocalization) -> Self:
-        """Return what was found as an answer."""
+    def of(cls, found: FleetLocalization, joint: JointMap | None) -> Self:
+        """Return what was found as an answer, in the joint map of the place's site, too."""
+        place, pose = found.place, found.place_from_robot
+        seen = None if place is None or joint is None else joint.pose_at(place.session, place.frame)
         return cls(
             candidates=[FoundPlace.of(each) for each in found.candidates],
-            place=None if found.place is None else FoundPlace.of(found.place),
-            place_from_robot=_rows(found.place_from_robot),
+            place=None if place is None else FoundPlace.of(place),
+            place_from_robot=_rows(pose),
             site_from_robot=_rows(found.site_from_robot),
+            map_from_robot=None if seen is None or pose is None else _rows(seen @ pose),
             covariance=_rows(found.covariance),
             probability=found.probability,
             reason=None if found.reason is None else str(found.reason),
@@ -112,34 +120,80 @@ class SessionPath(BaseModel):
     positions: Rows
 
 
+class MapPath(BaseModel):
+    """Keyframes of a recording in the frame of the joint map: x, y, z in metres, their frames."""
+
+    session: str
+    keyframes: int
+    frames: list[int]
+    positions: Rows
+
+
+class MapPaths(BaseModel):
+    """The joint map of a site: the recordings that it joins; ``every`` n-th keyframe is listed."""
+
+    keyframes: int
+    every: int
+    sessions: list[MapPath]
+
+    @classmethod
+    def of(cls, joint: JointMap, sessions: Container[str], most: int) -> Self:
+        """Return some sessions of a map as an answer, thinned out to about so many keyframes."""
+        drives = {
+            name: np.flatnonzero(np.isfinite(drive.poses[:, 0, 0]))
+            for name, drive in joint.drives.items()
+            if name in sessions  # others may have been forgotten meanwhile
+        }
+        total = sum(map(len, drives.values()))
+        every = max(1, -(-total // most))
+        paths = [
+            MapPath(
+                session=name,
+                keyframes=len(rows),
+                frames=joint.drives[name].frames[rows[::every]].tolist(),
+                positions=joint.drives[name].poses[rows[::every], :3, 3].tolist(),
+            )
+            for name, rows in drives.items()
+        ]
+        return cls(keyframes=total, every=every, sessions=paths)
+
+
 class SitePaths(BaseModel):
-    """The places of a site by recording; ``every`` n-th of them is listed."""
+    """The places of a site by recording, each in a frame of its own; ``every`` n-th is listed.
+
+    ``map`` is the joint map, in whose frame recordings are joined; null if there is none.
+    """
 
     site: str
     places: int
     every: int
     sessions: list[SessionPath]
+    map: MapPaths | None
 
     @classmethod
-    def of(cls, site: str, found: Positions, most: int) -> Self:
-        """Return positions as an answer, thinned out evenly to at most so many."""
-        every = max(1, -(-len(found.sessions) // most))
-        rows_of = defaultdict(list)
+    def of(cls, site: str, found: Positions, joint: JointMap | None, most: int) -> Self:
+        """Return positions, and keyframes of the joint map, at most about so many."""
+        is_known = np.isfinite(found.poses[:, :3, 3].sum(axis=1)).tolist()
+        rows: dict[str, list[int]] = {name: [] for name in found.counts}
         for row, session in enumerate(found.sessions):
-            rows_of[session].append(row)
-        is_known = np.isfinite(found.poses[:, :3, 3].sum(axis=1))
-        paths = []
-        for name, rows in rows_of.items():
-            kept = [row for row in rows[::every] if is_known[row]]
-            paths.append(
-                SessionPath(
-                    session=name,
-                    places=len(rows),
-                    frames=found.frames[kept].tolist(),
-                    positions=found.poses[kept, :3, 3].tolist(),
-                )
+            if is_known[row]:
+                rows[session].append(row)
+        paths = [
+            SessionPath(
+                session=name,
+                places=found.counts[name],
+                frames=found.frames[kept].tolist(),
+                positions=found.poses[kept, :3, 3].tolist(),
             )
-        return cls(site=site, places=len(found.sessions), every=every, sessions=paths)
+            for name, kept in rows.items()
+        ]
+        return cls(
+            site=site,
+            places=sum(found.counts.values()),
+            every=found.every,
+            sessions=paths,
+            map=None if joint is None else MapPaths.of(joint, found.counts, most),
+        )
 
 
 class Health(BaseModel):

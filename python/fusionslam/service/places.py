@@ -14,10 +14,12 @@ from fusionslam.fleet.chunk import CHUNKS
 from fusionslam.fleet.chunk_store import ChunkStore, PlaceCloud
 from fusionslam.fleet.config import FILE, FleetSettings
 from fusionslam.fleet.folder import DATABASE, FleetFolder
+from fusionslam.fleet.joint_map import JointMap
 from fusionslam.fleet.localization import FleetLocalization, FleetLocator
 from fusionslam.fleet.place_database import PlaceDatabase, Positions
 from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.sensors.frame import Cloud
+from fusionslam.service.joint_maps import JointMaps
 from fusionslam.service.problems import RequestError
 from fusionslam.storage.arrays import Floats32
 
@@ -53,6 +55,7 @@ class ServedPlaces:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._lock = threading.Lock()
+        self._maps = JointMaps(folder)
         self._opened = self._open()
 
     def __len__(self) -> int:
@@ -102,19 +105,24 @@ class ServedPlaces:
         return self._opened.locator.localize(cloud, k, where)
 
     def cloud(self, key: str) -> PlaceCloud:
-        """Return the cloud of a place, for the locator."""
+        """Return the cloud of a place, for the locator, which does without those that fail."""
         with self._reading() as opened:
-            return opened.store.cloud(key)
+            store = opened.store
+        return store.cloud(key)
 
     def count_by(self, column: str) -> dict[str, int]:
         """Return numbers of places by site, region, robot or session."""
         with self._reading() as opened:
             return opened.database.count_by(column)
 
-    def positions(self, site: str) -> Positions:
-        """Return where the places of a site are."""
+    def positions(self, site: str, most: int) -> Positions:
+        """Return where the places of a site are, every n-th of more than so many."""
         with self._reading() as opened:
-            return opened.database.positions(site)
+            return opened.database.positions(site, most)
+
+    def joint_map(self, site: str) -> JointMap | None:
+        """Return the joint map of a site; None if there is none that can be read."""
+        return self._maps.get(site)
 
     def close(self) -> None:
         """Let go of the folder."""
@@ -128,8 +136,6 @@ class ServedPlaces:
         except RequestError:
             raise
         except (FusionSlamError, OSError) as error:
-            if isinstance(error, FusionSlamError) and error.code == "no-cloud":
-                raise
             logger.warning("%s cannot be read: %s", self._folder, error)
             message = "the places cannot be read now; the log of the service says why"
             headers = {"Retry-After": "5"}

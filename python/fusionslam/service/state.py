@@ -13,6 +13,7 @@ from fusionslam.service.batches import QueryBatches
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import Metrics
+from fusionslam.service.place_count import PlaceCount
 from fusionslam.service.places import ServedPlaces
 from fusionslam.service.problems import RequestError
 from fusionslam.service.rates import Rates
@@ -30,6 +31,7 @@ class State:
     workers: Workers
     batches: QueryBatches
     metrics: Metrics
+    count: PlaceCount
 
 
 async def state_of(request: Request) -> State:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A database of places: what is added is found, what is deleted is not, and bad input is named."""
 
+import errno
 import json
 import shutil
 import subprocess
@@ -18,7 +19,7 @@ from sklearn.neighbors import NearestNeighbors
 from error_codes import has_code
 from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
-from fusionslam.fleet import lance_extra
+from fusionslam.fleet import lance_extra, vector_index
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter
 
@@ -117,7 +118,19 @@ def test_sessions_counts_and_positions_tell_of_all_places(drives: PlaceDatabase)
     assert_array_equal(yard.stamps_ns, yard.frames * 10**9)
     assert_array_equal(np.flatnonzero(np.isnan(yard.poses[:, 0, 0])), [0, 60])
     assert_array_equal(yard.poses[61:, 0, 3], np.arange(1, 40))
+    assert yard.every == 1 and yard.counts == {"monday": 60, "tuesday": 40}
     assert drives.positions("nowhere").poses.shape == (0, 4, 4)
+
+
+def test_of_many_positions_every_nth_of_each_session_is_read(
+    drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vector_index, "_BLOCK", 7)  # rows of a batch
+    yard = drives.positions("yard", most=34)
+    assert yard.every == 3 and yard.counts == {"monday": 60, "tuesday": 40}
+    assert_array_equal(yard.frames, [*range(0, 60, 3), *range(0, 40, 3)])
+    assert yard.sessions == ["monday"] * 20 + ["tuesday"] * 14
+    assert_array_equal(yard.poses[1:20, 0, 3], np.arange(3, 60, 3))
 
 
 # What changes.
@@ -344,6 +357,26 @@ def test_what_is_no_database_is_named(tmp_path: Path, drives: PlaceDatabase) -> 
         PlaceDatabase.create(drives.location, SETTINGS)
     with pytest.raises(DataError, check=has_code("cannot-write")):
         PlaceDatabase.create(tmp_path / "file" / "in it", SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.EIO, "Input/output error"), RuntimeError("LanceError: Permission denied")],
+)
+def test_what_the_system_refuses_names_whether_it_was_read_or_written(
+    drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    for method in ("count_rows", "search", "add", "delete"):
+        monkeypatch.setattr(type(drives._table), method, refuse)
+    reads = (lambda: len(drives), lambda: drives.positions("yard"), drives.sessions)
+    writes = (lambda: drives.delete(PlaceFilter(robot="r1")), lambda: drives.delete_keys(["a"]))
+    for code, calls in (("cannot-read", reads), ("cannot-write", writes)):
+        for call in calls:
+            with pytest.raises(DataError, check=has_code(code, drives.location)):
+                call()
 
 
 def test_tables_of_others_and_of_later_versions_are_refused(tmp_path: Path) -> None:

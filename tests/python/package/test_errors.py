@@ -2,12 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Codes of errors: programs decide by them, never by messages."""
 
+import errno
 import pickle
+import socket
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, cause_of, naming
+from fusionslam.errors import (
+    ClockError,
+    ConfigError,
+    DataError,
+    FusionSlamError,
+    cause_of,
+    listening,
+    naming,
+    needing,
+)
 from fusionslam.storage.files import reading
 
 
@@ -26,6 +38,30 @@ def test_an_error_has_the_code_of_its_class_unless_it_was_given_one() -> None:
     ]
     again = pickle.loads(pickle.dumps(raised(1, "few-points")))
     assert (again.code, again.fields, str(again)) == ("few-points", ("left",), "1 of 5 left")
+
+
+def test_what_needs_a_package_names_the_extra() -> None:
+    with (
+        pytest.raises(FusionSlamError, match=r"fusionslam\[fleet\]") as caught,
+        needing("fleet", "this needs something"),
+    ):
+        import_module("no_such_module")
+    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("fleet",))
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (OSError(errno.EADDRINUSE, ""), "port-in-use"),
+        (OSError(errno.EADDRNOTAVAIL, ""), "no-host"),
+        (socket.gaierror(socket.EAI_NONAME, ""), "no-host"),
+        (PermissionError(errno.EACCES, ""), "no-port"),
+    ],
+)
+def test_why_a_port_cannot_be_listened_on(error: OSError, code: str) -> None:
+    with pytest.raises(ConfigError) as caught, listening("it", "here", 80):
+        raise error
+    assert (caught.value.code, caught.value.fields) == (code, ("here", "80"))
 
 
 def test_causes_differ_by_code_fields_and_place_but_not_by_message() -> None:

@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service: who may use it, and how much."""
 
+import asyncio
 import hashlib
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,8 @@ from fusionslam.errors import ConfigError
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import VARIABLE, ApiKeys
 from fusionslam.service.listening import check_exposure
+from fusionslam.service.place_count import PlaceCount
+from fusionslam.service.places import ServedPlaces
 
 OTHER = "another-key-for-tests-9876543210"
 VECTOR = {"vector": [0.0] * LENGTH}
@@ -153,6 +158,57 @@ def test_a_service_with_too_much_to_do_says_so_at_once(made: Path) -> None:
     for answer in answers:
         assert (answer.status_code, answer.json()["code"]) == (503, "busy")
         assert answer.headers["Retry-After"] == "1"
+
+
+def test_health_and_metrics_answer_while_all_workers_are_busy(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, let_go = threading.Event(), threading.Event()
+    query = ServedPlaces.query
+
+    def wait(*args: Any) -> Any:
+        begun.set()
+        let_go.wait()
+        return query(*args)
+
+    monkeypatch.setattr(ServedPlaces, "query", wait)
+    with serving(made, workers=1) as client, ThreadPoolExecutor() as pool:
+        try:
+            busy = pool.submit(client.post, "/v1/query", json=VECTOR)
+            begun.wait()
+            assert client.get("/health").json() == {"status": "ready", "places": 20}
+            assert "fusionslam_requests_waiting 1.0" in client.get("/metrics").text
+            assert not busy.done()
+        finally:
+            let_go.set()
+        assert busy.result().status_code == 200
+
+
+def test_places_are_counted_once_for_all_who_ask_meanwhile() -> None:
+    let_go = threading.Event()
+
+    class Places:
+        counted = 0
+
+        def __len__(self) -> int:
+            let_go.wait()
+            self.counted += 1
+            return 7
+
+    places: Any = Places()
+
+    async def ask() -> list[int | None]:
+        count = PlaceCount(places)
+        asked = [asyncio.create_task(count.get()) for _ in range(20)]
+        await asyncio.sleep(0)  # all of them wait now
+        asked.pop().cancel()
+        let_go.set()
+        found = [await each for each in asked]
+        count.close()
+        return found
+
+    assert asyncio.run(ask()) == [7] * 19
+    assert places.counted == 1
 
 
 def test_a_place_is_free_again_after_every_refusal(made: Path) -> None:

@@ -3,6 +3,7 @@
 """The page of the service, in headless Chromium."""
 
 import hashlib
+import shutil
 import socket
 import threading
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from browser import Page, open_browser
-from fleet_service import FRAMES, KEY, scan_at
+from fleet_service import FRAMES, KEY, add_places, scan_at, write_joint_map
 from fusionslam.service.config import ServiceConfig
 
 
@@ -24,8 +25,20 @@ def page() -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def urls(fleet: Path) -> Iterator[dict[str, str]]:
-    """Addresses of two services of the fleet, one of them with keys."""
+def joined(fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The fleet with another two sessions of the yard, and a joint map that has one of them."""
+    folder = tmp_path_factory.mktemp("joined") / "places"
+    shutil.copytree(fleet, folder)
+    for session in ("tuesday", "wednesday"):
+        add_places(folder, session, 6, site="yard")
+    monday = {0: 0, 3: 0}
+    write_joint_map(folder, "yard", {"yard/robot-1/yard-monday": monday, "tuesday": {2: 0, 4: 0}})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def urls(fleet: Path, joined: Path) -> Iterator[dict[str, str]]:
+    """Addresses of two services of the fleet, one of them with keys; one has a joint map."""
     import uvicorn
 
     from fusionslam.service.app import create_app
@@ -34,8 +47,12 @@ def urls(fleet: Path) -> Iterator[dict[str, str]]:
     keys = ApiKeys([hashlib.sha256(KEY.encode()).digest()])
     started: list[tuple[Any, threading.Thread]] = []
     addresses = {}
-    for name, given in (("open", ApiKeys()), ("locked", keys)):
-        app = create_app(fleet, ServiceConfig(requests_per_minute=0), given)
+    for name, folder, given in (
+        ("open", fleet, ApiKeys()),
+        ("locked", fleet, keys),
+        ("joined", joined, ApiKeys()),
+    ):
+        app = create_app(folder, ServiceConfig(requests_per_minute=0), given)
         listener = socket.create_server(("127.0.0.1", 0))
         addresses[name] = f"http://127.0.0.1:{listener.getsockname()[1]}"
         server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
@@ -72,6 +89,36 @@ def test_the_page_shows_a_site_and_where_a_scan_was_found(
     assert page.messages == []
 
 
+def test_a_joint_map_is_shown_and_a_scan_found_in_it(
+    page: Page, urls: dict[str, str], tmp_path: Path
+) -> None:
+    pytest.importorskip("small_gicp", reason="maps are an extra")
+    scan = tmp_path / "scan.npy"
+    np.save(scan, scan_at("yard", 1.3))
+    page.open(f"{urls['joined']}/sites/yard")
+    page.wait_for("document.querySelector('#map path[data-session]')")
+    shown = drawn(page, "path[data-session]:not([hidden])")
+    assert sorted(shown) == ["M100 0h0M98.5 -9h0", "M99 -6h0M98 -12h0"]
+    assert "1 session is not joined" in page.text("#map-note")
+    assert "wednesday (not joined)" in page.text("#legend")
+    view = "document.querySelector('#map').getAttribute('viewBox')"
+    of_map = page.run(view)
+    page.run("[...document.querySelectorAll('#legend input')].find(e => !e.checked).click()")
+    assert len(drawn(page, "path[data-session]:not([hidden])")) == 3 and page.run(view) != of_map
+    page.choose_file("#scan", scan)
+    page.run("document.querySelector('#here').click()")
+    page.run("document.querySelector('#find').click()")
+    page.wait_for("document.querySelector('#map .proven')")
+    assert "y 3.9 m in the joint map: session yard/robot-1/yard-monday" in page.text("#answer")
+    x, y = drawn(page, ".proven")[0].removeprefix("M").removesuffix("h0").split()
+    assert (float(x), float(y)) == pytest.approx((99.35, -3.9), abs=0.1)
+    # Candidates between keyframes lie between them; those of wednesday are not on the map.
+    marks = drawn(page, ".candidate") + drawn(page, ".best")
+    apart = page.text("#candidates tbody").count("wednesday")
+    assert "M99.5 -3h0" in marks and apart and len(marks) == 10 - apart
+    assert page.messages == []
+
+
 def test_a_file_that_is_no_scan_is_named(page: Page, urls: dict[str, str], tmp_path: Path) -> None:
     scan = tmp_path / "scan.ply"
     scan.write_bytes(b"no cloud")
@@ -101,7 +148,7 @@ def test_the_page_fits_on_a_phone_light_and_dark(
     page: Page, urls: dict[str, str], dark: bool
 ) -> None:
     page.screen(360, 740, dark=dark)
-    page.open(f"{urls['open']}/sites/yard")
+    page.open(f"{urls['joined']}/sites/yard")
     page.wait_for("document.querySelector('#map path[data-session]')")
     assert page.run("document.documentElement.scrollWidth") <= 360
     assert page.run("document.querySelector('#find').getBoundingClientRect().height") >= 40

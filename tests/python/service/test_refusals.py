@@ -144,6 +144,20 @@ def test_parameters_out_of_range_are_named(client: Any, parameters: str) -> None
     assert answer.json()["fields"][0] == parameters.partition("=")[0]
 
 
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        *(("GET", "places"), ("GET", "sites/depot"), ("GET", "sites/nowhere")),
+        *(("POST", "describe?format=bin"), ("POST", "locate?format=bin"), ("POST", "query?k=3")),
+    ],
+)
+def test_unknown_parameters_are_refused_everywhere(client: Any, method: str, path: str) -> None:
+    path = f"/v1/{path}{'&' if '?' in path else '?'}sight=depot"
+    answer = client.request(method, path, content=BIN.tobytes())
+    assert refusal(answer) == (422, "unknown-parameter")
+    assert answer.json()["fields"] == ["sight"]
+
+
 def test_a_site_that_is_not_there_is_named(client: Any) -> None:
     answer = client.get("/v1/sites/nowhere")
     assert refusal(answer) == (404, "unknown-site")

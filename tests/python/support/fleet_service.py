@@ -3,7 +3,7 @@
 """Places of a small fleet, described from clouds, and a client of the service of them."""
 
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from clouds import Points, scan_blocks
+from fusionslam import DescriptorConfig, FusionConfig, LoopConfig
 from fusionslam.datasets import write_cloud
 from fusionslam.fleet.chunk import Chunk
 from fusionslam.fleet.config import FleetConfig, FleetSettings
@@ -19,8 +20,13 @@ from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.places import Places
 from fusionslam.fleet.recordings import Labels, find_recordings
 from fusionslam.fleet.settings import settle_settings
+from fusionslam.fleet.site_maps import site_map_path
 from fusionslam.fleet.work import Plan
+from fusionslam.mapping import Edge, MapConfig
+from fusionslam.mapping.map_file import MapFile, StoredCloud, StoredKeyframe
+from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.pipelines.describe import PipelineConfig
+from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.config import ServiceConfig
 from fusionslam.storage.arrays import Floats32, Matrix
@@ -112,6 +118,50 @@ def add_places(folder: Path, session: str, count: int = 20, **about: Any) -> Flo
     with FleetFolder.open(folder).database(read_only=False) as database:
         database.add(Places(names, vectors, stamps, stamps // 10**9, session, poses=poses, **about))
     return vectors
+
+
+def map_pose_at(frame: float) -> Matrix:
+    """Where ``pose_at`` is in the joint map: turned to the left, and moved along its x axis."""
+    turned = np.eye(4)
+    turned[:2, :2] = [[0, -1], [1, 0]]
+    turned[0, 3] = 100.0
+    return turned @ pose_at(frame)
+
+
+def write_joint_map(folder: Path, site: str, drives: Mapping[str, Mapping[int, int]]) -> Path:
+    """Write the joint map of a site, whose drives are where ``map_pose_at`` says.
+
+    Args:
+        folder: of the fleet.
+        site: name of the site.
+        drives: by session, parts of the map by the frames that are keyframes. Odometry connects
+            those of one part.
+    """
+    path = site_map_path(folder, site)
+    path.parent.mkdir(exist_ok=True)
+    settings = MapSettings(
+        "m2dp:robust",
+        LoopConfig(),
+        DescriptorConfig(),
+        FusionConfig(source="cloud"),
+        RegistrationConfig(),
+        MapConfig(),
+    )
+    rows = [(name, *each) for name, parts in drives.items() for each in parts.items()]
+    poses = np.array([map_pose_at(frame) for _, frame, _ in rows])
+    with MapFile(path) as file, file.transaction():
+        file.store_setting("config", settings.dump())
+        numbers = {name: file.add_session(name) for name in drives}
+        for number, (name, frame, part) in enumerate(rows):
+            keyframe = StoredKeyframe(number, numbers[name], frame, 0, np.eye(4), np.eye(4))
+            vector = np.ones(LENGTH, np.float32)
+            file.add_keyframe(keyframe, StoredCloud(b"", None, 0.0, b""), {"m2dp": vector})
+            if number and rows[number - 1][::2] == (name, part):
+                step = number - 1, number, np.eye(4), np.eye(6)
+                file.store_edge(Edge(number, "odometry", *step, "believed"))
+        parts = np.array([part for _, _, part in rows], np.int64)
+        file.store_solution(np.arange(len(rows)), poses, parts)
+    return path
 
 
 @contextmanager

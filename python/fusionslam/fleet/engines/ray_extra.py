@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from fusionslam.errors import DataError, FusionSlamError, one_line
+from fusionslam.errors import DataError, needing, one_line
 from fusionslam.fleet.chunk import Chunk
 from fusionslam.fleet.engines import Work, WorkerDiedError
 
@@ -35,17 +35,10 @@ def load(address: str | None = None) -> Any:
     if address is not None and _has_token():
         # Clusters ask for the token by default, its clients only then give it.
         os.environ.setdefault("RAY_AUTH_MODE", "token")
-    try:
+    with needing("fleet", f"--engine {address or 'ray'} needs Ray"):
         if address is not None and address.startswith("ray://"):
             import_module("grpc")  # of ray[client]
         import ray
-    except ImportError as error:
-        raise FusionSlamError(
-            f"--engine {address or 'ray'} needs Ray, which is not installed ({error}): "
-            "pip install 'fusionslam[fleet]'",
-            code="missing-extra",
-            fields=("fleet",),
-        ) from error
     return ray
 
 

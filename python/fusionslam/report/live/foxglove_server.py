@@ -7,16 +7,14 @@ with FoxgloveServer({"cloud": "PointCloud", "views": ("id", "node")}) as server:
     server.show("views", scan.stamp_ns, {"id": 3, "node": 7})
 """
 
-import errno
 import ipaddress
 import logging
-import os
 import socket
 import time
 from collections.abc import Mapping
 from typing import Any, Self
 
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, listening
 from fusionslam.report.live import HOST, PORT
 from fusionslam.report.live.foxglove_sdk import channels, foxglove
 
@@ -144,25 +142,12 @@ def _start(host: str, port: int, **more: Any) -> Any:
         )
     try:
         return foxglove.start_server(host=host, port=port, **more)
-    except RuntimeError as error:
-        code, reason = _explain(host, port, str(error))
-        problem = f"the live view cannot listen on port {port} of {host!r}: {reason}"
-        raise ConfigError(problem, code=code, fields=fields) from error
-
-
-def _explain(host: str, port: int, words: str) -> tuple[str, str]:
-    """Return code and reason of a server that does not start; the SDK has words only."""
-    try:
-        for family, _, _, _, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-            socket.create_server(address[:2], family=family).close()
-    except socket.gaierror:
-        return "no-host", f"there is no such host; {HOST} is this machine alone"
-    except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            return "port-in-use", "it is in use, perhaps by another live view; take another port"
-        code = "no-host" if error.errno == errno.EADDRNOTAVAIL else "no-port"
-        return code, os.strerror(error.errno or 0)
-    return "no-server", words
+    except RuntimeError as error:  # the SDK has words only
+        with listening("the live view", host, port):
+            for family, _, _, _, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+                socket.create_server(address[:2], family=family).close()
+        problem = f"the live view cannot listen on port {port} of {host!r}: {error}"
+        raise ConfigError(problem, code="no-server", fields=fields) from error
 
 
 def _is_loopback(host: str) -> bool:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusionslam.errors import ConfigError, DataError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, needing
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.report.live.run_view import COLOURS, OF_THE_MAP, RunView, image_of
 from fusionslam.storage.files import atomic_path
@@ -202,11 +202,6 @@ def _blueprint() -> Any:
 
 
 def _rerun() -> Any:
-    try:
+    with needing("live", "the live view needs rerun"):
         import rerun
-    except ImportError as error:
-        problem = (
-            "the live view needs rerun, which is not installed: pip install 'fusionslam[live]'"
-        )
-        raise FusionSlamError(problem, code="missing-extra", fields=("live",)) from error
     return rerun

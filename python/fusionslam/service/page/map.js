@@ -20,48 +20,58 @@ export class SiteMap {
     this.legend = legend;
   }
 
-  // sessions: as /v1/sites has them. Returns the number of places drawn.
+  // sessions: as /v1/sites has them; those with apart are in frames of their own, and hidden at
+  // first. Returns the number of places drawn.
   draw(sessions) {
     this.svg.replaceChildren();
     this.legend.replaceChildren();
-    const known = sessions.filter((each) => each.positions.length);
-    known.forEach((session, row) => this.addSession(session, `s${row % COLORS}`));
-    this.marks = shape("g", { id: "marks" });
-    this.svg.append(this.marks);
-    const points = known.flatMap((each) => each.positions);
-    if (points.length) this.fit(points);
-    return points.length;
+    this.paths = sessions.filter((each) => each.positions.length).map((session, row) => {
+      const color = `s${row % COLORS}`;
+      const path = shape("path", { class: color, d: dots(session.positions) });
+      path.dataset.session = session.session;
+      path.toggleAttribute("hidden", Boolean(session.apart));
+      this.addToLegend(session, color, path);
+      return { path, positions: session.positions };
+    });
+    [this.marks, this.scale] = ["marks", "scale"].map((id) => shape("g", { id }));
+    this.svg.append(...this.paths.map(({ path }) => path), this.marks, this.scale);
+    return this.fit();
   }
 
-  addSession({ session, positions }, color) {
-    const path = shape("path", { class: color, d: dots(positions) });
-    path.dataset.session = session;
-    this.svg.append(path);
+  addToLegend({ session, apart }, color, path) {
     const box = document.createElement("input");
     box.type = "checkbox";
-    box.checked = true;
-    box.addEventListener("change", () => path.toggleAttribute("hidden", !box.checked));
+    box.checked = !apart;
+    box.addEventListener("change", () => {
+      path.toggleAttribute("hidden", !box.checked);
+      this.fit();
+    });
     const swatch = document.createElement("span");
     swatch.className = `swatch ${color}`;
     const label = document.createElement("label");
-    label.append(box, swatch, session);
+    label.append(box, swatch, apart ? `${session} (not joined)` : session);
     const item = document.createElement("li");
     item.append(label);
     this.legend.append(item);
   }
 
-  fit(points) {
+  // Shows all of the sessions that are not hidden; returns the number of their places.
+  fit() {
+    const points = this.paths
+      .filter(({ path }) => !path.hasAttribute("hidden")).flatMap(({ positions }) => positions);
     let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
     for (const [x, y] of points) {
       left = Math.min(left, x); right = Math.max(right, x);
       low = Math.min(low, y); high = Math.max(high, y);
     }
+    if (!points.length) return 0;
     const margin = 0.06 * Math.max(right - left, high - low, 1);
     const width = right - left + 2 * margin;
     this.svg.setAttribute(
       "viewBox", `${left - margin} ${-high - margin} ${width} ${high - low + 3 * margin}`,
     );
     this.addScale(left, -low + margin, width, high - low + 3 * margin);
+    return points.length;
   }
 
   // A line of 1, 2 or 5 times a power of ten, about a fifth of the width.
@@ -74,7 +84,7 @@ export class SiteMap {
     const text = shape("text", { x, y: y - 5 * pixel });
     text.style.fontSize = `${13 * pixel}px`;
     text.textContent = length < 1000 ? `${length} m` : `${length / 1000} km`;
-    this.svg.append(line, text);
+    this.scale.replaceChildren(line, text);
   }
 
   // kind: candidate, best or proven; position: [x, y, z].

@@ -13,6 +13,7 @@ const site = location.pathname.startsWith(PAGE)
   ? decodeURIComponent(location.pathname.slice(PAGE.length)) : null;
 let shown = site;
 let proves = false; // whether the clouds of places are stored
+let joint = null; // sessions of the joint map of the site that is shown, by name
 
 class Problem extends Error {
   constructor(status, { code, message }) {
@@ -63,13 +64,32 @@ function link(name) {
 async function show(name) {
   at("title").textContent = nameOf(name);
   const paths = await ask(`/v1/sites/${encodeURIComponent(name)}`);
+  const joined = paths.map?.sessions ?? [];
+  joint = joined.length ? new Map(joined.map((each) => [each.session, each])) : null;
   at("map-card").hidden = false;
+  if (joint) showJoint(paths);
+  else showApart(paths);
+}
+
+function showApart(paths) {
   const drawn = map.draw(paths.sessions);
-  const thinned = paths.every > 1 ? `, one of ${paths.every}` : "";
   at("map-note").textContent = drawn
-    ? `${counted(drawn, "place")} drawn of ${paths.places}${thinned}, from above. Sessions whose frames are not joined lie over each other.`
+    ? `${counted(drawn, "place")} drawn of ${paths.places}${oneOf(paths.every)}, from above. Sessions whose frames are not joined lie over each other.`
     : "The positions of these places are not known.";
 }
+
+function showJoint({ map: { keyframes, every, sessions }, sessions: all }) {
+  const others = all.filter(({ session }) => !joint.has(session));
+  const drawn = map.draw([...sessions, ...others.map((each) => ({ ...each, apart: true }))]);
+  const count = counted(others.length, "session");
+  const apart = [
+    "", ` ${count} is not joined: ticked, it is drawn in its own frame.`,
+    ` ${count} are not joined: ticked, they are drawn in frames of their own.`,
+  ][Math.min(others.length, 2)];
+  at("map-note").textContent = `The joint map from above: ${counted(drawn, "keyframe")} drawn of ${keyframes}${oneOf(every)}, by session.${apart}`;
+}
+
+const oneOf = (every) => (every > 1 ? `, one of ${every}` : "");
 
 async function find(file) {
   const format = file.name.split(".").pop().toLowerCase();
@@ -81,25 +101,40 @@ async function find(file) {
   return proves ? found : { candidates: found.results[0], place: null, reason };
 }
 
-function showFound({ candidates, place, site_from_robot: pose, probability, reason }) {
+function showFound({ candidates, place, site_from_robot: own, map_from_robot: common, probability, reason }) {
   map.clearMarks();
-  const here = candidates.filter((each) => each.site === shown && each.pose);
-  here.reverse().forEach((each) => {
+  candidates.filter((each) => each.site === shown).reverse().forEach((each) => {
     const kind = each.key === candidates[0].key ? "best" : "candidate";
-    map.mark(kind, position(each.pose), `${each.session}, frame ${each.frame}`);
+    const where = joint ? onMap(each) : each.pose && position(each.pose);
+    if (where) map.mark(kind, where, `${each.session}, frame ${each.frame}`);
   });
-  if (pose && place.site === shown) map.mark("proven", position(pose), "the scan");
+  const isHere = place?.site === shown;
+  const pose = isHere && joint ? common : own;
+  if (isHere && pose) map.mark("proven", position(pose), "the scan");
   at("answer").textContent = place
-    ? proof(place, pose, probability) : likeness(candidates, reason);
+    ? proof(place, common ?? own, probability, common && "in the joint map")
+    : likeness(candidates, reason);
   at("candidates").hidden = !candidates.length;
   at("candidates").tBodies[0].replaceChildren(...candidates.map(row));
 }
 
 const position = (matrix) => matrix.slice(0, 3).map((line) => line[3]);
 
-function proof({ site, session, frame }, pose, probability) {
+// Where a place is on the joint map: between the keyframes before and after it.
+function onMap({ session, frame }) {
+  if (!joint.has(session)) return null;
+  const { frames, positions } = joint.get(session);
+  const after = frames.findIndex((each) => each > frame);
+  if (after < 0) return positions.at(-1);
+  if (after === 0) return positions[0];
+  const share = (frame - frames[after - 1]) / (frames[after] - frames[after - 1]);
+  return positions[after - 1].map((value, axis) => value + share * (positions[after][axis] - value));
+}
+
+function proof({ site, session, frame }, pose, probability, map) {
   const [x, y] = pose ? position(pose).map((value) => value.toFixed(1)) : [];
-  const where = pose ? ` at x ${x} m, y ${y} m` : "";
+  const frameOf = map ?? "in the frame of its session";
+  const where = pose ? ` at x ${x} m, y ${y} m ${frameOf}` : "";
   const sure = probability.toFixed(3);
   return `Found on ${nameOf(site)}${where}: session ${session}, near frame ${frame} (probability ${sure}).`;
 }

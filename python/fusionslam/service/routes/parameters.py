@@ -22,8 +22,29 @@ _Time = Annotated[int | None, Query(ge=-_LATEST, le=_LATEST, description="Nanose
 _FILTERS = ("site", "region", "robot", "session", "not_session", "since_ns", "until_ns")
 
 
+def take_only(*known: str) -> Any:
+    """Return a dependency that refuses parameters of the address other than these.
+
+    A misspelt filter would be ignored without a word otherwise.
+
+    Raises:
+        DataError: code "unknown-parameter".
+    """
+
+    async def check(request: Request) -> None:
+        for name in request.query_params:
+            if name not in known:
+                message = f"unknown parameter {name!r}; known: {', '.join(known) or 'none'}"
+                raise DataError(message, code="unknown-parameter", fields=(name,))
+
+    return Depends(check)
+
+
+SEARCH_PARAMETERS = take_only(*_FILTERS, "k", "format")
+"""Of routes that search."""
+
+
 async def _filter_of(
-    request: Request,
     site: _Name = None,
     region: _Name = None,
     robot: _Name = None,
@@ -32,12 +53,7 @@ async def _filter_of(
     since_ns: _Time = None,
     until_ns: _Time = None,
 ) -> PlaceFilter:
-    """Return which places are meant; a parameter that nobody knows is refused, not ignored."""
-    known = {*_FILTERS, "k", "format"}
-    for name in request.query_params:
-        if name not in known:
-            message = f"unknown parameter {name!r}; known: {', '.join(sorted(known))}"
-            raise DataError(message, code="unknown-parameter", fields=(name,))
+    """Return which places are meant."""
     return PlaceFilter(site, region, robot, session, not_session, since_ns, until_ns)
 
 

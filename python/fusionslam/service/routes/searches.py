@@ -21,11 +21,13 @@ from fusionslam.service.bodies import (
 from fusionslam.service.models import Described, Found, FoundPlace, LocatedCloud, Problem
 from fusionslam.service.routes.parameters import (
     BODY_ANSWERS,
+    SEARCH_PARAMETERS,
     Answers,
     Count,
     Format,
     Where,
     describe_body,
+    take_only,
 )
 from fusionslam.service.state import ADMITTED, Shared, State
 from fusionslam.storage.arrays import Floats32
@@ -41,7 +43,12 @@ _NOT_STORED: Answers = {
 }
 
 
-@router.post("/describe", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=False))
+@router.post(
+    "/describe",
+    dependencies=[take_only("format")],
+    responses=BODY_ANSWERS,
+    openapi_extra=describe_body(vectors=False),
+)
 async def describe(request: Request, state: Shared, format: Format = None) -> Described:
     """Describe a cloud as the places are described."""
     places = state.places
@@ -58,7 +65,12 @@ async def describe(request: Request, state: Shared, format: Format = None) -> De
     return await _with_cloud(request, state, format, work)
 
 
-@router.post("/query", responses=BODY_ANSWERS, openapi_extra=describe_body(vectors=True))
+@router.post(
+    "/query",
+    dependencies=[SEARCH_PARAMETERS],
+    responses=BODY_ANSWERS,
+    openapi_extra=describe_body(vectors=True),
+)
 async def query(
     request: Request, state: Shared, where: Where, k: Count, format: Format = None
 ) -> Found:
@@ -76,7 +88,10 @@ async def query(
 
 
 @router.post(
-    "/locate", responses=BODY_ANSWERS | _NOT_STORED, openapi_extra=describe_body(vectors=False)
+    "/locate",
+    dependencies=[SEARCH_PARAMETERS],
+    responses=BODY_ANSWERS | _NOT_STORED,
+    openapi_extra=describe_body(vectors=False),
 )
 async def locate(
     request: Request, state: Shared, where: Where, k: Count, format: Format = None
@@ -84,7 +99,9 @@ async def locate(
     """Find where a cloud is, proven by registration with the clouds of its candidates."""
 
     def work(cloud: Cloud) -> LocatedCloud:
-        return LocatedCloud.of(state.places.locate(cloud, k, where))
+        found = state.places.locate(cloud, k, where)
+        joint = None if found.place is None else state.places.joint_map(found.place.site)
+        return LocatedCloud.of(found, joint)
 
     return await _with_cloud(request, state, format, work)
 

@@ -6,10 +6,12 @@ from fastapi import APIRouter
 
 from fusionslam.service.models import Counts, Problem, SitePaths
 from fusionslam.service.problems import RequestError
-from fusionslam.service.routes.parameters import ANSWERS, Answers
+from fusionslam.service.routes.parameters import ANSWERS, Answers, take_only
 from fusionslam.service.state import ADMITTED, Shared
 
-router = APIRouter(prefix="/v1", dependencies=[ADMITTED], tags=["places"], responses=ANSWERS)
+router = APIRouter(
+    prefix="/v1", dependencies=[ADMITTED, take_only()], tags=["places"], responses=ANSWERS
+)
 _NO_SITE: Answers = {404: {"model": Problem, "description": "There is no such site."}}
 
 
@@ -35,14 +37,18 @@ async def count_places(state: Shared) -> Counts:
 
 @router.get("/sites/{site:path}", responses=_NO_SITE)
 async def show_site(site: str, state: Shared) -> SitePaths:
-    """Return where the places of a site are, by session; an empty name is that of no site."""
+    """Return where the places of a site are, by session, and its joint map if it has one.
+
+    An empty name is that of no site.
+    """
+    served, most = state.places, state.config.max_positions
 
     def work() -> SitePaths:
-        found = state.places.positions(site)
-        if not found.sessions:
+        found = served.positions(site, most)
+        if not found.counts:
             message = f"there is no site {site!r}; /v1/places lists them"
             raise RequestError(404, message, code="unknown-site", fields=(site,))
-        return SitePaths.of(site, found, state.config.max_positions)
+        return SitePaths.of(site, found, served.joint_map(site), most)
 
     with state.workers.place():
         return await state.workers.run(work)
