@@ -19,6 +19,9 @@ from fleets import (
     plan_of,
     settings_for,
 )
+from fleets import (
+    describe_with_database as describe,
+)
 from fusionslam.datasets import write_cloud
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet import folder as folders
@@ -29,7 +32,7 @@ from fusionslam.fleet.engines import Work
 from fusionslam.fleet.folder import FORGOTTEN, FleetFolder
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.recordings import find_recordings
-from fusionslam.fleet.work import Failure, Plan, load_failures
+from fusionslam.fleet.work import Plan, load_failures
 from fusionslam.sensors.frame import Cloud
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -48,12 +51,6 @@ def with_database(fleet: Path, described: Path, tmp_path_factory: pytest.TempPat
 def places(with_database: Path, tmp_path: Path) -> Iterator[Path]:
     shutil.copytree(with_database, tmp_path / "places")
     yield tmp_path / "places"
-
-
-def describe(root: Path, path: Path) -> tuple[list[Failure], InProcess]:
-    settings, engine = settings_for(find_recordings(root, LABELS), path), InProcess()
-    plan = Plan.make(root, find_recordings(root, LABELS), settings)
-    return FleetFolder(path, settings).describe(plan, engine), engine
 
 
 def counts(path: Path, column: str = "session") -> dict[str, int]:
