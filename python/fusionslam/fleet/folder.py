@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A folder of places: the recordings of a fleet, described, searched and forgotten."""
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from fusionslam.fleet.work import (
     add_failure,
     describe_recordings,
 )
+from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.progress import Progress
@@ -34,6 +36,9 @@ DATABASE = "database"
 FORGOTTEN, FORGOTTEN_FORMAT = "forgotten.json", "fusionslam.fleet_forgotten.1"
 _TAKEN_TOGETHER = 1000
 """Places that are added by one transaction."""
+PATIENCE_S = 60.0
+"""How long another process that changes the database is waited for, seconds."""
+_PAUSE_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -62,14 +67,38 @@ class FleetFolder:
         """The chunks."""
         return ChunkStore(self.path, self.settings)
 
-    def database(self, *, read_only: bool = True) -> PlaceDatabase:
+    def database(self, *, read_only: bool = True, patience_s: float | None = None) -> PlaceDatabase:
         """Open the database of places; one to be written is made if there is none.
 
+        Args:
+            read_only: whether nothing is changed.
+            patience_s: how long another process that changes it is waited for; None for
+                ``PATIENCE_S``.
+
         Raises:
-            DataError: it is damaged, or there is none to be read.
+            DataError: it is damaged, there is none to be read, or another process changes it for
+                longer (code "locked").
             ConfigError: it is of another descriptor, or the descriptor has no vectors that a
                 database can search.
         """
+        patience_s = PATIENCE_S if patience_s is None else patience_s
+        end = time.monotonic() + patience_s
+        while True:
+            try:
+                return self._open_database(read_only)
+            except DataError as error:
+                if error.code != "locked":
+                    raise
+                if time.monotonic() >= end:
+                    raise DataError(
+                        f"{self.path / DATABASE} is still being changed by another process "
+                        f"after {patience_s:g} s of waiting: try again later",
+                        code="locked",
+                        fields=(str(self.path / DATABASE),),
+                    ) from error
+            time.sleep(_PAUSE_S)
+
+    def _open_database(self, read_only: bool) -> PlaceDatabase:
         location, expected = self.path / DATABASE, self._database_settings
         if not read_only and not has_table(str(location)):
             return PlaceDatabase.create(location, expected)
@@ -94,8 +123,9 @@ class FleetFolder:
     ) -> list[Failure]:
         """Describe what is missing of a plan, and add its places to the database.
 
-        Recordings that were forgotten stay so. Places of one that has changed stay until the new
-        ones are there.
+        Recordings that were forgotten stay so, those that are forgotten meanwhile, too. Places of
+        one that has changed stay until the new ones are there. Other processes may change the
+        database meanwhile; places that cannot be added are in chunks, and the next run adds them.
 
         Args:
             plan: all work; it is stored.
@@ -104,26 +134,53 @@ class FleetFolder:
 
         Returns:
             What failed, as ``failed.jsonl`` has it.
+
+        Raises:
+            DataError: another process describes, or changes the database for long (code "locked");
+                or the folder is damaged or cannot be written.
         """
-        with self.database(read_only=False) as database:
-            plan, forgotten = self._join(plan)
-            for each in forgotten:
-                self._forget_recording(database, each)
-            plan.save(self.path)
-            taker = _Taker(self, database, plan)
+        lock = WriteLock(self.path)
+        try:
+            with self.database(read_only=False) as database:
+                plan, forgotten = self._join(plan)
+                for each in forgotten:
+                    self._forget_recording(database, each)
+                plan.save(self.path)
+                taker = _Taker(self, database, plan)
             failures = describe_recordings(
                 plan, self.settings, self.path, engine, progress=progress, taker=taker
             )
-            taker.flush()
-            self._delete_outdated(plan, database)
-        if taker.problem is not None:
-            failures.append(taker.problem)
-            add_failure(self.path, taker.problem)
+            problem = self._finish(plan, taker)
+        finally:
+            lock.release()
+        if problem is not None:
+            failures.append(problem)
+            add_failure(self.path, problem)
         return failures
+
+    def _finish(self, plan: Plan, taker: "_Taker") -> Failure | None:
+        """Add the last places, and delete what is outdated or was forgotten meanwhile."""
+        try:
+            database = self.database(read_only=False)
+        except DataError as error:
+            if error.code != "locked":
+                raise
+            if taker.waits or plan.outdated:
+                taker.leave_out(error)
+            return taker.problem
+        with database:
+            taker.flush(database)
+            plan, forgotten = self._without_forgotten(plan)
+            for each in forgotten:  # workers may have described more of it since
+                self._forget_recording(database, each)
+            self._delete_outdated(plan, database)
+        return taker.problem
 
     def _join(self, plan: Plan) -> tuple[Plan, list[PlannedRecording]]:
         """Return the plan with all known recordings, and those that were forgotten meanwhile."""
-        plan, _ = self._without_forgotten(plan)
+        plan, left = self._without_forgotten(plan)
+        for each in left:  # what a killed run may have described after it was forgotten
+            self._delete_chunks(each)
         if not (self.path / PLAN).exists():
             return plan, []
         earlier, forgotten = self._without_forgotten(Plan.load(self.path))
@@ -217,16 +274,18 @@ def _matches_any(recording: FleetRecording, filters: Sequence[PlaceFilter]) -> b
 class _Taker:
     """Adds the places of chunks to a database, many by one transaction.
 
+    The database is opened for each, so that other processes may change it in between.
+
     Attributes:
         problem: what could not be added, and why; None if all was.
     """
 
     def __init__(self, folder: FleetFolder, database: PlaceDatabase, plan: Plan) -> None:
-        self._settings, self._store, self._database = folder.settings, folder.store, database
+        self._folder, self._store = folder, folder.store
         # The first frame that is described is a place, but for rare ones, which are added again.
         firsts = [f"{key}:0" for each in plan.recordings for key in each.keys]
         self._known = database.known_keys(firsts)
-        self._waiting: list[Places] = []
+        self._waiting: list[tuple[FleetRecording, Places]] = []
         self._left_out = 0
         self.problem: Failure | None = None
 
@@ -234,21 +293,54 @@ class _Taker:
         """Add the places of a chunk, now or later, unless they are there; as of ``ChunkTaker``."""
         if chunk.place_key(0) in self._known:
             return None
-        stored = self._store.read(chunk.key)
-        self._waiting.append(places_of(stored, self._settings))
-        if sum(map(len, self._waiting)) >= _TAKEN_TOGETHER:
-            self.flush()
+        try:
+            stored = self._store.read(chunk.key)
+        except DataError:
+            if _matches_any(chunk.recording, self._folder.forgotten()):
+                return {}  # its file was deleted since it was described
+            raise
+        self._waiting.append((chunk.recording, places_of(stored, self._folder.settings)))
+        if sum(len(places) for _, places in self._waiting) >= _TAKEN_TOGETHER:
+            self._try_to_flush()
         return stored.skipped
 
-    def flush(self) -> None:
-        """Add what waits; what cannot be added is in chunks, and is added by the next run."""
-        places = join_places(self._waiting)
-        self._waiting.clear()
-        if places is None:
-            return
+    @property
+    def waits(self) -> bool:
+        """Whether places wait to be added."""
+        return bool(self._waiting)
+
+    def _try_to_flush(self) -> None:
+        """Add what waits, unless another process changes the database: workers go on meanwhile."""
         try:
-            self._database.add(places)
+            with self._folder.database(read_only=False, patience_s=0) as database:
+                self.flush(database)
         except DataError as error:
-            self._left_out += len(places)
-            reason = f"{self._left_out} places are not added yet: {error}"
-            self.problem = Failure(self._database.location, None, None, error.code, reason)
+            if error.code != "locked":
+                self.leave_out(error)
+
+    def flush(self, database: PlaceDatabase) -> None:
+        """Add what waits, but for what was forgotten meanwhile.
+
+        What cannot be added is in chunks, and is added by the next run.
+        """
+        forgotten = self._folder.forgotten()
+        kept = [one for about, one in self._waiting if not _matches_any(about, forgotten)]
+        try:
+            if (places := join_places(kept)) is not None:
+                database.add(places)
+            self._waiting.clear()
+        except DataError as error:
+            self.leave_out(error)
+
+    def leave_out(self, error: DataError) -> None:
+        """Note why places that wait are not added, or outdated ones not deleted."""
+        self._left_out += sum(len(places) for _, places in self._waiting)
+        self._waiting.clear()
+        what = (
+            f"{self._left_out} places are not added"
+            if self._left_out
+            else "outdated ones are not deleted"
+        )
+        reason = f"{what} yet: {error}; the next run does it"
+        location = str(self._folder.path / DATABASE)
+        self.problem = Failure(location, None, None, error.code, reason)

@@ -5,6 +5,7 @@
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -23,6 +24,7 @@ from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, v
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.arrays import Floats32, Matrix
+from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 
@@ -92,6 +94,26 @@ class _Seen(NamedTuple):
         return cls(frame, fuse(frame, merged(fusion, {"source": "cloud"})), None)
 
 
+class PlaceQuery(NamedTuple):
+    """A cloud that is described, to be looked for.
+
+    Attributes:
+        vector: float32 (D,).
+        prepare: returns the cloud for registration.
+        mount: float64 (4, 4), robot_from_cloud; None if it is unknown.
+    """
+
+    vector: Floats32
+    prepare: Callable[[], PreparedCloud]
+    mount: Matrix | None
+
+    def packed(self) -> "PlaceQuery":
+        """Return the same without its scan, in some 50 kB: thousands may wait to be proven."""
+        cloud = self.prepare()
+        prepare = partial(PreparedCloud.from_bytes, cloud.to_bytes(), cloud.config)
+        return self._replace(prepare=prepare)
+
+
 class FleetLocator:
     """Describes clouds as those of a folder were, and finds where they were seen.
 
@@ -135,7 +157,7 @@ class FleetLocator:
         Raises:
             DataError: as ``describe``.
         """
-        (found,) = self._search.query(self.describe(frame_or_cloud)[None], k, where)
+        (found,) = self.find_all([self.describe(frame_or_cloud)], k, where)
         return found
 
     def localize(
@@ -146,9 +168,8 @@ class FleetLocator:
         Arguments and errors as of ``find``; candidates whose clouds are not stored, or cannot be
         read, prove nothing.
         """
-        seen = _Seen.of(frame_or_cloud, self._settings)
-        vector = self._describe(seen)
-        return self._localize(vector, lambda: self._prepare(seen), seen.mount, k, where)
+        (found,) = self.localize_all([self.query_of(frame_or_cloud)], k, where)
+        return found
 
     def localize_place(
         self, key: str, vector: Floats32, k: int = 10, where: PlaceFilter | None = None
@@ -159,17 +180,47 @@ class FleetLocator:
             DataError: its cloud is not stored (code "no-cloud").
         """
         stored = self._clouds.cloud(key)
-        return self._localize(vector, stored.frame.unpack, stored.robot_from_cloud, k, where)
+        query = PlaceQuery(vector, stored.frame.unpack, stored.robot_from_cloud)
+        (found,) = self.localize_all([query], k, where)
+        return found
 
-    def _localize(
+    def query_of(self, frame_or_cloud: Frame | Cloud) -> PlaceQuery:
+        """Describe a cloud for ``localize_all``; argument and errors as of ``find``."""
+        seen = _Seen.of(frame_or_cloud, self._settings)
+        return PlaceQuery(self._describe(seen), partial(self._prepare, seen), seen.mount)
+
+    def find_all(
+        self, vectors: Sequence[Floats32], k: int = 10, where: PlaceFilter | None = None
+    ) -> list[list[Candidate]]:
+        """As ``find``, for the vectors of several clouds, float32 (D,) each, by one search."""
+        return self._search.query(np.stack(vectors), k, where) if vectors else []
+
+    def localize_all(
         self,
-        vector: Floats32,
-        prepare: Callable[[], PreparedCloud],
-        mount: Matrix | None,
-        k: int,
-        where: PlaceFilter | None,
+        queries: Sequence[PlaceQuery],
+        k: int = 10,
+        where: PlaceFilter | None = None,
+        *,
+        progress: Progress | None = None,
+    ) -> list[FleetLocalization]:
+        """As ``localize``, for several clouds by one search.
+
+        Args:
+            queries: the clouds, of ``query_of``; ``packed`` if there are many.
+            k, where: as of ``find``.
+            progress: called with (clouds done, total).
+        """
+        found = []
+        candidates = self.find_all([each.vector for each in queries], k, where)
+        for query, some in zip(queries, candidates, strict=True):
+            found.append(self._try_to_prove(query, some))
+            if progress is not None:
+                progress(len(found), len(queries))
+        return found
+
+    def _try_to_prove(
+        self, query: PlaceQuery, candidates: Sequence[Candidate]
     ) -> FleetLocalization:
-        (candidates,) = self._search.query(vector[None], k, where)
         if not candidates:
             text = "no place is stored that is asked for"
             return FleetLocalization(candidates, reason=Refusal("no-candidates", 0, text))
@@ -177,7 +228,7 @@ class FleetLocator:
         if not clouds:
             text = f"no candidate has a cloud that can prove anything: {problem}"
             return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
-        return self._prove(prepare(), mount, candidates, clouds)
+        return self._prove(query.prepare(), query.mount, candidates, clouds)
 
     def _describe(self, seen: _Seen) -> Floats32:
         name = self._settings.names[0]

@@ -3,6 +3,7 @@
 """The joint map of all drives at a site, which grows as drives arrive."""
 
 import hashlib
+import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,8 @@ from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.recordings import FleetRecording
+from fusionslam.fleet.site_records import SiteRecord
+from fusionslam.fleet.work import PlannedRecording
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
@@ -64,15 +67,28 @@ def forget_drive(folder: Path, drive: FleetRecording) -> None:
     """
     _drive_map_path(folder, drive).unlink(missing_ok=True)
     path = site_map_path(folder, drive.site)
-    if drive.session in _sessions(path):
+    _leave(path, drive.session)
+    if (file := _record_path(path)).exists():
+        record = SiteRecord.load(file, {})
+        record.forget(drive.session)
+        record.save()
+
+
+def _record_path(joint: Path) -> Path:
+    return joint.with_suffix(".json")
+
+
+def _leave(path: Path, session: str) -> None:
+    """Delete a session of a joint map, if it has it."""
+    if session in _sessions(path):
         with PlaceMap.open(path) as site:
-            site.forget(drive.session)
+            site.forget(session)
 
 
 def merge_site(
     folder: Path,
     site: str,
-    recordings: Sequence[FleetRecording],
+    recordings: Sequence[PlannedRecording],
     settings: FleetSettings,
     *,
     odometry: MapOdometry = "recorded",
@@ -83,7 +99,8 @@ def merge_site(
     """Build the map of each drive at a site, and join them.
 
     What is done already is not done again. A drive that no three loops join with the others waits
-    for those that come later.
+    for those that come later; it is compared again once the joint map or its own has changed. A
+    drive whose recording has changed leaves the joint map, and is built and joined anew.
 
     Args:
         folder: of ``fleet describe``.
@@ -99,29 +116,64 @@ def merge_site(
         ConfigError: no recording is of this site (code "unknown-site").
         DataError: a map cannot be written; what was joined stays.
     """
-    drives = [each for each in recordings if each.site == site]
+    drives = [each for each in recordings if each.recording.site == site]
     if not drives:
-        known = sorted({each.site for each in recordings})
+        known = sorted({each.recording.site for each in recordings})
         raise ConfigError(
             f"no recording is of the site {site!r}: expected one of {', '.join(map(repr, known))}",
             code="unknown-site",
             fields=("site", site),
         )
+    mapping = mapping or MapConfig()
     merge = SiteMerge(site_map_path(folder, site))
     merge.known = _sessions(merge.path)
+    record = SiteRecord.load(
+        _record_path(merge.path),
+        {each.recording.session: each.content for each in drives},
+        json.dumps([settings.digest, mapping.model_dump(mode="json"), odometry]),
+    )
+    record.joined = {name: record.joined.get(name, "") for name in merge.known}
     built: dict[str, Path] = {}
-    for drive in drives:
-        path = _drive_map_path(folder, drive)
-        if drive.session in merge.known:
+    for drive in (each.recording for each in drives):
+        session, path = drive.session, _drive_map_path(folder, drive)
+        if session in merge.known and not record.has_changed(session, record.joined):
             continue
         try:
-            _build(path, drive, settings, odometry, mapping or MapConfig(), jobs, step)
+            _build_current(path, drive, record, settings, odometry, mapping, jobs, step)
+            if session in merge.known:
+                _leave(merge.path, session)
         except FusionSlamError as error:
-            merge.left_out[drive.session] = str(error)
+            merge.left_out[session] = str(error)
         else:
-            built[drive.session] = path
-    _join_all(merge, built, step)
+            merge.known = [each for each in merge.known if each != session]
+            built[session] = path
+    # Before they are joined: if this is killed, what has changed meanwhile is noticed.
+    record.joined |= {session: record.contents[session] for session in built}
+    record.save()
+    _join_all(merge, built, record, step)
     return merge
+
+
+def _build_current(
+    path: Path,
+    drive: FleetRecording,
+    record: SiteRecord,
+    settings: FleetSettings,
+    odometry: MapOdometry,
+    mapping: MapConfig,
+    jobs: int,
+    step: Step | None,
+) -> None:
+    """Build the map of a drive unless it is complete; of a recording that has changed, anew."""
+    session = drive.session
+    if record.has_changed(session, record.begun):
+        path.unlink(missing_ok=True)
+        record.begun[session] = record.contents[session]
+    if path.exists() and record.is_built(session):
+        return
+    record.save()
+    _build(path, drive, settings, odometry, mapping, jobs, step)
+    record.note_built(session)
 
 
 def _sessions(path: Path) -> list[str]:
@@ -164,15 +216,19 @@ def _build(
             raise DataError(f"no frame can be mapped: {why}", code="empty", fields=(drive.session,))
 
 
-def _join_all(merge: SiteMerge, built: Mapping[str, Path], step: Step | None) -> None:
+def _join_all(
+    merge: SiteMerge, built: Mapping[str, Path], record: SiteRecord, step: Step | None
+) -> None:
     """Take maps into the joint one until none of the others can be."""
     if len(merge.known) > 1:
-        _grow(merge, merge.path, built, step)
+        _grow(merge, merge.path, merge.known, built, record, step)
     elif built:
-        _begin(merge, built, step)
+        _begin(merge, built, record, step)
 
 
-def _begin(merge: SiteMerge, built: Mapping[str, Path], step: Step | None) -> None:
+def _begin(
+    merge: SiteMerge, built: Mapping[str, Path], record: SiteRecord, step: Step | None
+) -> None:
     """Begin a joint map with a drive that another one joins, if there is one of such.
 
     Else it holds the first drive alone, and may begin anew when others come.
@@ -184,8 +240,9 @@ def _begin(merge: SiteMerge, built: Mapping[str, Path], step: Step | None) -> No
         trial = SiteMerge(merge.path, left_out={**merge.left_out})
         with scratch_folder(merge.path) as folder:
             joint = folder / merge.path.name
-            _copy(drives[first], joint)
-            _grow(trial, joint, others, step)
+            if any(record.refusal([first], session) is None for session in others):
+                _copy(drives[first], joint)
+            _grow(trial, joint, [first], others, record, step)
             if trial.added or first == next(iter(drives)):
                 reasons = trial.left_out
             if trial.added:
@@ -200,23 +257,43 @@ def _begin(merge: SiteMerge, built: Mapping[str, Path], step: Step | None) -> No
     merge.left_out = reasons
 
 
-def _grow(merge: SiteMerge, joint: Path, others: Mapping[str, Path], step: Step | None) -> None:
-    """Take maps into one, again and again, as one that is taken in may be joined by others."""
-    waiting, grew = dict(others), True
+def _grow(
+    merge: SiteMerge,
+    joint: Path,
+    known: Sequence[str],
+    others: Mapping[str, Path],
+    record: SiteRecord,
+    step: Step | None,
+) -> None:
+    """Take maps into one, again and again, as one that is taken in may be joined by others.
+
+    Those that were refused before by the same sessions are not compared again.
+    """
+    sessions, waiting, grew = [*known], dict(others), True
     while waiting and grew:
         grew = False
         for session, path in [*waiting.items()]:
-            reason = _join(joint, path, session, step)
+            reason = record.refusal(sessions, session)
+            if reason is None:
+                reason = _join(joint, path, session, sessions, record, step)
             if reason is not None:
                 merge.left_out[session] = reason
                 continue
             merge.added.append(session)
             merge.left_out.pop(session, None)
+            sessions.append(session)
             del waiting[session]
             grew = True
 
 
-def _join(path: Path, other: Path, session: str, step: Step | None) -> str | None:
+def _join(
+    path: Path,
+    other: Path,
+    session: str,
+    known: Sequence[str],
+    record: SiteRecord,
+    step: Step | None,
+) -> str | None:
     """Take a map into the joint one; return why not, or None."""
     try:
         with PlaceMap.open(path) as site:
@@ -225,7 +302,10 @@ def _join(path: Path, other: Path, session: str, step: Step | None) -> str | Non
         if error.code == "cannot-write":
             raise
         return str(error)  # as of another configuration; the others may still be joined
-    return None if done.reason is None else done.reason.text
+    if done.reason is None:
+        return None
+    record.note_refusal(known, session, done.reason.text)
+    return done.reason.text
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -67,11 +67,19 @@ class Failure:
 
 @dataclass(frozen=True)
 class PlannedRecording:
-    """A recording and the keys of its chunks, in order."""
+    """A recording as it was when it was listed.
+
+    Attributes:
+        recording: how it is opened.
+        frames: number of them.
+        keys: of its chunks, in order.
+        content: name of its content, as of ``digest_input``; "" in lists of earlier versions.
+    """
 
     recording: FleetRecording
     frames: int
     keys: tuple[str, ...]
+    content: str = ""
 
     @property
     def identity(self) -> tuple[str, str | None]:
@@ -84,13 +92,15 @@ class PlannedRecording:
             "recording": self.recording.dump(),
             "frames": self.frames,
             "keys": list(self.keys),
+            "content": self.content,
         }
 
     @classmethod
     def load(cls, values: Mapping[str, Any]) -> "PlannedRecording":
         """Return what ``dump`` was called on."""
         recording = FleetRecording.load(values["recording"])
-        return cls(recording, int(values["frames"]), tuple(values["keys"]))
+        keys, content = tuple(values["keys"]), str(values.get("content", ""))
+        return cls(recording, int(values["frames"]), keys, content)
 
     def chunks(self, size: int) -> list[Chunk]:
         """Return its chunks, of so many frames each."""
@@ -202,7 +212,7 @@ def _plan_recording(
     except Exception as error:  # one damaged file must not keep a fleet from its work
         return Failure(recording.session, None, None, *explain_failure(error))
     chunks = cut_recording(recording, len(dataset), content, settings)
-    return PlannedRecording(recording, len(dataset), tuple(chunk.key for chunk in chunks))
+    return PlannedRecording(recording, len(dataset), tuple(each.key for each in chunks), content)
 
 
 def _same_name(new: PlannedRecording, old: PlannedRecording) -> Failure:

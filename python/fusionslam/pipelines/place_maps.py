@@ -32,6 +32,7 @@ from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
 
 MapOdometry = Literal["recorded", "lidar", "truth+noise"]
+POSE_NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 _MAP_CODES = ("cannot-read", "cannot-write", "changed", "closed", "damaged", "locked")
 """Codes of errors of a map's file."""
@@ -243,13 +244,12 @@ def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localiza
     Raises:
         DataError: the file cannot be written.
     """
-    pose_names = ["x", "y", "z", "qx", "qy", "qz", "qw"]
     with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["frame", "stamp_ns", *pose_names, "keyframe", "part", "reason"])
+        writer.writerow(["frame", "stamp_ns", *POSE_NAMES, "keyframe", "part", "reason"])
         for number, stamp_ns, each in found:
             reason = "" if each.reason is None else each.reason.code
-            pose = [""] * 7 if each.pose is None else _pose_texts(each.pose)
+            pose = [""] * len(POSE_NAMES) if each.pose is None else pose_texts(each.pose)
             writer.writerow([number, stamp_ns, *pose, each.keyframe, each.part, reason])
 
 
@@ -328,7 +328,8 @@ def _reader(dataset: Dataset) -> Callable[[int], Frame | DataError]:
     return read
 
 
-def _pose_texts(pose: Matrix) -> list[str]:
+def pose_texts(pose: Matrix) -> list[str]:
+    """Return a pose (4, 4) as a table has it: ``POSE_NAMES``, metres and a quaternion."""
     values = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
     return [f"{value:.6f}" for value in values]
 

@@ -3,7 +3,9 @@
 """A folder of places: recordings change, robots are forgotten, and its database follows."""
 
 import shutil
-from collections.abc import Iterable, Iterator
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +21,9 @@ from fleets import (
     plan_of,
     settings_for,
 )
+from fleets import (
+    describe_with_database as describe,
+)
 from fusionslam.datasets import write_cloud
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet import folder as folders
@@ -30,6 +35,7 @@ from fusionslam.fleet.folder import FORGOTTEN, FleetFolder
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.recordings import find_recordings
 from fusionslam.fleet.work import Failure, Plan, load_failures
+from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.sensors.frame import Cloud
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -48,12 +54,6 @@ def with_database(fleet: Path, described: Path, tmp_path_factory: pytest.TempPat
 def places(with_database: Path, tmp_path: Path) -> Iterator[Path]:
     shutil.copytree(with_database, tmp_path / "places")
     yield tmp_path / "places"
-
-
-def describe(root: Path, path: Path) -> tuple[list[Failure], InProcess]:
-    settings, engine = settings_for(find_recordings(root, LABELS), path), InProcess()
-    plan = Plan.make(root, find_recordings(root, LABELS), settings)
-    return FleetFolder(path, settings).describe(plan, engine), engine
 
 
 def counts(path: Path, column: str = "session") -> dict[str, int]:
@@ -173,13 +173,113 @@ def test_a_damaged_list_of_what_was_forgotten_ends_the_run_before_it_does_harm(
     assert "north/r1/monday" not in counts(places)
 
 
-def test_two_processes_do_not_work_on_one_folder(fleet: Path, places: Path) -> None:
-    with (
-        FleetFolder.open(places).database(read_only=False),
-        pytest.raises(DataError, check=has_code("locked")),
-    ):
+def test_two_processes_do_not_describe_into_one_folder(fleet: Path, places: Path) -> None:
+    lock = WriteLock(places)
+    with pytest.raises(DataError, check=has_code("locked", places)):
         describe(fleet, places)
+    lock.release()
     assert describe(fleet, places)[0] == []
+
+
+@pytest.mark.parametrize("patience_s", [0.0, 0.2])
+def test_a_database_that_others_change_is_waited_for(
+    places: Path, patience_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folders, "PATIENCE_S", patience_s)
+    monkeypatch.setattr(folders, "_PAUSE_S", 0.02)
+    folder = FleetFolder.open(places)
+    other = folder.database(read_only=False)
+    begun = time.monotonic()
+    with pytest.raises(DataError, check=has_code("locked", places / "database")):
+        folder.forget(PlaceFilter(robot="r1"))
+    assert time.monotonic() - begun >= patience_s
+    monkeypatch.setattr(folders, "PATIENCE_S", 30.0)
+    threading.Timer(0.1, other.close).start()
+    assert folder.forget(PlaceFilter(robot="r1")) == 9
+
+
+class Meanwhile(InProcess):
+    """Does something in another process's stead once so many chunks are described."""
+
+    def __init__(self, count: int, act: Callable[[], object]) -> None:
+        super().__init__()
+        self._count, self._act = count, act
+
+    def run(
+        self, chunks: Iterable[Chunk], work: Work
+    ) -> Iterator[tuple[Chunk, BaseException | None]]:
+        for number, done in enumerate(super().run(chunks, work)):
+            if number == self._count:
+                self._act()
+            yield done
+
+
+def describe_meanwhile(
+    root: Path, path: Path, count: int, act: Callable[[], object]
+) -> list[Failure]:
+    plan, settings = plan_of(root, path)
+    return FleetFolder(path, settings).describe(plan, Meanwhile(count, act))
+
+
+def test_the_database_may_be_changed_while_describe_runs(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folders, "_TAKEN_TOGETHER", 4)
+    monkeypatch.setattr(folders, "PATIENCE_S", 0.0)
+
+    def compact() -> None:
+        with FleetFolder.open(tmp_path).database(read_only=False) as database:
+            assert len(database) == 13
+            database.compact()
+
+    assert describe_meanwhile(fleet, tmp_path, 4, compact) == []
+    assert counts(tmp_path) == ALL
+
+
+@pytest.mark.parametrize("together", [4, 1000])
+@pytest.mark.parametrize("robot", ["r1", "r2", "r3"])
+def test_a_robot_that_is_forgotten_while_describe_runs_stays_forgotten(
+    fleet: Path, tmp_path: Path, together: int, robot: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folders, "_TAKEN_TOGETHER", together)
+
+    def forget() -> None:
+        FleetFolder.open(tmp_path).forget(PlaceFilter(robot=robot))
+
+    assert describe_meanwhile(fleet, tmp_path, 4, forget) == []
+    left = {name: count for name, count in ALL.items() if robot not in name}
+    assert counts(tmp_path) == left and len(chunk_files(tmp_path)) == 6
+    assert {each.recording.session for each in Plan.load(tmp_path).recordings} == {*left}
+    failures, engine = describe(fleet, tmp_path)
+    assert failures == [] and engine.begun == [] and counts(tmp_path) == left
+
+
+def test_chunks_that_a_killed_run_left_of_a_forgotten_robot_are_deleted_by_the_next(
+    fleet: Path, places: Path, described: Path
+) -> None:
+    FleetFolder.open(places).forget(PlaceFilter(robot="r2"))
+    shutil.copytree(described / "chunks", places / "chunks", dirs_exist_ok=True)
+    assert len(chunk_files(places)) == 9
+    describe(fleet, places)
+    assert len(chunk_files(places)) == 6 and "north/r2/tuesday" not in counts(places)
+
+
+def test_places_that_a_database_in_use_cannot_take_are_added_by_the_next_run(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folders, "_TAKEN_TOGETHER", 4)
+    monkeypatch.setattr(folders, "PATIENCE_S", 0.0)
+    others = []
+
+    def hold() -> None:
+        others.append(FleetFolder.open(tmp_path).database(read_only=False))
+
+    (failure,) = describe_meanwhile(fleet, tmp_path, 4, hold)
+    assert failure.code == "locked" and "14" in failure.reason
+    assert load_failures(tmp_path) == [failure]
+    others.pop().close()
+    failures, engine = describe(fleet, tmp_path)
+    assert failures == [] and engine.begun == [] and counts(tmp_path) == ALL
 
 
 def test_a_database_that_cannot_be_written_is_named_and_chunks_are_kept(

@@ -19,6 +19,7 @@ from fusionslam.errors import DataError
 from fusionslam.fleet.chunk import Chunk, describe_chunk
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.engines import Engine, Work
+from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.recordings import Found, Labels, find_recordings
 from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.work import Failure, Plan, describe_recordings
@@ -83,6 +84,13 @@ def describe_fleet(
     plan = Plan.make(root, found, settings)
     plan.save(folder)
     return describe_recordings(plan, settings, folder, engine or InProcess())
+
+
+def describe_with_database(root: Path, path: Path) -> tuple[list[Failure], InProcess]:
+    """Describe all below a root, and add it to the folder's database."""
+    settings, engine = settings_for(find_recordings(root, LABELS), path), InProcess()
+    plan = Plan.make(root, find_recordings(root, LABELS), settings)
+    return FleetFolder(path, settings).describe(plan, engine), engine
 
 
 def chunk_files(folder: Path) -> list[Path]:

@@ -97,8 +97,7 @@ def _merge(places: Path, site: str, jobs: int, step: Step) -> "SiteMerge":
     from fusionslam.fleet.site_maps import merge_site
     from fusionslam.fleet.work import Plan
 
-    recordings = [each.recording for each in Plan.load(places).recordings]
-    settings = FleetSettings.load(places)
+    recordings, settings = Plan.load(places).recordings, FleetSettings.load(places)
     return merge_site(
         places, site, recordings, settings, odometry="truth+noise", jobs=jobs, step=step
     )

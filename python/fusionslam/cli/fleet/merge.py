@@ -30,8 +30,8 @@ def merge(
 ) -> None:
     """Join all drives at SITE in one map; drives that came since the last call are added.
 
-    A drive that no three loops join with the others is left out until others join it. The exit
-    status is 1 if one is.
+    A drive that no three loops join with the others is left out until others join it. One whose
+    recording has changed is mapped and joined anew. The exit status is 1 if one is left out.
     """
     needs_extra("map")
     from fusionslam.fleet.config import FleetSettings
@@ -46,7 +46,7 @@ def merge(
         done = merge_site(
             places,
             site,
-            [each.recording for each in plan.recordings],
+            plan.recordings,
             settings,
             odometry=cast("MapOdometry", opt.check_choice("odometry", odometry, ODOMETRY)),
             mapping=whole.mapping,

@@ -12,8 +12,9 @@ import numpy as np
 from fusionslam.evaluation import DIRECTIONS, DescriptorRun, Evaluation, VerifiedRun
 from fusionslam.report.loops.labels import run_label, source_name
 from fusionslam.report.page.figures import CURVE_COLORS, new_figure
-from fusionslam.report.page.html import group_by, write_csv
+from fusionslam.report.page.html import group_by
 from fusionslam.report.page.tables import Cell, Column, Table, build_table
+from fusionslam.storage.csv_files import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,11 +30,11 @@ from fusionslam.report.page.html import (
     about_report,
     check_extra,
     check_runs,
-    write_csv,
     write_figures,
     write_page,
 )
 from fusionslam.report.page.images import forgive, keep
+from fusionslam.storage.csv_files import write_csv
 
 
 def write_report(

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The HTML frame of every report: templates, file names, and the origin of the data."""
 
-import csv
 import hashlib
 import json
 import re
@@ -103,14 +102,6 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
 def write_figures(path: Path, about: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> None:
     """Write the JSON beside a page: its origin and, under "runs", its figures. Raises DataError."""
     save_json(path, None, {**about, "runs": list(runs)}, indent=2)
-
-
-def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table beside a page. Raises DataError if the folder cannot be written."""
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(rows)
 
 
 def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str]) -> None:

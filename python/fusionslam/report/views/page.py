@@ -18,13 +18,13 @@ from fusionslam.report.page.html import (
     check_runs,
     file_name,
     group_by,
-    write_csv,
     write_figures,
     write_page,
 )
 from fusionslam.report.views.exports import COLUMNS, list_scans, metrics_of
 from fusionslam.report.views.sections import world_part
 from fusionslam.storage.archive import load_json
+from fusionslam.storage.csv_files import write_csv
 from fusionslam.storage.files import atomic_path
 
 RUNS = "views"

@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Several scans are looked for at once, by one search, as each of them would be alone."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cli import error_of, run
+from clouds import scan_blocks
+from error_codes import has_code
+from fleets import describe_with_database
+from fusionslam.datasets import write_cloud
+from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.fleet.folder import FleetFolder
+from fusionslam.fleet.localization import FleetLocalization
+from fusionslam.fleet.place_database import PlaceDatabase
+from fusionslam.fleet.places import PlaceFilter
+from fusionslam.fleet.scans import COLUMNS, list_scans, localize_scans, write_candidates
+from fusionslam.sensors.frame import Cloud
+from streets import at
+
+pytest.importorskip("lancedb", reason="the table of places is an extra")
+
+POSE = at(2.5, -0.3, 185)
+
+
+@pytest.fixture(scope="module")
+def places(fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("scans") / "places"
+    assert describe_with_database(fleet, folder)[0] == []
+    return folder
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    write_cloud(tmp_path / "scan.ply", Cloud(scan_blocks(POSE, 9100)))
+    return tmp_path / "scan.ply"
+
+
+def test_recordings_without_numbers_are_all_of_their_frames(fleet: Path, scan: Path) -> None:
+    monday, wednesday = fleet / "north/r1/monday", fleet / "south/r3/wednesday"
+    found = list_scans([scan, monday, wednesday], (), "cloud")
+    assert [each.frame for each in found] == [None, *range(9), *range(9)]
+    assert [each.path for each in found[::9]] == [scan, monday, wednesday]
+    some = list_scans([wednesday, monday], (5, 2), "cloud")
+    assert [(each.path, each.frame) for each in some] == [
+        (path, frame) for path in (wednesday, monday) for frame in (5, 2)
+    ]
+
+
+def test_numbers_of_frames_that_are_not_there_are_refused(fleet: Path, scan: Path) -> None:
+    for path in (scan, fleet / "north/r1/monday"):
+        with pytest.raises(ConfigError, check=has_code("choice", "--frame", "9")):
+            list_scans([path], (9,), "cloud")
+
+
+def test_several_scans_are_found_by_one_search_as_each_alone(
+    fleet: Path, places: Path, scan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, where = FleetFolder.open(places), PlaceFilter(not_session="south/r3/wednesday")
+    scans = list_scans([scan, fleet / "nothing", fleet / "south/r3/wednesday"], (), "cloud")[:4]
+    searches = []
+    plain = PlaceDatabase.query
+
+    def query(self: PlaceDatabase, vectors: np.ndarray, *more: object) -> object:
+        searches.append(len(vectors))
+        return plain(self, vectors, *more)
+
+    with folder.database() as database:
+        locator = folder.locator(database)
+        alone = locator.localize(scans[0].read(), 5, where)
+        monkeypatch.setattr(PlaceDatabase, "query", query)
+        first, missing, *others = localize_scans(locator, scans, 5, where)
+        listed = localize_scans(locator, scans, 5, where, proves=False)
+        assert localize_scans(locator, [], 5) == []
+    assert searches == [3, 3]
+    assert isinstance(missing, FusionSlamError) and missing.code == "missing-file"
+    assert isinstance(first, FleetLocalization) and isinstance(listed[0], FleetLocalization)
+    assert alone.place is not None and first.place is not None
+    assert first.place.key == alone.place.key and first.probability == alone.probability
+    np.testing.assert_array_equal(first.site_from_robot, alone.site_from_robot)
+    assert listed[0].reason is None
+    keys = [each.key for each in alone.candidates]
+    assert [each.key for each in listed[0].candidates] == keys
+    for each in others:
+        assert isinstance(each, FleetLocalization)
+        assert each.place is None and each.reason is not None and len(each.candidates) == 5
+
+
+def test_the_table_has_all_candidates_and_the_proven_pose(
+    fleet: Path, places: Path, scan: Path, tmp_path: Path
+) -> None:
+    folder = FleetFolder.open(places)
+    scans = list_scans([scan, tmp_path / "nothing.ply"], (), "cloud")
+    with folder.database() as database:
+        found = localize_scans(folder.locator(database), scans, 3)
+    write_candidates(tmp_path / "found.csv", scans, found)
+    with (tmp_path / "found.csv").open(newline="") as file:
+        rows = [*csv.DictReader(file)]
+    assert tuple(rows[0]) == COLUMNS and [row["rank"] for row in rows] == ["1", "2", "3", ""]
+    assert rows[3]["scan"] == str(tmp_path / "nothing.ply") and rows[3]["reason"] == "missing-file"
+    (proven,) = (row for row in rows if row["x"])
+    assert isinstance(found[0], FleetLocalization) and found[0].place is not None
+    assert proven["session"] == found[0].place.session and float(proven["probability"]) > 0.5
+    there, moved, pose = (pose_of(proven, begin) for begin in ("place_", "from_place_", ""))
+    np.testing.assert_allclose(there @ moved, pose, atol=1e-5)
+    assert np.linalg.norm(pose[:3, 3] - POSE[:3, 3]) < 0.2
+
+
+def pose_of(row: dict[str, str], begin: str) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = [float(row[f"{begin}{name}"]) for name in "xyz"]
+    turn = [float(row[f"{begin}q{name}"]) for name in "xyzw"]
+    pose[:3, :3] = Rotation.from_quat(turn).as_matrix()
+    return pose
+
+
+def test_the_command_ends_with_0_if_any_of_several_scans_is_proven(
+    fleet: Path, places: Path, scan: Path
+) -> None:
+    south = fleet / "south/r3/wednesday"
+    asked = ("--frame", 3, "-p", places, "-k", 3, "--site")
+    assert run("fleet", "query", south, fleet / "north/r1/monday", *asked, "north").exit_code == 0
+    assert run("fleet", "query", south, fleet / "north/r1/monday", *asked, "none").exit_code == 1
+    assert run("fleet", "query", scan, scan, "-p", places).exit_code == 0
+    assert run("fleet", "query", scan, "nothing.ply", "-p", places, "--no-pose").exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        (("--since", "yesterday"), "--since"),
+        (("--until", "2026-13-01"), "--until"),
+        (("--until", "0001-01-01"), "--until"),
+        (("--since", "9999-12-31T23:59"), "--since"),
+        (("--since", "2026-11-26", "--until", "2026-11-26T00:00Z"), "--until"),
+    ],
+)
+def test_times_that_are_none_are_refused(
+    places: Path, scan: Path, options: tuple[str, ...], field: str
+) -> None:
+    error = error_of(2, "fleet", "query", scan, "-p", places, *options)
+    assert isinstance(error, ConfigError) and error.fields[0] == field
+
+
+def test_a_time_has_an_offset_or_is_utc(places: Path, fleet: Path, tmp_path: Path) -> None:
+    for begin, end in [
+        ("1970-01-01T00:00:02", "1970-01-01T00:00:05"),
+        ("1970-01-01T01:00:02+01:00", "1969-12-31T19:00:05-05:00"),
+    ]:
+        monday, path = fleet / "north/r1/monday", tmp_path / "found.csv"
+        asked = ("--no-pose", "--since", begin, "--until", end, "-p", places, "-o", path)
+        assert run("fleet", "query", monday, "--frame", 4, *asked).exit_code == 0
+        with path.open(newline="") as file:
+            stamps = {int(row["stamp_ns"]) // 10**9 for row in csv.DictReader(file)}
+        assert stamps == {2, 3, 4}
