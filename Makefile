@@ -19,7 +19,7 @@ test:
 	. scripts/ccache.sh && cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
 	. scripts/ccache.sh && cmake --build build/cpp
 	ctest --test-dir build/cpp --output-on-failure
-	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile --no-loadscope-reorder $(PYTEST)
+	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadfile --no-loadscope-reorder $(PYTEST)
 
 bench: setup
 	scripts/bench.sh --write

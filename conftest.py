@@ -36,6 +36,7 @@ from fusionslam.views.recognisers import RECOGNISERS
 PROJECT = Path(__file__).parent
 ROS = re.compile(r"^fusionslam ros (check|launch)", re.MULTILINE)
 BASH = ["bash", "-e", "-o", "pipefail", "-c"]
+NIGHTLY = {f"docs/{page}.md" for page in ("guides/training", "guides/calibration", "guides/tuning")}
 HANGS = 3600  # seconds after which a block hangs, on a machine however busy
 # Topics of drive.bag, and those of the robot of docs/guides/ros.md.
 ROBOT_TOPICS = {
@@ -189,6 +190,14 @@ RECORDINGS = {
     "house.npz": "warehouse.npz",
     "other.npz": "scenes.npz",
 }
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave pages whose blocks take long to the nights: tests of their commands are quicker."""
+    for item in items:
+        if item.path.relative_to(PROJECT).as_posix() in NIGHTLY:
+            item.add_marker(pytest.mark.nightly)
 
 
 @pytest.fixture(scope="module")

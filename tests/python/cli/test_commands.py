@@ -363,6 +363,7 @@ def test_poses_in_another_unit_are_warned_of(
     assert said.count("2000 m apart (median): expected poses in metres") == count
 
 
+@pytest.mark.nightly
 def test_bench_compares_both_sources_and_ends_with_the_report(kitti: Path, tmp_path: Path) -> None:
     result = succeeds("bench", kitti, "-o", tmp_path / "out", *NO_WINDOW)
     for name in ("LiDAR-camera", "Stereo", *fusionslam_descriptors()):
@@ -440,6 +441,7 @@ def test_the_demo_needs_no_data_and_runs_twice(tmp_path: Path) -> None:
     assert stored["lidar"]["fusion"]["voxel"] == 0
 
 
+@pytest.mark.nightly
 def test_the_quick_demo_judges_revisits_of_the_town(tmp_path: Path) -> None:
     pytest.importorskip("embreex")
     sensors = [word for setting in TINY_TOWN if "sim.car" in setting for word in ("--set", setting)]

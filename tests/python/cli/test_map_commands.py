@@ -200,6 +200,7 @@ def test_what_is_no_map_is_refused(street: Path, tmp_path: Path) -> None:
         assert error_of(1, "map", command, tmp_path / "none.fsmap").code == "not-found"
 
 
+@pytest.mark.nightly
 def test_two_maps_are_merged(site: Path, street: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.fsmap"
     tuesday = write_street(tmp_path / "tuesday", RETURN, 200)

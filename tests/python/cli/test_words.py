@@ -52,6 +52,7 @@ def test_a_run_that_is_replaced_is_announced_with_what_changed(kitti: Path, tmp_
         assert changed_value in text
 
 
+@pytest.mark.nightly
 def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_path: Path) -> None:
     (recording / "velodyne/000004.bin").write_bytes(b"")
     out = tmp_path / "out"

@@ -109,6 +109,7 @@ def test_the_thesis_s_comparison_is_one_linear_step_and_ours_is_not() -> None:
     assert bend("none") < 1e-3 < 1e-2 < bend("relu")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["shapes", "places", "comparison"])
 def test_a_training_that_was_interrupted_ends_the_same(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

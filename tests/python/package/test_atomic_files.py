@@ -133,16 +133,20 @@ def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: st
 
 
 def test_kills_of_a_writer_that_is_not_atomic_lose_and_leave_files(tmp_path: Path) -> None:
+    this = os.getpid()
+
     def save(folder: Path) -> None:
         (folder / f"of process {os.getpid()}").touch()
         (folder / "a").write_text("")
-        time.sleep(0.1)
+        if os.getpid() != this:  # as long as it takes until it is killed
+            time.sleep(60)
         (folder / "a").write_text("whole")
 
     def check(folder: Path) -> None:
         assert (folder / "a").read_text() == "whole"
 
-    assert kill_writer(Writer(save, check), tmp_path, kills=3) == KillCount(3, lost=3, left=3)
+    writer = Writer(save, check, killed_after=(0.3, 0.5))
+    assert kill_writer(writer, tmp_path, kills=3) == KillCount(3, lost=3, left=3)
 
 
 def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path: Path) -> None:

@@ -204,6 +204,7 @@ rospy.spin()
 """
 
 
+@pytest.mark.nightly
 def test_a_topic_that_another_node_publishes_is_not_played(
     played_bag: PlayedBag, tmp_path: Path
 ) -> None:

@@ -75,6 +75,7 @@ def count_keyframes(path: Path) -> int:
         return len(site)
 
 
+@pytest.mark.nightly
 def test_the_map_of_two_drives_is_that_of_the_command(
     played_bag: PlayedBag, tmp_path: Path
 ) -> None:

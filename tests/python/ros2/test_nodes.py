@@ -241,6 +241,7 @@ def test_services_answer_with_the_reason(tmp_path: Path) -> None:
         assert world.end(node) == 0
 
 
+@pytest.mark.nightly
 @needs_ros2
 def test_a_bag_that_is_played_again_gives_all_clouds_again(
     played_bag: PlayedBag, tmp_path: Path
