@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A folder of places: the recordings of a fleet, described, searched and forgotten."""
 
+import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,11 +33,13 @@ from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.progress import Progress
 
+logger = logging.getLogger(__name__)
+
 DATABASE = "database"
 FORGOTTEN, FORGOTTEN_FORMAT = "forgotten.json", "fusionslam.fleet_forgotten.1"
 _TAKEN_TOGETHER = 1000
 """Places that are added by one transaction."""
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0
 """How long another process that changes the database is waited for, seconds."""
 _PAUSE_S = 0.5
 
@@ -82,7 +85,7 @@ class FleetFolder:
                 database can search.
         """
         patience_s = PATIENCE_S if patience_s is None else patience_s
-        end = time.monotonic() + patience_s
+        end, has_said = time.monotonic() + patience_s, not patience_s
         while True:
             try:
                 return self._open_database(read_only)
@@ -96,6 +99,9 @@ class FleetFolder:
                         code="locked",
                         fields=(str(self.path / DATABASE),),
                     ) from error
+                if not has_said:
+                    logger.warning("%s is being changed: waiting", self.path / DATABASE)
+                    has_said = True
             time.sleep(_PAUSE_S)
 
     def _open_database(self, read_only: bool) -> PlaceDatabase:
@@ -242,7 +248,8 @@ class FleetFolder:
                 plan, forgotten = self._without_forgotten(Plan.load(self.path))
                 for each in forgotten:
                     self._forget_recording(database, each)
-                plan.save(self.path)
+                # What a ``describe`` that runs now writes of them later is deleted with these.
+                replace(plan, outdated=[*plan.outdated, *forgotten]).save(self.path)
         return count
 
     def forgotten(self) -> list[PlaceFilter]:

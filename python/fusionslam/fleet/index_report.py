@@ -30,6 +30,7 @@ class IndexReport:
         queries: number of them that recall was measured with.
         seconds: that building and measuring took.
         index: identity of the index that was measured: name of the segment, or LanceDB's.
+        size: of the segment's file, bytes.
     """
 
     rows: int
@@ -44,13 +45,14 @@ class IndexReport:
     queries: int
     seconds: float
     index: str
+    size: int = 0
 
 
-def no_index(rows: int) -> IndexReport:
+def no_index(rows: int, last_row: int) -> IndexReport:
     """Return the report of a table that is searched as a whole."""
     return IndexReport(
         rows=rows,
-        last_row=-1,
+        last_row=last_row,
         partitions=0,
         kind="exact",
         nprobes=0,

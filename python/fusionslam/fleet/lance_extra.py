@@ -71,8 +71,6 @@ def open_table(location: str, options: Mapping[str, str] | None) -> Any:
             else), it is damaged ("damaged"), or it cannot be read ("cannot-read").
     """
     lancedb = load()
-    if not is_remote(location):
-        _check_folder(location)
     with errors(location):
         try:
             table = _connect(lancedb, location, options).open_table(TABLE)
@@ -138,8 +136,15 @@ def has_table(location: str) -> bool:
     return (Path(location) / f"{TABLE}{_SUFFIX}" / "_versions").exists()
 
 
-def _check_folder(location: str) -> None:
-    """Raise DataError for a folder without a table: LanceDB would make what is missing."""
+def check_location(location: str) -> None:
+    """Raise DataError for a folder without a table: LanceDB would make what is missing.
+
+    Raises:
+        DataError: there is none (code "not-found"), it is a folder of something else
+            ("other-format"), or it cannot be read ("cannot-read").
+    """
+    if is_remote(location):
+        return
     path = Path(location)
     try:
         names = {entry.name for entry in path.iterdir()}

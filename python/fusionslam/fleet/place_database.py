@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A database of places that several recordings and robots have seen."""
 
+import math
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ import numpy as np
 from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet import lance_extra, vector_index
-from fusionslam.fleet.index_report import IndexReport, Kind, no_index, read_report
+from fusionslam.fleet.index_report import IndexReport, Kind, read_report
 from fusionslam.fleet.place_rows import (
     SHOWN,
     DatabaseSettings,
@@ -161,20 +162,24 @@ class PlaceDatabase:
 
         Raises:
             DataError: there is none (code "not-found"), something else is there ("other-format"),
-                it is of a later version ("newer-version"), damaged ("damaged"), it cannot be read
-                ("cannot-read"), or another process changes it ("locked").
+                it is of another version ("newer-version", "older-version"), damaged ("damaged"),
+                it cannot be read ("cannot-read"), or another process changes it ("locked").
             ConfigError: its settings are others (code "other-descriptor"); ``fields`` has the
                 name of the first that differs, what was found, and what was expected.
             FusionSlamError: LanceDB is not installed (code "missing-extra").
         """
         place = str(location)
-        table = lance_extra.open_table(place, storage_options)
-        database = cls(place, table, read_only=read_only)
-        if expected is not None:
-            database.settings.require(expected)
-        if not read_only:
-            database._lock = _lock(place)
-            table.checkout_latest()  # another process may have changed it before
+        lance_extra.check_location(place)
+        lock = None if read_only else _lock(place)
+        try:
+            table = lance_extra.open_table(place, storage_options)
+            database = cls(place, table, lock=lock, read_only=read_only)
+            if expected is not None:
+                database.settings.require(expected)
+        except BaseException:
+            if lock is not None:
+                lock.release()
+            raise
         return database
 
     def __enter__(self) -> Self:
@@ -282,8 +287,6 @@ class PlaceDatabase:
                 fields=("recall",),
             )
         with self._writing() as table:
-            if table.count_rows() < vector_index.FEWEST_ROWS:
-                return no_index(table.count_rows())
             kind = kind or ("lance" if lance_extra.is_remote(self.location) else "faiss")
             return vector_index.build(table, self.location, recall, kind, progress)
 
@@ -420,7 +423,7 @@ class PlaceDatabase:
             ]
 
     def at_version(self, number: int) -> "PlaceDatabase":
-        """A state of the database as it was, which nothing changes.
+        """A state of the database as it was, which nothing changes; it may have lost its index.
 
         Raises:
             DataError: there is none of this number any more (code "not-found").
@@ -476,7 +479,9 @@ def _search(table: Any, lookup: Lookup, k: int, where: PlaceFilter | None, exact
         or (sql is not None and table.count_rows(sql) < vector_index.FEWEST_ROWS)
     ):
         return exactly(k, sql)
-    return Search(usual.nprobes, max(usual.candidates, 3 * k), sql)
+    # Recall was measured with few neighbours; more of them lie in more lists.
+    nprobes = usual.nprobes * math.ceil(k / vector_index.K)
+    return Search(nprobes, max(usual.candidates, 3 * k), sql)
 
 
 def _lock(location: str) -> WriteLock | None:

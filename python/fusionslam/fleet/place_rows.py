@@ -16,7 +16,8 @@ from fusionslam.fleet.lance_extra import damaged, other_format
 from fusionslam.fleet.places import ABOUT, Candidate, Places
 from fusionslam.storage.arrays import Floats, Floats32, Matrix, read_numbers
 
-VERSION = 1
+VERSION = 2
+"""Of the format; rows of databases of version 1 had no numbers that stay the same."""
 METRIC = "l2"
 SHOWN = ("key", *ABOUT, "frame", "stamp_ns", "pose")
 """All columns but the vector."""
@@ -102,8 +103,8 @@ def settings_of(schema: Any, location: str) -> DatabaseSettings:
     """Read the settings that a table's schema carries.
 
     Raises:
-        DataError: none of ours (code "other-format"), of a later version ("newer-version"), or
-            other columns than its settings say ("damaged").
+        DataError: none of ours (code "other-format"), of a later version ("newer-version") or an
+            earlier one ("older-version"), or other columns than its settings say ("damaged").
     """
     text = (schema.metadata or {}).get(_SETTINGS)
     if text is None:
@@ -111,8 +112,8 @@ def settings_of(schema: Any, location: str) -> DatabaseSettings:
     try:
         about = json.loads(text)
         version = int(about.pop("version"))
-        if version > VERSION:
-            raise _newer(location, version)
+        if version != VERSION:
+            raise _other_version(location, version)
         settings = DatabaseSettings(**about)
         expected = schema_of(settings)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -220,11 +221,12 @@ def thin_out(batch: Any, every: int, seen: Counter[str]) -> Any:
     return batch.take(np.sort(np.concatenate([*kept, codes[:0]])))
 
 
-def _newer(location: str, version: int) -> DataError:
+def _other_version(location: str, version: int) -> DataError:
+    is_newer = version > VERSION
+    what = "it was written by a later one" if is_newer else "delete it, and describe again"
     return DataError(
-        f"{location} has version {version} of the format, this fusionslam reads up to {VERSION}: "
-        "it was written by a later one",
-        code="newer-version",
+        f"{location} has version {version} of the format, this fusionslam reads {VERSION}: {what}",
+        code="newer-version" if is_newer else "older-version",
         fields=(location, str(version)),
     )
 

@@ -111,8 +111,10 @@ class BySegment:
         if not search.nprobes:
             yield from _lance_candidates(self._table, queries, search)
             return
-        allowed = self._kept if search.where is None else self._where(search.where)
-        nprobes = self._more_lists(search.nprobes, allowed)
+        allowed, nprobes = self._kept, search.nprobes
+        if search.where is not None:
+            allowed, nprobes = self._where(search.where), _FILTERED * nprobes
+        nprobes = self._more_lists(nprobes, allowed)
         numbers = self.segment.search(queries, nprobes, search.candidates, allowed)
         near = _Taken(self._table, numbers)
         later = self._later_candidates(queries, search, allowed)
@@ -124,7 +126,7 @@ class BySegment:
         if allowed is None:
             return nprobes
         share = np.count_nonzero(allowed[: self._last + 1]) / max(1, len(self.segment))
-        return self.segment.lists if not share else math.ceil(_FILTERED * nprobes / share)
+        return self.segment.lists if not share else math.ceil(nprobes / share)
 
     def _later_candidates(
         self, queries: Floats32, search: Search, allowed: Mask | None
@@ -142,11 +144,13 @@ class BySegment:
 
     def _where(self, where: str) -> Mask:
         """Rows that fulfil a condition, bool by number."""
-        if where not in self._allowed:
+        known = self._allowed.get(where)
+        if known is None:
+            known = self._rows_of(where)
             if len(self._allowed) >= _FILTERS:
                 self._allowed.clear()
-            self._allowed[where] = self._rows_of(where)
-        return self._allowed[where]
+            self._allowed[where] = known
+        return known
 
     def _rows_of(self, where: str) -> Mask:
         numbers = [batch["_rowid"].to_numpy() for batch in scan(self._table, ["_rowid"], where)]

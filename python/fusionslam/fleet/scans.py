@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from fusionslam.datasets import Dataset, read_cloud
+from fusionslam.datasets.cloud_files import CLOUD_SUFFIXES
 from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.fleet.localization import FleetLocalization, FleetLocator
 from fusionslam.fleet.places import PlaceFilter
@@ -21,7 +22,6 @@ from fusionslam.storage.progress import Step, label_progress
 
 T = TypeVar("T")
 
-_CLOUDS = (".bin", ".pcd", ".ply")
 _PLACE = ("distance", "site", "region", "robot", "session", "frame", "stamp_ns")
 COLUMNS = (
     *("scan", "scan_frame", "rank", *_PLACE),
@@ -76,7 +76,7 @@ def list_scans(paths: Sequence[Path], frames: Sequence[int], source: str) -> lis
 
 
 def _scans_at(path: Path, frames: Sequence[int], source: str) -> Iterator[Scan]:
-    if path.suffix in _CLOUDS:
+    if path.suffix.lower() in CLOUD_SUFFIXES:
         if frames:
             raise _no_frame(frames[0], f"{path} is a cloud, expected a recording")
         yield Scan(path, None, partial(read_cloud, path))
@@ -87,10 +87,11 @@ def _scans_at(path: Path, frames: Sequence[int], source: str) -> Iterator[Scan]:
         yield Scan(path, None, partial(_raise, error))
         return
     numbers = dataset.numbers.tolist()
+    rows = {number: row for row, number in enumerate(numbers)}
     for frame in frames or numbers:
-        if frame not in numbers:
+        if frame not in rows:
             raise _no_frame(frame, f"{dataset.name} has frames {numbers[0]} to {numbers[-1]}")
-        yield Scan(path, frame, partial(_read, dataset, numbers.index(frame)))
+        yield Scan(path, frame, partial(_read, dataset, rows[frame]))
 
 
 def _no_frame(frame: int, why: str) -> ConfigError:

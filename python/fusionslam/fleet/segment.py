@@ -28,21 +28,25 @@ class Segment:
 
     Args:
         path: of the file.
+        size: that it has to have, bytes.
 
     Raises:
         DataError: it cannot be read (code "damaged").
         FusionSlamError: FAISS is not installed (code "missing-extra").
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, size: int) -> None:
         faiss = _load()
         self.name = path.name
         try:
+            found = path.stat().st_size
+            if found != size:
+                raise ValueError(f"it has {found} bytes, not {size}")
             self._index = faiss.read_index(str(path), faiss.IO_FLAG_MMAP_IFC)
-        except RuntimeError as error:
-            why = "it is not there" if not path.exists() else "FAISS cannot read it"
+        except (OSError, RuntimeError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else str(error).splitlines()[-1]
             raise DataError(
-                f"{path} is damaged: {why}", code="damaged", fields=(str(path),)
+                f"{path} cannot be read: {why}", code="damaged", fields=(str(path),)
             ) from error
 
     def __len__(self) -> int:
@@ -91,7 +95,7 @@ def write_segment(folder: Path, rows: int, blocks: Blocks, progress: Callable[[s
     lists = math.isqrt(rows)
     every = max(1, rows // (_TRAINING * lists))
     progress(f"{lists} lists")
-    sample = np.vstack([vectors[::every] for _, vectors in blocks()])
+    sample = np.vstack([vectors[::every].copy() for _, vectors in blocks()])
     index: Any = faiss.index_factory(sample.shape[1], f"IVF{lists},SQ8")
     index.train(sample)
     for numbers, vectors in blocks():

@@ -4,6 +4,7 @@
 
 import hashlib
 import json
+import logging
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,6 +22,8 @@ from fusionslam.mapping.config import MapConfig
 from fusionslam.pipelines.place_maps import MapOdometry, build_map, check_odometry, odometry_of
 from fusionslam.storage.files import atomic_path, scratch_folder
 from fusionslam.storage.progress import Step, label_progress
+
+logger = logging.getLogger(__name__)
 
 MAPS = "maps"
 _WINDOW = 20
@@ -69,13 +72,18 @@ def forget_drive(folder: Path, drive: FleetRecording) -> None:
     path = site_map_path(folder, drive.site)
     _leave(path, drive.session)
     if (file := _record_path(path)).exists():
-        record = SiteRecord.load(file, {})
-        record.forget(drive.session)
-        record.save()
+        try:
+            record = SiteRecord.load(file, {})
+        except DataError as error:  # it only saves work
+            logger.warning("%s; it is deleted", error)
+            file.unlink()
+        else:
+            record.forget(drive.session)
+            record.save()
 
 
 def _record_path(joint: Path) -> Path:
-    return joint.with_suffix(".json")
+    return joint.with_suffix("") / "joined.json"
 
 
 def _leave(path: Path, session: str) -> None:
@@ -166,8 +174,10 @@ def _build_current(
 ) -> None:
     """Build the map of a drive unless it is complete; of a recording that has changed, anew."""
     session = drive.session
-    if record.has_changed(session, record.begun):
+    is_other = session in record.built and not record.is_built(session)
+    if record.has_changed(session, record.begun) or is_other:
         path.unlink(missing_ok=True)
+        record.built.pop(session, None)
         record.begun[session] = record.contents[session]
     if path.exists() and record.is_built(session):
         return

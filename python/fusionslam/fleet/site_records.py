@@ -55,6 +55,7 @@ class SiteRecord:
 
     def save(self) -> None:
         """Write the record. Raises DataError if it cannot be written."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         names = ("begun", "built", "joined", "refused")
         save_json(self.path, _FORMAT, {name: getattr(self, name) for name in names})
 

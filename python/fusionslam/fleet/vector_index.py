@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.fleet.index_report import IndexReport, Kind, read_report, write_report
+from fusionslam.fleet.index_report import IndexReport, Kind, no_index, read_report, write_report
 from fusionslam.fleet.place_rows import vectors_of
 from fusionslam.fleet.row_search import (
     BySegment,
@@ -75,7 +75,10 @@ def look_up(table: Any, location: str, before: Lookup | None) -> Lookup:
         location: of the folder that it is in.
         before: what was returned for an earlier version.
     """
-    report, version = read_report(table), int(table.version)
+    version = int(table.version)  # first: what changes meanwhile is looked up again
+    report = read_report(table)
+    if report is not None and report.kind == "exact":
+        return Lookup(version, None, by_lance(table))
     if report is not None and report.kind == "faiss":
         usual = Search(report.nprobes, report.candidates)
         known = before.candidates if before is not None else None
@@ -84,10 +87,10 @@ def look_up(table: Any, location: str, before: Lookup | None) -> Lookup:
             segment = (
                 known.segment
                 if known is not None and known.segment.name == report.index
-                else Segment(Path(location) / FOLDER / report.index)
+                else Segment(Path(location) / FOLDER / report.index, report.size)
             )
         except DataError as error:
-            logger.warning("%s; all places are compared until `fleet index` makes it anew", error)
+            logger.warning("%s: all places are compared until `fleet index` makes one", error)
             return Lookup(version, None, by_lance(table))
         return Lookup(version, usual, BySegment(table, segment, report.last_row, known))
     return Lookup(version, _usual_of_lance(table, report), by_lance(table))
@@ -107,21 +110,30 @@ def build(
 ) -> IndexReport:
     """Build the index of vectors, and those of keys and filters, and measure recall.
 
+    A table of less than ``FEWEST_ROWS`` has none.
+
     Args:
-        table: LanceDB's, of ``FEWEST_ROWS`` or more.
+        table: LanceDB's.
         location: of the folder that it is in.
         recall: to reach, by searching more lists.
         kind: whose index.
         progress: called with a line of text for each step.
     """
     say, started = progress or _say_nothing, time.monotonic()
+    rows, last_row, folder = table.count_rows(), _last_row(table), Path(location) / FOLDER
+    if rows < FEWEST_ROWS:
+        if read_report(table) is not None:
+            write_report(table, no_index(rows, last_row))
+            _delete_segments(folder, but="")
+        return no_index(rows, last_row)
     say("index of keys and filters")
     _index_columns(table)
     say("index of vectors")
-    rows, last_row = table.count_rows(), _last_row(table)
+    size = 0
     if kind == "faiss":
-        path = write_segment(Path(location) / FOLDER, rows, lambda: _blocks(table), say)
-        segment = Segment(path)
+        path = write_segment(folder, rows, lambda: _blocks(table), say)
+        size = path.stat().st_size
+        segment = Segment(path, size)
         candidates: Candidates = BySegment(table, segment, last_row)
         name, partitions = segment.name, segment.lists
     else:
@@ -142,20 +154,24 @@ def build(
         queries=queries,
         seconds=time.monotonic() - started,
         index=name,
+        size=size,
     )
     write_report(table, report)
-    _delete_segments(Path(location) / FOLDER, but=name)
+    _delete_segments(folder, but=name)
     return report
 
 
 def renew(table: Any, location: str, progress: Progress | None) -> None:
-    """Build an index anew that rows were added to or deleted from since."""
-    report, rows = read_report(table), table.count_rows()
-    if not rows or (report is None and _lance_index(table) is None):
+    """Build an index anew that is gone, or that rows were added to or deleted from since."""
+    report = read_report(table)
+    if report is None:
+        if _lance_index(table) is not None:  # the process that built it was killed
+            build(table, location, RECALL, "lance", progress)
         return
-    if report is None:  # the process that built it was killed
-        build(table, location, RECALL, "lance", progress)
-    elif report.rows != rows or report.last_row != _last_row(table):
+    is_there = report.kind != "faiss" or (Path(location) / FOLDER / report.index).exists()
+    if is_there and (report.rows, report.last_row) == (table.count_rows(), _last_row(table)):
+        return
+    if report.kind != "exact":
         build(table, location, report.wanted, report.kind, progress)
 
 

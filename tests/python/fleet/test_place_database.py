@@ -19,7 +19,7 @@ from sklearn.neighbors import NearestNeighbors
 from error_codes import has_code
 from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
-from fusionslam.fleet import lance_extra, vector_index
+from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter
 
@@ -125,7 +125,7 @@ def test_sessions_counts_and_positions_tell_of_all_places(drives: PlaceDatabase)
 def test_of_many_positions_every_nth_of_each_session_is_read(
     drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(vector_index, "_BLOCK", 7)  # rows of a batch
+    monkeypatch.setattr("fusionslam.fleet.row_search._BLOCK", 7)  # rows of a batch
     yard = drives.positions("yard", most=34)
     assert yard.every == 3 and yard.counts == {"monday": 60, "tuesday": 40}
     assert_array_equal(yard.frames, [*range(0, 60, 3), *range(0, 40, 3)])
@@ -379,16 +379,17 @@ def test_what_the_system_refuses_names_whether_it_was_read_or_written(
                 call()
 
 
-def test_tables_of_others_and_of_later_versions_are_refused(tmp_path: Path) -> None:
+def test_tables_of_others_and_of_other_versions_are_refused(tmp_path: Path) -> None:
     import pyarrow as pa
 
-    about = {"version": 2, "descriptor": "m2dp", "length": 4, "metric": "l2", "config": {}}
+    about = {"version": 3, "descriptor": "m2dp", "length": 4, "metric": "l2", "config": {}}
     for name, text, code in (
         ("foreign", None, "other-format"),
         ("newer", json.dumps(about), "newer-version"),
-        ("torn", '{"version": 1, ', "damaged"),
-        ("changed", json.dumps({**about, "version": 1, "more": 2}), "damaged"),
-        ("columns", json.dumps({**about, "version": 1}), "damaged"),
+        ("torn", '{"version": 2, ', "damaged"),
+        ("changed", json.dumps({**about, "version": 2, "more": 2}), "damaged"),
+        ("columns", json.dumps({**about, "version": 2}), "damaged"),
+        ("older", json.dumps({**about, "version": 1}), "older-version"),
     ):
         schema = pa.schema(
             [("frame", pa.int64())], None if text is None else {"fusionslam.places": text}

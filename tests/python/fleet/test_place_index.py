@@ -189,7 +189,8 @@ def test_an_index_is_built_anew(indexed: PlaceDatabase, kind: Kind) -> None:
     assert len(steps) > 3
 
 
-def test_a_damaged_index_of_lance_is_named(indexed: PlaceDatabase) -> None:
+def test_a_damaged_index_of_lance_is_named(segmented: PlaceDatabase) -> None:
+    indexed = segmented
     indexed.build_index(kind="lance")
     for path in (Path(indexed.location) / "places.lance" / "_indices").rglob("*.idx"):
         path.write_bytes(path.read_bytes()[:100])
@@ -200,11 +201,21 @@ def test_a_damaged_index_of_lance_is_named(indexed: PlaceDatabase) -> None:
         reader.query(np.zeros(LENGTH))
 
 
-@pytest.mark.parametrize("left", [None, 0, 50_000])
+@pytest.fixture
+def segmented(tmp_path: Path) -> Iterator[PlaceDatabase]:
+    """A smaller database with an index of FAISS."""
+    with PlaceDatabase.create(tmp_path / "segmented", SETTINGS) as database:
+        database.add(made_places("all", 5000))
+        database.build_index()
+        yield database
+
+
+@pytest.mark.parametrize("left", [None, 0, 50_000, -1])
 def test_without_a_whole_segment_all_places_are_compared(
-    indexed: PlaceDatabase, left: int | None, caplog: pytest.LogCaptureFixture
+    segmented: PlaceDatabase, left: int | None, caplog: pytest.LogCaptureFixture
 ) -> None:
-    report = indexed.build_index()
+    indexed, report = segmented, segmented.index
+    assert report is not None
     path = Path(indexed.location) / "segments" / report.index
     content = path.read_bytes()
     path.unlink()
@@ -215,8 +226,54 @@ def test_without_a_whole_segment_all_places_are_compared(
         assert report.index in caplog.text
         exact = reader.query(queries(), k=5, exact=True)
     assert [[one.key for one in row] for row in found] == [[one.key for one in r] for r in exact]
-    assert indexed.build_index().first == 1.0
-    assert len([*path.parent.iterdir()]) == 1
+    if left is None:
+        indexed.compact()  # builds anew what is gone
+    else:
+        indexed.build_index()
+    assert indexed.index is not None and indexed.index.first == 1.0
+    assert [one.name for one in path.parent.iterdir()] == [indexed.index.index]
+
+
+def test_a_database_that_has_become_small_has_no_index(segmented: PlaceDatabase) -> None:
+    segmented.delete(PlaceFilter(session="all"))
+    segmented.add(made_places("few", 30, seed=4))
+    segmented.compact(keep_s=0)
+    assert segmented.index is not None and segmented.index.kind == "exact"
+    assert not [*(Path(segmented.location) / "segments").iterdir()]
+    assert [row[0].key for row in segmented.query(made_vectors(3, seed=4))] == [
+        f"few:{row}" for row in range(3)
+    ]
+    segmented.add(made_places("more", 6000, seed=6))
+    assert segmented.build_index().kind == "faiss"
+
+
+def test_more_neighbours_are_found_in_more_lists(segmented: PlaceDatabase) -> None:
+    for k in (100, 1000, 6000):
+        found = segmented.query(made_vectors(5), k=k)
+        right = segmented.query(made_vectors(5), k=k, exact=True)
+        assert [len(row) for row in found] == [min(k, 5000)] * 5
+        pairs = zip(found, right, strict=True)
+        same = [len({x.key for x in a} & {x.key for x in b}) / len(b) for a, b in pairs]
+        assert np.mean(same) >= 0.98
+
+
+def test_what_changes_while_a_reader_looks_is_looked_up_again(
+    segmented: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, done = vector_index.read_report, list[IndexReport]()
+
+    def read_late(table: object) -> IndexReport | None:
+        found = read(table)
+        if not done:
+            done.append(segmented.build_index())
+            assert len(reader) == 5000  # another thread's, which moves the table on
+        return found
+
+    with PlaceDatabase.open(segmented.location, read_only=True) as reader:
+        monkeypatch.setattr(vector_index, "read_report", read_late)
+        for _ in range(2):
+            reader.query(made_vectors(1))
+        assert reader._lookup is not None and reader._lookup.usual is not None
 
 
 def test_more_later_places_than_memory_should_hold_are_found(

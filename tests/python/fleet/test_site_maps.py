@@ -85,7 +85,7 @@ def test_drives_are_joined_as_they_arrive_and_the_others_wait(
 
 
 def record_file(folder: Path) -> Path:
-    return site_map_path(folder, "yard").with_suffix(".json")
+    return site_map_path(folder, "yard").with_suffix("") / "joined.json"
 
 
 JOINT = ""
@@ -129,6 +129,22 @@ def test_a_drive_that_was_refused_is_compared_again_once_something_has_changed(
 
 
 @pytest.mark.slow
+def test_a_drive_that_waits_is_mapped_anew_with_another_configuration(
+    drives: Path, tmp_path: Path
+) -> None:
+    counts = []
+    for distance in (1.0, 1.0, 100.0):
+        recordings, settings = planned(drives, tmp_path, "a-elsewhere", "b-monday")
+        mapping = MapConfig(keyframe_distance=distance)
+        done = merge_site(tmp_path, "yard", recordings, settings, mapping=mapping)
+        assert names(done.left_out) == {"b-monday"}
+        (path,) = (tmp_path / MAPS).rglob("*b-monday*.fsmap")
+        with PlaceMap.open(path, read_only=True) as site:
+            counts.append(len(site))
+    assert counts[0] == counts[1] > counts[2]
+
+
+@pytest.mark.slow
 def test_a_drive_whose_recording_changed_is_mapped_and_joined_anew(
     drives: Path, tmp_path: Path
 ) -> None:
@@ -160,10 +176,12 @@ def keyframes_of(folder: Path) -> dict[str, int]:
 def test_what_is_known_of_a_site_that_is_damaged_is_named(drives: Path, tmp_path: Path) -> None:
     recordings, settings = planned(drives, tmp_path)
     path = record_file(tmp_path)
-    path.parent.mkdir()
+    path.parent.mkdir(parents=True)
     path.write_text("{}")
     with pytest.raises(DataError, check=lambda error: str(path) in str(error)):
         merge_site(tmp_path, "yard", recordings, settings)
+    forget_drive(tmp_path, recordings[0].recording)  # is not kept from it
+    assert not path.exists()
 
 
 def test_lists_of_recordings_without_contents_are_taken_as_they_are(tmp_path: Path) -> None:

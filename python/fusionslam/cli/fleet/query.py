@@ -68,10 +68,10 @@ def query(
         shown = step if len(seen) > 1 else None
         locator = folder.locator(database)
         found = localize_scans(locator, seen, k, asked, proves=not no_pose, step=shown)
-    if len(found) == 1 and isinstance(found[0], FusionSlamError):
-        raise found[0]
     if output is not None:
         write_candidates(output, seen, found)
+    if len(found) == 1 and isinstance(found[0], FusionSlamError):
+        raise found[0]
     good = [each for each in found if not isinstance(each, FusionSlamError)]
     if len(found) == 1:
         _print_candidates(good[0].candidates)
