@@ -36,7 +36,13 @@ from fusionslam.views.recognisers import RECOGNISERS
 PROJECT = Path(__file__).parent
 ROS = re.compile(r"^fusionslam ros (check|launch)", re.MULTILINE)
 BASH = ["bash", "-e", "-o", "pipefail", "-c"]
-NIGHTLY = {f"docs/{page}.md" for page in ("guides/training", "guides/calibration", "guides/tuning")}
+NIGHTLY = {
+    f"docs/{page}.md"
+    for page in (
+        *("guides/training", "guides/calibration", "guides/tuning"),
+        *("development/testing", "results/views"),
+    )
+}
 HANGS = 3600  # seconds after which a block hangs, on a machine however busy
 # Topics of drive.bag, and those of the robot of docs/guides/ros.md.
 ROBOT_TOPICS = {

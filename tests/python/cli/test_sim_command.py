@@ -263,7 +263,9 @@ def test_half_a_frame_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(open_dataset(tmp_path / "out")) == 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.nightly)]
+)
 def test_a_recording_that_is_stopped_keeps_what_is_whole(
     tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -58,7 +58,7 @@ def sums(environment: dict[str, str]) -> tuple[Path, list[str]]:
     return Path(path), found
 
 
-@pytest.mark.parametrize("space", ["devel", "install"])
+@pytest.mark.parametrize("space", [pytest.param("devel", marks=pytest.mark.nightly), "install"])
 def test_messages_and_services_of_catkin_are_those_that_came_with_pip(
     space: str, workspace: Path
 ) -> None:

@@ -53,6 +53,7 @@ def known_to_master(world: RosWorld) -> str:
     return f"{master.getSystemState()} {master.getParamNames()}"
 
 
+@pytest.mark.nightly
 def test_the_remappings_that_it_names_make_it_well_and_nothing_is_left_behind(
     world: RosWorld,
 ) -> None:
