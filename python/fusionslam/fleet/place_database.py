@@ -19,7 +19,6 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet import lance_extra, vector_index
 from fusionslam.fleet.index_report import IndexReport, Kind, read_report
 from fusionslam.fleet.place_rows import (
-    SHOWN,
     DatabaseSettings,
     candidate_of,
     check_vectors,
@@ -30,10 +29,10 @@ from fusionslam.fleet.place_rows import (
     thin_out,
 )
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
-from fusionslam.fleet.row_search import Search, exactly, nearest_rows, scan
+from fusionslam.fleet.row_search import Search, exactly, nearest_rows, read_rows, scan
 from fusionslam.fleet.vector_index import Lookup, Progress
 from fusionslam.fleet.write_lock import WriteLock
-from fusionslam.storage.arrays import Floats, Integers
+from fusionslam.storage.arrays import Floats, Floats32, Integers
 from fusionslam.storage.files import PathLike
 
 __all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
@@ -346,7 +345,7 @@ class PlaceDatabase:
         with self._reading() as table:
             lookup = self._looked_up(table)
             search = _search(table, lookup, k, where, exact)
-            return [_best(*found, k) for found in nearest_rows(lookup.candidates, rows, search)]
+            return _best(table, [*nearest_rows(lookup.candidates, rows, search)], k)
 
     def count_by(self, column: str) -> dict[str, int]:
         """Number of places by one of site, region, robot and session.
@@ -501,16 +500,24 @@ def _known_keys(table: Any, keys: list[str]) -> list[str]:
     return known
 
 
-def _best(rows: Any, order: list[int], distances: list[float], k: int) -> list[Candidate]:
-    """The k nearest, each key once."""
-    keys = rows["key"].to_pylist()
-    nearest: dict[str, tuple[int, float]] = {}
-    for row, distance in zip(order, distances, strict=True):
-        nearest.setdefault(keys[row], (row, distance))
-    best = list(nearest.values())[:k]
-    rows = rows.select(list(SHOWN)).take(np.array([row for row, _ in best], np.int64))
-    values = rows.to_pylist()
-    return [candidate_of(one, distance) for one, (_, distance) in zip(values, best, strict=True)]
+def _best(table: Any, found: list[tuple[Integers, Floats32]], k: int) -> list[list[Candidate]]:
+    """The k nearest of each query, each key once."""
+    rows = read_rows(table, [numbers[:k] for numbers, _ in found])
+    best = [_once(some, *one) for some, one in zip(rows, found, strict=True)]
+    for place, (numbers, distances) in enumerate(found):
+        if len(best[place]) < min(k, len(numbers)):  # a key is there twice
+            (some,) = read_rows(table, [numbers])
+            best[place] = _once(some, numbers, distances)[:k]
+    return best
+
+
+def _once(rows: Any, numbers: Integers, distances: Floats32) -> list[Candidate]:
+    """Candidates of some rows, those of each key once."""
+    far = dict(zip(numbers.tolist(), distances.tolist(), strict=True))
+    found: dict[str, Candidate] = {}
+    for row in rows.to_pylist():
+        found.setdefault(row["key"], candidate_of(row, far[row["_rowid"]]))
+    return [*found.values()]
 
 
 def _session(row: dict[str, Any]) -> Session:

@@ -3,7 +3,7 @@
 """Finds the rows of a table whose vectors are near: candidates of an index, compared exactly."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,8 +18,7 @@ _BATCH = 32  # queries at a time
 _BLOCK = 8_192  # rows read at a time
 _LATER = 20_000  # rows that are kept in memory to be compared with each query
 _FILTERS = 64  # whose rows are remembered
-_FILTERED = 4  # times the lists of a search without filter: the allowed rows may be anywhere
-_COLUMNS = (*SHOWN, "vector", "_rowid")
+_FILTERED = 200_000  # rows that are compared, coarsely, of those that pass a filter
 
 
 class Search(NamedTuple):
@@ -36,8 +35,20 @@ class Search(NamedTuple):
     where: str | None = None
 
 
-Candidates = Callable[[Floats32, Search], Iterator[Any]]
-"""Yields for each query a table of rows that may be near, with columns ``SHOWN`` and vectors."""
+class Near(NamedTuple):
+    """Rows near a query.
+
+    Attributes:
+        numbers: int64 (n), of the rows.
+        vectors: float32 (n, D).
+    """
+
+    numbers: Integers
+    vectors: Floats32
+
+
+Candidates = Callable[[Floats32, Search], Iterator[Near]]
+"""Yields for each query rows that may be near."""
 
 
 def exactly(k: int, where: str | None = None) -> Search:
@@ -47,8 +58,8 @@ def exactly(k: int, where: str | None = None) -> Search:
 
 def nearest_rows(
     candidates: Candidates, queries: Floats32, search: Search
-) -> Iterator[tuple[Any, list[int], list[float]]]:
-    """For each query yield rows with columns ``SHOWN``, their order, nearest first, and distances.
+) -> Iterator[tuple[Integers, Floats32]]:
+    """For each query yield numbers of rows and their exact distances, nearest first.
 
     Args:
         candidates: of the table.
@@ -57,8 +68,27 @@ def nearest_rows(
     """
     for first in range(0, len(queries), _BATCH):
         batch = queries[first : first + _BATCH]
-        for query, found in zip(batch, candidates(batch, search), strict=True):
-            yield found, *_order(query, vectors_of(found["vector"], len(query)))
+        for query, near in zip(batch, candidates(batch, search), strict=True):
+            yield _order(query, near)
+
+
+def read_rows(table: Any, numbers: Sequence[Integers]) -> list[Any]:
+    """Read rows of several queries at once.
+
+    Args:
+        table: LanceDB's.
+        numbers: of the rows of each query.
+
+    Returns:
+        For each a table with ``SHOWN`` and ``_rowid``; rows that are gone by now are left out.
+    """
+    wanted = np.unique(np.concatenate([np.zeros(0, np.int64), *numbers]))
+    found = table.take_row_ids(wanted.tolist()).select(list(SHOWN)).with_row_id().to_arrow()
+    known = found["_rowid"].to_numpy().astype(np.int64)
+    order = np.argsort(known)
+    places = [np.searchsorted(known[order], some) for some in numbers]
+    places = [some[np.isin(one, known)] for some, one in zip(places, numbers, strict=True)]
+    return [found.take(order[some]) for some in places]
 
 
 def scan(table: Any, columns: list[str], where: str | None = None) -> Iterator[Any]:
@@ -92,7 +122,7 @@ class BySegment:
         self._later: _Later | None = None
         later = int(table.count_rows(f"_rowid > {last_row}"))
         if later <= _LATER:
-            self._later = _Later(_read(table, f"_rowid > {last_row}"))
+            self._later = _Later(table, last_row)
         # Rows are never changed and their numbers never given again: only fewer may be left.
         self._count = int(table.count_rows()) - later
         self._kept: Mask | None = None
@@ -104,33 +134,37 @@ class BySegment:
                 self._kept = self._rows_of(f"_rowid <= {last_row}")
         self._allowed: dict[str, Mask] = {}
 
-    def __call__(self, queries: Floats32, search: Search) -> Iterator[Any]:
+    def __call__(self, queries: Floats32, search: Search) -> Iterator[Near]:
         """As ``Candidates``."""
-        import pyarrow as pa
-
         if not search.nprobes:
             yield from _lance_candidates(self._table, queries, search)
             return
-        allowed, nprobes = self._kept, search.nprobes
-        if search.where is not None:
-            allowed, nprobes = self._where(search.where), _FILTERED * nprobes
-        nprobes = self._more_lists(nprobes, allowed)
-        numbers = self.segment.search(queries, nprobes, search.candidates, allowed)
-        near = _Taken(self._table, numbers)
+        allowed = self._kept if search.where is None else self._where(search.where)
+        nprobes = self._more_lists(search, allowed)
+        found = self.segment.search(queries, nprobes, search.candidates, allowed)
         later = self._later_candidates(queries, search, allowed)
-        for some, others in zip(numbers, later, strict=True):
-            yield pa.concat_tables([near.rows(some), others])
+        for numbers, others in zip(found, later, strict=True):
+            some = numbers[numbers >= 0]
+            vectors = np.concatenate([self.segment.vectors[some], others.vectors])
+            yield Near(np.concatenate([some, others.numbers]), vectors)
 
-    def _more_lists(self, nprobes: int, allowed: Mask | None) -> int:
-        """Lists that have as many allowed rows as so many lists have rows."""
+    def _more_lists(self, search: Search, allowed: Mask | None) -> int:
+        """Lists that have as many allowed rows as the usual number of lists has rows.
+
+        What passes a filter may all be far from a query, and so anywhere: of that, more is
+        compared.
+        """
         if allowed is None:
-            return nprobes
-        share = np.count_nonzero(allowed[: self._last + 1]) / max(1, len(self.segment))
-        return self.segment.lists if not share else math.ceil(nprobes / share)
+            return search.nprobes
+        rows, lists = np.count_nonzero(allowed[: self._last + 1]), self.segment.lists
+        if not rows:
+            return lists
+        far = 0 if search.where is None else math.ceil(lists * _FILTERED / rows)
+        return max(far, math.ceil(search.nprobes * len(self.segment) / rows))
 
     def _later_candidates(
         self, queries: Floats32, search: Search, allowed: Mask | None
-    ) -> Iterator[Any]:
+    ) -> Iterator[Near]:
         if self._later is not None:
             mask = None if search.where is None else allowed
             for query in queries:
@@ -139,8 +173,7 @@ class BySegment:
         where = f"_rowid > {self._last}"
         if search.where is not None:
             where = f"{where} AND ({search.where})"
-        for found in _lance_candidates(self._table, queries, Search(0, search.candidates, where)):
-            yield found.select(list(_COLUMNS))
+        yield from _lance_candidates(self._table, queries, Search(0, search.candidates, where))
 
     def _where(self, where: str) -> Mask:
         """Rows that fulfil a condition, bool by number."""
@@ -160,58 +193,40 @@ class BySegment:
         return mask
 
 
-class _Taken:
-    """Rows that are read for several queries at once."""
-
-    def __init__(self, table: Any, numbers: Integers) -> None:
-        wanted = np.unique(numbers[numbers >= 0])
-        found = table.take_row_ids(wanted.tolist()).select([*SHOWN, "vector"]).with_row_id()
-        self._rows = found.to_arrow().select(list(_COLUMNS))
-        known = self._rows["_rowid"].to_numpy().astype(np.int64)
-        self._order = np.argsort(known)
-        self._numbers = known[self._order]
-
-    def rows(self, numbers: Integers) -> Any:
-        """Rows of some numbers; those that are gone by now are left out."""
-        places = np.searchsorted(self._numbers, numbers[numbers >= 0])
-        here = places < len(self._numbers)
-        here[here] = self._numbers[places[here]] == numbers[numbers >= 0][here]
-        return self._rows.take(self._order[places[here]])
-
-
 class _Later:
     """Rows that came after a segment, in memory."""
 
-    def __init__(self, rows: Any) -> None:
-        self._rows = rows
-        self._numbers = rows["_rowid"].to_numpy().astype(np.int64)
-        self._vectors = vectors_of(rows["vector"], rows["vector"].type.list_size)
-        self._norms = np.einsum("ij,ij->i", self._vectors, self._vectors)
+    def __init__(self, table: Any, last_row: int) -> None:
+        found = table.search().where(f"_rowid > {last_row}").select(["vector"]).with_row_id(True)
+        self._rows = _near(found.to_arrow())
+        self._norms = np.einsum("ij,ij->i", self._rows.vectors, self._rows.vectors)
 
-    def nearest(self, query: Floats32, count: int, allowed: Mask | None) -> Any:
+    def nearest(self, query: Floats32, count: int, allowed: Mask | None) -> Near:
         """About the nearest rows of those that are allowed."""
-        rows = np.arange(len(self._numbers))
+        numbers, vectors = self._rows
+        rows = np.arange(len(numbers))
         if allowed is not None:
-            rows = rows[allowed[np.minimum(self._numbers, len(allowed) - 1)]]
-            rows = rows[self._numbers[rows] < len(allowed)]
+            rows = rows[numbers < len(allowed)]
+            rows = rows[allowed[numbers[rows]]]
         if len(rows) > count:
-            scores = (self._norms - 2 * self._vectors @ query)[rows]
+            # Not by BLAS, whose threads disturb those of FAISS.
+            products = np.einsum("ij,j->i", vectors, query)
+            scores = (self._norms - 2 * products)[rows]
             rows = rows[np.argpartition(scores, count)[:count]]
-        return self._rows.take(rows)
+        return Near(numbers[rows], vectors[rows])
 
 
-def _read(table: Any, where: str) -> Any:
-    found = table.search().where(where).select([*SHOWN, "vector"]).with_row_id(True).to_arrow()
-    return found.select(list(_COLUMNS))
+def _near(rows: Any) -> Near:
+    numbers = rows["_rowid"].to_numpy().astype(np.int64)
+    return Near(numbers, vectors_of(rows["vector"], rows["vector"].type.list_size))
 
 
-def _lance_candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Any]:
+def _lance_candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Near]:
     import pyarrow.compute as pc
 
     several = len(queries) > 1
     builder = table.search(list(queries) if several else queries[0], vector_column_name="vector")
-    builder = builder.distance_type(METRIC).select([*SHOWN, "vector", "_distance"])
-    builder = builder.with_row_id(True)
+    builder = builder.distance_type(METRIC).select(["vector", "_distance"]).with_row_id(True)
     if search.nprobes:
         builder = builder.minimum_nprobes(search.nprobes).maximum_nprobes(
             0 if search.where else search.nprobes
@@ -222,15 +237,15 @@ def _lance_candidates(table: Any, queries: Floats32, search: Search) -> Iterator
         builder = builder.where(search.where)
     found = builder.limit(search.candidates).to_arrow()
     for number in range(len(queries)):
-        yield found.filter(pc.equal(found["query_index"], number)) if several else found
+        yield _near(found.filter(pc.equal(found["query_index"], number)) if several else found)
 
 
-def _order(query: Floats32, rows: Floats32) -> tuple[list[int], list[float]]:
-    """Rows by their exact distance to a query, and these distances."""
-    if not len(rows):
-        return [], []
+def _order(query: Floats32, near: Near) -> tuple[Integers, Floats32]:
+    """Numbers of rows and their exact distances to a query, nearest first."""
+    if not len(near.numbers):
+        return near.numbers, np.zeros(0, np.float32)
     index = DescriptorIndex(len(query), metric=METRIC)
-    for row in rows:
+    for row in near.vectors:
         index.add(row)
-    order, distances = index.query(query, k=len(rows))
-    return order.tolist(), distances.tolist()
+    order, distances = index.query(query, k=len(near.numbers))
+    return near.numbers[order], distances

@@ -15,6 +15,7 @@ from fusionslam.storage.arrays import Floats32, Integers, Mask
 from fusionslam.storage.files import atomic_path, cannot_write, why_not
 
 FOLDER = "segments"
+_VECTORS = ".npy"
 _TRAINING = 64  # rows for each list
 
 Blocks = Callable[[], Iterable[tuple[Integers, Floats32]]]
@@ -22,13 +23,17 @@ Blocks = Callable[[], Iterable[tuple[Integers, Floats32]]]
 
 
 class Segment:
-    """An inverted file with one byte a value, which stays on the disk and is mapped to memory.
+    """An inverted file with one byte a value, and the vectors themselves, by number of the row.
 
-    Several threads may search it.
+    Both stay on the disk and are mapped to memory. Several threads may search.
 
     Args:
-        path: of the file.
-        size: that it has to have, bytes.
+        path: of FAISS's file; that of the vectors lies beside it.
+        size: that both have to have, bytes.
+
+    Attributes:
+        name: of the file.
+        vectors: float32 (n, D), by number of the row; zeros where there is none.
 
     Raises:
         DataError: it cannot be read (code "damaged").
@@ -39,10 +44,10 @@ class Segment:
         faiss = _load()
         self.name = path.name
         try:
-            found = path.stat().st_size
-            if found != size:
+            if (found := size_of(path)) != size:
                 raise ValueError(f"it has {found} bytes, not {size}")
             self._index = faiss.read_index(str(path), faiss.IO_FLAG_MMAP_IFC)
+            self.vectors: Floats32 = np.load(path.with_suffix(_VECTORS), mmap_mode="r")
         except (OSError, RuntimeError, ValueError) as error:
             why = error.strerror if isinstance(error, OSError) else str(error).splitlines()[-1]
             raise DataError(
@@ -79,14 +84,25 @@ class Segment:
         return rows
 
 
-def write_segment(folder: Path, rows: int, blocks: Blocks, progress: Callable[[str], None]) -> Path:
-    """Build a segment and write it, whole or not at all.
+def size_of(path: Path) -> int:
+    """Bytes of a segment. Raises OSError if it is not there."""
+    return path.stat().st_size + path.with_suffix(_VECTORS).stat().st_size
+
+
+def write_segment(
+    folder: Path, rows: int, last_row: int, blocks: Blocks, progress: Callable[[str], None]
+) -> Path:
+    """Build a segment and write its files, each whole or not at all.
 
     Args:
         folder: which is made if it is not there.
         rows: number of them, at least 1.
+        last_row: the greatest number of a row.
         blocks: all rows; called twice.
         progress: called with a line of text for each step.
+
+    Returns:
+        Path of FAISS's file.
 
     Raises:
         DataError: it cannot be written (code "cannot-write").
@@ -98,18 +114,35 @@ def write_segment(folder: Path, rows: int, blocks: Blocks, progress: Callable[[s
     sample = np.vstack([vectors[::every].copy() for _, vectors in blocks()])
     index: Any = faiss.index_factory(sample.shape[1], f"IVF{lists},SQ8")
     index.train(sample)
-    for numbers, vectors in blocks():
-        index.add_with_ids(vectors, numbers)
-        progress(f"{index.ntotal} of {rows} rows")
     path = folder / f"{secrets.token_hex(8)}.faiss"
     try:
-        folder.mkdir(exist_ok=True)
+        with atomic_path(path.with_suffix(_VECTORS)) as temporary:
+            shape = last_row + 1, sample.shape[1]  # rows that are gone take no room on the disk
+            stored = np.lib.format.open_memmap(temporary, "w+", np.float32, shape)
+            for numbers, vectors in blocks():
+                index.add_with_ids(vectors, numbers)
+                stored[numbers] = vectors
+                progress(f"{index.ntotal} of {rows} rows")
+            stored.flush()
         with atomic_path(path) as temporary:
             faiss.write_index(index, str(temporary))
     except (OSError, RuntimeError) as error:  # FAISS raises the latter when the disk is full
         reason = why_not(path, error) if isinstance(error, OSError) else str(error).splitlines()[-1]
         raise cannot_write(path, reason) from error
     return path
+
+
+def delete_segments(folder: Path, *, but: str) -> None:
+    """Delete the segments that no process will open any more.
+
+    Args:
+        folder: of them.
+        but: name of the one that stays; "" for none.
+    """
+    if folder.is_dir():
+        for path in folder.iterdir():
+            if path.stem != Path(but).stem:
+                path.unlink(missing_ok=True)
 
 
 def _load() -> Any:

@@ -23,7 +23,7 @@ from fusionslam.fleet.row_search import (
     nearest_rows,
     scan,
 )
-from fusionslam.fleet.segment import FOLDER, Segment, write_segment
+from fusionslam.fleet.segment import FOLDER, Segment, delete_segments, size_of, write_segment
 from fusionslam.storage.arrays import Floats, Floats32, Integers
 
 logger = logging.getLogger(__name__)
@@ -124,15 +124,15 @@ def build(
     if rows < FEWEST_ROWS:
         if read_report(table) is not None:
             write_report(table, no_index(rows, last_row))
-            _delete_segments(folder, but="")
+            delete_segments(folder, but="")
         return no_index(rows, last_row)
     say("index of keys and filters")
     _index_columns(table)
     say("index of vectors")
     size = 0
     if kind == "faiss":
-        path = write_segment(folder, rows, lambda: _blocks(table), say)
-        size = path.stat().st_size
+        path = write_segment(folder, rows, last_row, lambda: _blocks(table), say)
+        size = size_of(path)
         segment = Segment(path, size)
         candidates: Candidates = BySegment(table, segment, last_row)
         name, partitions = segment.name, segment.lists
@@ -157,7 +157,7 @@ def build(
         size=size,
     )
     write_report(table, report)
-    _delete_segments(folder, but=name)
+    delete_segments(folder, but=name)
     return report
 
 
@@ -208,14 +208,6 @@ def _blocks(table: Any) -> Iterator[tuple[Integers, Floats32]]:
 def _last_row(table: Any) -> int:
     numbers = (batch["_rowid"].to_numpy().max(initial=0) for batch in scan(table, ["_rowid"]))
     return int(max(numbers, default=-1))
-
-
-def _delete_segments(folder: Path, but: str) -> None:
-    """Delete the segments that no process will open any more."""
-    if folder.is_dir():
-        for path in folder.iterdir():
-            if path.name != but:
-                path.unlink(missing_ok=True)
 
 
 def _lance_index(table: Any) -> Any:
@@ -311,9 +303,9 @@ def _shares(
     """
     limits = true * (1 + 1e-5) + 1e-6 * np.abs(queries).max()
     found, first = 0, 0
-    for limit, (_, _, distances) in zip(
+    for limit, (_, distances) in zip(
         limits, nearest_rows(candidates, queries, search), strict=True
     ):
-        found += sum(distance <= limit[-1] for distance in distances[:K])
-        first += bool(distances) and distances[0] <= limit[0]
+        found += int(np.count_nonzero(distances[:K] <= limit[-1]))
+        first += int(np.count_nonzero(distances[:1] <= limit[0]))
     return found / true.size, first / len(true)
