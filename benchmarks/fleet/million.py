@@ -122,6 +122,7 @@ def draw(sizes: dict[int, dict[str, Figures]], path: Path) -> None:
         return
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
+    colors = {label: f"C{row}" for row, (_, label) in enumerate(STORES.values())}
     for phase, (_, label) in STORES.items():
         for quantile, style in (("p50 ms", "-"), ("p95 ms", ":")):
             points = [(n, sizes[n][phase][quantile]) for n in shown if phase in sizes[n]]
@@ -130,16 +131,18 @@ def draw(sizes: dict[int, dict[str, Figures]], path: Path) -> None:
                     *zip(*points, strict=True),
                     style,
                     marker="o",
+                    color=colors[label],
                     label=f"{label}, {quantile.removesuffix(' ms')}",
                 )
     for phase, label in STORES.values():
         points = [(n, sizes[n][phase]["index s"]) for n in shown if phase in sizes[n]]
         if points:
-            right.plot(*zip(*points, strict=True), marker="o", label=label)
+            right.plot(*zip(*points, strict=True), marker="o", color=colors[label], label=label)
     for axes, unit, title in ((left, "ms", "a query"), (right, "s", "building the index")):
         axes.set(xscale="log", yscale="log", xlabel="places", ylabel=unit, title=title)
         axes.grid(alpha=0.3, which="both")
-        axes.legend(fontsize=7)
+    left.legend(fontsize=6, loc="lower right")
+    right.legend(fontsize=7)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=80)
 
