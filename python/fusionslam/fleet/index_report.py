@@ -30,7 +30,7 @@ class IndexReport:
         queries: number of them that recall was measured with.
         seconds: that building and measuring took.
         index: identity of the index that was measured: name of the segment, or LanceDB's.
-        size: of the segment's file, bytes.
+        size: of the segment's files, bytes.
     """
 
     rows: int

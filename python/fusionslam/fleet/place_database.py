@@ -295,11 +295,14 @@ class PlaceDatabase:
         with self._reading() as table:
             return read_report(table)
 
-    def compact(self, *, keep_s: float = 3600.0, progress: Progress | None = None) -> None:
-        """Merge small files, put new rows into the index, and drop old versions.
+    def compact(
+        self, *, keep_s: float = 3600.0, renews: bool = True, progress: Progress | None = None
+    ) -> None:
+        """Merge small files, build the index anew with new rows, and drop old versions.
 
         Args:
             keep_s: age of versions that stay, for readers that are in the middle of one.
+            renews: whether the index is built anew if need be; not, if ``build_index`` follows.
             progress: called with a line of text for each step.
 
         Raises:
@@ -308,7 +311,8 @@ class PlaceDatabase:
         with self._writing() as table:
             keep = timedelta(seconds=max(keep_s, 1e-3))  # LanceDB warns of zero
             table.optimize(cleanup_older_than=keep, delete_unverified=self._lock is not None)
-            vector_index.renew(table, self.location, progress)
+            if renews:
+                vector_index.renew(table, self.location, progress)
 
     def query(
         self, vectors: Any, k: int = 10, where: PlaceFilter | None = None, *, exact: bool = False

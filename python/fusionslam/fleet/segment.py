@@ -116,20 +116,46 @@ def write_segment(
     index.train(sample)
     path = folder / f"{secrets.token_hex(8)}.faiss"
     try:
-        with atomic_path(path.with_suffix(_VECTORS)) as temporary:
-            shape = last_row + 1, sample.shape[1]  # rows that are gone take no room on the disk
-            stored = np.lib.format.open_memmap(temporary, "w+", np.float32, shape)
+        with (
+            atomic_path(path.with_suffix(_VECTORS)) as temporary,
+            _VectorFile(temporary, last_row + 1, sample.shape[1]) as file,
+        ):
             for numbers, vectors in blocks():
                 index.add_with_ids(vectors, numbers)
-                stored[numbers] = vectors
+                file.write(numbers, vectors)
                 progress(f"{index.ntotal} of {rows} rows")
-            stored.flush()
         with atomic_path(path) as temporary:
             faiss.write_index(index, str(temporary))
     except (OSError, RuntimeError) as error:  # FAISS raises the latter when the disk is full
         reason = why_not(path, error) if isinstance(error, OSError) else str(error).splitlines()[-1]
         raise cannot_write(path, reason) from error
     return path
+
+
+class _VectorFile:
+    """An array in NumPy's format, of which rows that are not written take no room on the disk.
+
+    It is not mapped to memory: a full disk would kill the process.
+    """
+
+    def __init__(self, path: Path, rows: int, length: int) -> None:
+        empty = np.lib.format.open_memmap(path, "w+", np.float32, (rows, length))
+        self._begin, self._row_bytes = empty.offset, empty.itemsize * length
+        self._file = path.open("r+b")
+
+    def __enter__(self) -> "_VectorFile":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def write(self, numbers: Integers, vectors: Floats32) -> None:
+        """Write rows by their numbers, which are mostly consecutive."""
+        breaks = np.flatnonzero(np.diff(numbers) != 1) + 1
+        for some, rows in zip(np.split(numbers, breaks), np.split(vectors, breaks), strict=True):
+            if len(some):
+                self._file.seek(self._begin + int(some[0]) * self._row_bytes)
+                self._file.write(rows.tobytes())
 
 
 def delete_segments(folder: Path, *, but: str) -> None:

@@ -6,8 +6,9 @@ import hashlib
 import json
 import logging
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from fusionslam.config import merged
@@ -141,13 +142,16 @@ def merge_site(
         json.dumps([settings.digest, mapping.model_dump(mode="json"), odometry]),
     )
     record.joined = {name: record.joined.get(name, "") for name in merge.known}
+    build = partial(
+        _build, settings=settings, odometry=odometry, mapping=mapping, jobs=jobs, step=step
+    )
     built: dict[str, Path] = {}
     for drive in (each.recording for each in drives):
         session, path = drive.session, _drive_map_path(folder, drive)
         if session in merge.known and not record.has_changed(session, record.joined):
             continue
         try:
-            _build_current(path, drive, record, settings, odometry, mapping, jobs, step)
+            _build_current(path, drive, record, build)
             if session in merge.known:
                 _leave(merge.path, session)
         except FusionSlamError as error:
@@ -163,14 +167,7 @@ def merge_site(
 
 
 def _build_current(
-    path: Path,
-    drive: FleetRecording,
-    record: SiteRecord,
-    settings: FleetSettings,
-    odometry: MapOdometry,
-    mapping: MapConfig,
-    jobs: int,
-    step: Step | None,
+    path: Path, drive: FleetRecording, record: SiteRecord, build: Callable[..., None]
 ) -> None:
     """Build the map of a drive unless it is complete; of a recording that has changed, anew."""
     session = drive.session
@@ -182,7 +179,7 @@ def _build_current(
     if path.exists() and record.is_built(session):
         return
     record.save()
-    _build(path, drive, settings, odometry, mapping, jobs, step)
+    build(path, drive)
     record.note_built(session)
 
 
@@ -197,6 +194,7 @@ def _sessions(path: Path) -> list[str]:
 def _build(
     path: Path,
     drive: FleetRecording,
+    *,
     settings: FleetSettings,
     odometry: MapOdometry,
     mapping: MapConfig,

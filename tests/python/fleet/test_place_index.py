@@ -190,13 +190,12 @@ def test_an_index_is_built_anew(indexed: PlaceDatabase, kind: Kind) -> None:
 
 
 def test_a_damaged_index_of_lance_is_named(segmented: PlaceDatabase) -> None:
-    indexed = segmented
-    indexed.build_index(kind="lance")
-    for path in (Path(indexed.location) / "places.lance" / "_indices").rglob("*.idx"):
+    segmented.build_index(kind="lance")
+    for path in (Path(segmented.location) / "places.lance" / "_indices").rglob("*.idx"):
         path.write_bytes(path.read_bytes()[:100])
     with (
-        PlaceDatabase.open(indexed.location, read_only=True) as reader,
-        pytest.raises(DataError, check=has_code("damaged", indexed.location)),
+        PlaceDatabase.open(segmented.location, read_only=True) as reader,
+        pytest.raises(DataError, check=has_code("damaged", segmented.location)),
     ):
         reader.query(np.zeros(LENGTH))
 
@@ -214,24 +213,24 @@ def segmented(tmp_path: Path) -> Iterator[PlaceDatabase]:
 def test_without_a_whole_segment_all_places_are_compared(
     segmented: PlaceDatabase, left: int | None, caplog: pytest.LogCaptureFixture
 ) -> None:
-    indexed, report = segmented, segmented.index
+    report = segmented.index
     assert report is not None
-    path = Path(indexed.location) / "segments" / report.index
+    path = Path(segmented.location) / "segments" / report.index
     content = path.read_bytes()
     path.unlink()
     if left is not None:
         path.write_bytes(content[:left])
-    with PlaceDatabase.open(indexed.location, read_only=True) as reader:
+    with PlaceDatabase.open(segmented.location, read_only=True) as reader:
         found = reader.query(queries(), k=5)
         assert report.index in caplog.text
         exact = reader.query(queries(), k=5, exact=True)
     assert [[one.key for one in row] for row in found] == [[one.key for one in r] for r in exact]
     if left is None:
-        indexed.compact()  # builds anew what is gone
+        segmented.compact()  # builds anew what is gone
     else:
-        indexed.build_index()
-    assert indexed.index is not None and indexed.index.first == 1.0
-    assert {one.stem for one in path.parent.iterdir()} == {Path(indexed.index.index).stem}
+        segmented.build_index()
+    assert segmented.index is not None and segmented.index.first == 1.0
+    assert {one.stem for one in path.parent.iterdir()} == {Path(segmented.index.index).stem}
 
 
 def test_a_database_that_has_become_small_has_no_index(segmented: PlaceDatabase) -> None:

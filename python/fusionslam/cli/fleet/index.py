@@ -28,12 +28,12 @@ def index(
     """Build the index of a database, and measure its recall on the places themselves."""
     folder = open_folder(places)
     with folder.database(read_only=False) as database, progress() as step:
-        if compact:
-            database.compact(progress=lambda text: step(text, 0, 1))
-            report = database.index
-        else:
-            database.compact(progress=lambda text: step(text, 0, 1))  # many small files are slow
-            report = database.build_index(recall=recall, progress=lambda text: step(text, 0, 1))
+
+        def show(text: str) -> None:
+            step(text, 0, 1)
+
+        database.compact(renews=compact, progress=show)  # many small files are slow
+        report = database.index if compact else database.build_index(recall=recall, progress=show)
         count = len(database)
     if report is None or not report.partitions:
         print(f"{count} places: so few are compared exactly, without an index")
