@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers of the service, as its OpenAPI page lists them."""
 
-from collections.abc import Container
+from collections.abc import Callable, Container
 from typing import Self
 
 import numpy as np
@@ -61,19 +61,33 @@ class Found(BaseModel):
     results: list[list[FoundPlace]]
 
 
+class LocatedPlace(FoundPlace):
+    """The same with its pose in the joint map of its site, map_from_robot.
+
+    It is interpolated between keyframes; null if there is no map, or it does not join the recording
+    there.
+    """
+
+    map_pose: Rows | None
+
+    @classmethod
+    def on(cls, found: Candidate, joint: JointMap | None) -> Self:
+        """Return a candidate as an answer, with its place in a map."""
+        seen = None if joint is None else joint.pose_at(found.session, found.frame)
+        return cls(**vars(FoundPlace.of(found)), map_pose=_rows(seen))
+
+
 class LocatedCloud(BaseModel):
     """What looks like a cloud, and where registration proves the robot that sent it to be.
 
     ``place`` is the candidate that proves it, ``place_from_robot`` the robot's pose in the frame of
     the robot that saw the place, with its covariance; ``site_from_robot`` is in the frame of the
     place's recording. They are null without a proof; then ``reason`` says why. ``map_from_robot``
-    is in the frame of the site's joint map; null, too, if there is no map or the place's recording
-    is not joined. For it, the pose of the robot that saw the place is interpolated between
-    keyframes.
+    is in the frame of the site's joint map; null, too, if ``map_pose`` of the place is.
     """
 
-    candidates: list[FoundPlace]
-    place: FoundPlace | None
+    candidates: list[LocatedPlace]
+    place: LocatedPlace | None
     place_from_robot: Rows | None
     site_from_robot: Rows | None
     map_from_robot: Rows | None
@@ -82,16 +96,18 @@ class LocatedCloud(BaseModel):
     reason: str | None
 
     @classmethod
-    def of(cls, found: FleetLocalization, joint: JointMap | None) -> Self:
-        """Return what was found as an answer, in the joint map of the place's site, too."""
-        place, pose = found.place, found.place_from_robot
-        seen = None if place is None or joint is None else joint.pose_at(place.session, place.frame)
+    def of(cls, found: FleetLocalization, maps: Callable[[str], JointMap | None]) -> Self:
+        """Return what was found as an answer, in the joint maps of sites, too."""
+        pose = found.place_from_robot
+        places = [LocatedPlace.on(each, maps(each.site)) for each in found.candidates]
+        place = next((each for each in places if found.place and each.key == found.place.key), None)
+        seen = None if place is None else place.map_pose
         return cls(
-            candidates=[FoundPlace.of(each) for each in found.candidates],
-            place=None if place is None else FoundPlace.of(place),
+            candidates=places,
+            place=place,
             place_from_robot=_rows(pose),
             site_from_robot=_rows(found.site_from_robot),
-            map_from_robot=None if seen is None or pose is None else _rows(seen @ pose),
+            map_from_robot=None if seen is None or pose is None else _rows(np.array(seen) @ pose),
             covariance=_rows(found.covariance),
             probability=found.probability,
             reason=None if found.reason is None else str(found.reason),

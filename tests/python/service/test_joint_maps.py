@@ -126,7 +126,11 @@ def test_a_scan_is_located_in_the_joint_map(fleet: Path, tmp_path: Path) -> None
         nowhere = client.post("/v1/locate?format=npy&site=depot", content=scan).json()
     assert np.allclose(found["site_from_robot"], pose_at(1.3), atol=0.1)
     assert np.allclose(found["map_from_robot"], map_pose_at(1.3), atol=0.1)
-    assert without == {**found, "map_from_robot": None}
+    near = {each["frame"]: each for each in found["candidates"] if "monday" in each["session"]}
+    assert np.allclose(near[1]["map_pose"], map_pose_at(1.0), atol=1e-6)
+    assert found["place"] in found["candidates"]
+    assert without["map_from_robot"] is without["place"]["map_pose"] is None
+    assert without["site_from_robot"] == found["site_from_robot"]
     assert nowhere["map_from_robot"] is None
 
 

@@ -13,7 +13,7 @@ const site = location.pathname.startsWith(PAGE)
   ? decodeURIComponent(location.pathname.slice(PAGE.length)) : null;
 let shown = site;
 let proves = false; // whether the clouds of places are stored
-let joint = null; // sessions of the joint map of the site that is shown, by name
+let joint = null; // names of the sessions of the joint map of the site that is shown
 
 class Problem extends Error {
   constructor(status, { code, message }) {
@@ -65,7 +65,7 @@ async function show(name) {
   at("title").textContent = nameOf(name);
   const paths = await ask(`/v1/sites/${encodeURIComponent(name)}`);
   const joined = paths.map?.sessions ?? [];
-  joint = joined.length ? new Map(joined.map((each) => [each.session, each])) : null;
+  joint = joined.length ? new Set(joined.map((each) => each.session)) : null;
   at("map-card").hidden = false;
   if (joint) showJoint(paths);
   else showApart(paths);
@@ -105,8 +105,8 @@ function showFound({ candidates, place, site_from_robot: own, map_from_robot: co
   map.clearMarks();
   candidates.filter((each) => each.site === shown).reverse().forEach((each) => {
     const kind = each.key === candidates[0].key ? "best" : "candidate";
-    const where = joint ? onMap(each) : each.pose && position(each.pose);
-    if (where) map.mark(kind, where, `${each.session}, frame ${each.frame}`);
+    const pose = joint ? each.map_pose : each.pose;
+    if (pose) map.mark(kind, position(pose), `${each.session}, frame ${each.frame}`);
   });
   const isHere = place?.site === shown;
   const pose = isHere && joint ? common : own;
@@ -119,17 +119,6 @@ function showFound({ candidates, place, site_from_robot: own, map_from_robot: co
 }
 
 const position = (matrix) => matrix.slice(0, 3).map((line) => line[3]);
-
-// Where a place is on the joint map: between the keyframes before and after it.
-function onMap({ session, frame }) {
-  if (!joint.has(session)) return null;
-  const { frames, positions } = joint.get(session);
-  const after = frames.findIndex((each) => each > frame);
-  if (after < 0) return positions.at(-1);
-  if (after === 0) return positions[0];
-  const share = (frame - frames[after - 1]) / (frames[after] - frames[after - 1]);
-  return positions[after - 1].map((value, axis) => value + share * (positions[after][axis] - value));
-}
 
 function proof({ site, session, frame }, pose, probability, map) {
   const [x, y] = pose ? position(pose).map((value) => value.toFixed(1)) : [];

@@ -99,9 +99,7 @@ async def locate(
     """Find where a cloud is, proven by registration with the clouds of its candidates."""
 
     def work(cloud: Cloud) -> LocatedCloud:
-        found = state.places.locate(cloud, k, where)
-        joint = None if found.place is None else state.places.joint_map(found.place.site)
-        return LocatedCloud.of(found, joint)
+        return LocatedCloud.of(state.places.locate(cloud, k, where), state.places.joint_map)
 
     return await _with_cloud(request, state, format, work)
 
