@@ -14,7 +14,7 @@ _KEY = "fusionslam.index"
 
 @dataclass(frozen=True)
 class IndexReport:
-    """How good the index of a table is, and how it is searched.
+    """How good the index of a table is, and how it is searched; by default, without an index.
 
     Attributes:
         rows: of the table when the index was built.
@@ -35,35 +35,17 @@ class IndexReport:
 
     rows: int
     last_row: int
-    partitions: int
-    kind: Kind
-    nprobes: int
-    candidates: int
-    wanted: float
-    recall: float
-    first: float
-    queries: int
-    seconds: float
-    index: str
+    partitions: int = 0
+    kind: Kind = "exact"
+    nprobes: int = 0
+    candidates: int = 0
+    wanted: float = 1.0
+    recall: float = 1.0
+    first: float = 1.0
+    queries: int = 0
+    seconds: float = 0.0
+    index: str = ""
     size: int = 0
-
-
-def no_index(rows: int, last_row: int) -> IndexReport:
-    """Return the report of a table that is searched as a whole."""
-    return IndexReport(
-        rows=rows,
-        last_row=last_row,
-        partitions=0,
-        kind="exact",
-        nprobes=0,
-        candidates=0,
-        wanted=1.0,
-        recall=1.0,
-        first=1.0,
-        queries=0,
-        seconds=0.0,
-        index="",
-    )
 
 
 def read_report(table: Any) -> IndexReport | None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.fleet.index_report import IndexReport, Kind, no_index, read_report, write_report
+from fusionslam.fleet.index_report import IndexReport, Kind, read_report, write_report
 from fusionslam.fleet.place_rows import vectors_of
 from fusionslam.fleet.row_search import (
     BySegment,
@@ -123,9 +123,9 @@ def build(
     rows, last_row, folder = table.count_rows(), _last_row(table), Path(location) / FOLDER
     if rows < FEWEST_ROWS:
         if read_report(table) is not None:
-            write_report(table, no_index(rows, last_row))
+            write_report(table, IndexReport(rows, last_row))
             delete_segments(folder, but="")
-        return no_index(rows, last_row)
+        return IndexReport(rows, last_row)
     say("index of keys and filters")
     _index_columns(table)
     say("index of vectors")
