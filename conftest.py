@@ -8,10 +8,14 @@ that folder to small recordings. C++ and CMake blocks are built and run by ctest
 (``tests/cpp/consumer.cmake``). Blocks of ROS run where ROS 1 is installed, with drive.bag played
 as a robot; those that use .venv-ros2 run where it is made. A block that cannot run here has a
 comment ``<!-- skip: next "REASON" -->`` above it.
-``tests/python/package/test_snippets.py`` checks languages and reasons.
+``tests/python/unit/package/test_snippets.py`` checks languages and reasons.
 """
 
 import os
+
+# One thread for each worker of the tests; NumPy's BLAS reads this when it is imported.
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+
 import re
 import shutil
 import signal
@@ -33,6 +37,7 @@ from fusionslam.config import merged
 from fusionslam.datasets.calibration import read_calib_yaml
 from fusionslam.views.recognisers import RECOGNISERS
 
+pytest_plugins = ["suite"]
 PROJECT = Path(__file__).parent
 ROS = re.compile(r"^fusionslam ros (check|launch)", re.MULTILINE)
 BASH = ["bash", "-e", "-o", "pipefail", "-c"]

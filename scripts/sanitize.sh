@@ -68,4 +68,4 @@ run_pytest \
   tests/python/views/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py \
   tests/python/views/test_{alignment,range_images}.py
 # KISS-Matcher and small_gicp of the wheels know no sanitizer; what is ours of registration has own targets.
-run_pytest tests/python/package/test_fuzz_targets.py -k "(functions or classes or scene or index) and not register"
+run_pytest tests/python/unit/package/test_fuzz_targets.py -k "(functions or classes or scene or index) and not register"

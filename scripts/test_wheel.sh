@@ -62,7 +62,7 @@ from fusionslam import _core
 assert "environment" in _core.__file__, _core.__file__
 assert find_spec("fusionslam_ros.msg") or not argv[1].endswith(".whl"), "no messages of ROS"' "$2"
 "$bin/python" -m pytest -q -p no:cacheprovider tests/python/descriptors tests/python/fusion \
-  tests/python/matching tests/python/package/test_other_libraries.py
+  tests/python/matching tests/python/system/package/test_other_libraries.py
 END
 mapfile -t kept < <(
   env | grep -E '^(PIP_|SSL_CERT_|(WITH|CMAKE_BUILD_PARALLEL_LEVEL|OMP_NUM_THREADS|OPENBLAS_NUM_THREADS)=)')

@@ -3,7 +3,6 @@
 """Fixtures that several test files share."""
 
 import os
-import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,11 +10,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from artefacts import artefact, copy_artefact
 from cli import FRAMES
 from kitti import write_sequence
+from project import PROJECT
 from ros_master import PlayedBag, find_played_bag
-
-PROJECT = Path(__file__).resolve().parents[2]
 
 # Time says nothing on a busy machine.
 settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -36,7 +35,7 @@ def interrupts() -> Iterator[None]:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of ROS, and those that need data that a clone lacks."""
     for item in items:
-        if item.path.is_relative_to(PROJECT / "tests" / "python" / "ros"):
+        if item.path.parent.name in ("ros", "ros2"):
             item.add_marker("ros")
         if "test_data" in getattr(item, "fixturenames", ()):
             item.add_marker("data")
@@ -66,15 +65,17 @@ def played_bag() -> PlayedBag:
 
 
 @pytest.fixture(scope="session")
-def kitti(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def kitti() -> Path:
     """A drive along z and back to its start, in KITTI odometry's layout, colours and all."""
     places = [min(n, FRAMES - n) for n in range(FRAMES)]
-    base = tmp_path_factory.mktemp("kitti")
-    return write_sequence(base, places, [500] * FRAMES, metres=20, width=128)
+    folder = artefact(
+        "kitti", lambda base: write_sequence(base, places, [500] * FRAMES, metres=20, width=128)
+    )
+    return folder / "sequences" / "03"
 
 
 @pytest.fixture
 def recording(kitti: Path, tmp_path: Path) -> Path:
     """A copy of the drive that a test may damage."""
-    shutil.copytree(kitti.parent.parent, tmp_path / "data")
+    copy_artefact(kitti.parent.parent, tmp_path / "data")
     return tmp_path / "data" / "sequences" / "03"

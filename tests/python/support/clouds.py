@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from project import SMALL_DATA
+
 Points = NDArray[np.float32]
 Colors = NDArray[np.uint8]
 
@@ -15,7 +17,7 @@ def read_scan(path: Path) -> Points:
     return np.fromfile(path, np.float32).reshape(-1, 4)[:, :3].copy()
 
 
-MADE = Path(__file__).parents[2] / "data" / "made"
+MADE = SMALL_DATA / "made"
 
 
 def load_made(name: str) -> tuple[Points, Colors]:

@@ -26,10 +26,11 @@ from fusionslam.cli import app
 from fusionslam.datasets import write_cloud
 from fusionslam.sensors.frame import Cloud
 from kitti import write_sequence
+from project import PROJECT
 from recordings import write_drive
 from scenes import LAPS, drive, write_recording
 
-EXPECTED = Path(__file__).parents[1] / "cli/expected"
+EXPECTED = PROJECT / "tests/python/integration/cli/expected"
 _PROMPT = "$ fusionslam "
 
 

@@ -6,7 +6,9 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-DOCS = Path(__file__).parents[3] / "docs"
+from project import PROJECT
+
+DOCS = PROJECT / "docs"
 
 
 def snippets(page: str) -> list[str]:

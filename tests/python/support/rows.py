@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tests of tables: one test runs over all its rows and reports each row that fails."""
+
+import inspect
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Test = Callable[..., None]
+
+
+def rows(names: str, table: Iterable[Any]) -> Callable[[Test], Test]:
+    """Run a test once for each row of a table, as one test.
+
+    It is written as ``pytest.mark.parametrize`` is, and costs one case instead of one for each row.
+    Each row has its own ``tmp_path``, an empty ``caplog`` and ``capsys``, and gets back what
+    ``monkeypatch`` changed; other fixtures are shared by all rows, so rows must not change them.
+
+    Args:
+        names: of the parameters that a row fills, with commas between them.
+        table: rows, each with a value for each name; plain values where there is one name.
+
+    Raises:
+        ExceptionGroup: of what failed, each with the row beside it.
+    """
+    parameters = [name.strip() for name in names.split(",")]
+    cases = list(table)
+    assert cases, f"no rows for {names}"
+
+    def decorate(test: Test) -> Test:
+        signature = inspect.signature(test)
+
+        @wraps(test)
+        def run(**fixtures: Any) -> None:
+            problems: list[Exception] = []
+            for number, case in enumerate(cases):
+                values = dict(
+                    zip(parameters, [case] if len(parameters) == 1 else case, strict=True)
+                )
+                with ExitStack() as stack:
+                    try:
+                        test(**_fixtures_of_row(fixtures, number, stack), **values)
+                    except (Exception, pytest.fail.Exception) as problem:
+                        problem.add_note(f"row {number}: {values}")
+                        problems.append(_as_exception(problem))
+            if problems:
+                text = f"{len(problems)} of {len(cases)} rows of {test.__name__} failed"
+                raise ExceptionGroup(text, problems)
+
+        kept = [each for name, each in signature.parameters.items() if name not in parameters]
+        run.__signature__ = signature.replace(parameters=kept)  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+def _fixtures_of_row(fixtures: dict[str, Any], number: int, stack: ExitStack) -> dict[str, Any]:
+    """The fixtures, those that a row may change as they were before the first row."""
+    own = dict(fixtures)
+    if isinstance(folder := fixtures.get("tmp_path"), Path):
+        own["tmp_path"] = folder / f"row-{number}"
+        own["tmp_path"].mkdir()
+    if "monkeypatch" in fixtures:
+        own["monkeypatch"] = stack.enter_context(fixtures["monkeypatch"].context())
+    if "caplog" in fixtures:
+        fixtures["caplog"].clear()
+    if "capsys" in fixtures:
+        fixtures["capsys"].readouterr()
+    return own
+
+
+def _as_exception(problem: BaseException) -> Exception:
+    """The problem itself, or what ``pytest.fail`` raised as an exception that can be grouped."""
+    if isinstance(problem, Exception):
+        return problem
+    failed = AssertionError(str(problem))
+    failed.__notes__ = problem.__notes__
+    return failed.with_traceback(problem.__traceback__)

@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The suite's own rules, as a plugin of pytest.
+
+The folder of a test is its tier and mark. A test of the tier ``unit`` starts no process, writes no
+file beyond temporary ones and takes less than 0.2 s; any other takes less than 2 s unless it is
+marked ``slow`` or ``nightly``. Seconds are processor time of the test itself, without the first
+import of modules and without fixtures: they are the same on a busy machine, and in any order.
+"""
+
+import builtins
+import os
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+TESTS = Path(__file__).resolve().parents[1]
+TIERS = ("unit", "integration", "system")
+_SHARE_OF_UNIT = 0.1
+_PROCESSES = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system")
+_WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--processor-limit",
+        type=float,
+        default=2.0,
+        metavar="S",
+        help="seconds that an unmarked test may take; 0: no limit, as under a sanitizer",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    _imports.watch()
+    sys.addaudithook(_audit)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark each test with its tier; pages of the documentation are of the tier system."""
+    for item in items:
+        item.add_marker(tier_of(item.path))
+
+
+def tier_of(path: Path) -> str:
+    """The tier of a file by its folder."""
+    if path.is_relative_to(TESTS):
+        first = path.relative_to(TESTS).parts[0]
+        assert first in TIERS, f"{path} is in none of the folders {', '.join(TIERS)}"
+        return first
+    return "system"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Fail a test that takes too long, or does what its tier may not."""
+    is_unit = item.get_closest_marker("unit") is not None
+    begun, imported = _processor_s(), _imports.seconds
+    _forbidden.clear()
+    _forbidden.active = is_unit
+    try:
+        result = yield
+    finally:
+        _forbidden.active = False
+        seconds = _processor_s() - begun - (_imports.seconds - imported)
+        item.user_properties.append(("processor_s", round(seconds, 3)))
+    if _forbidden:
+        pytest.fail(f"a unit test does not do this: {_forbidden[0]}", pytrace=False)
+    _check_seconds(item, seconds, is_unit)
+    return result
+
+
+def _check_seconds(item: pytest.Item, seconds: float, is_unit: bool) -> None:
+    limit = item.config.getoption("--processor-limit")
+    if is_unit:
+        limit *= _SHARE_OF_UNIT
+    elif any(item.iter_markers("slow")) or any(item.iter_markers("nightly")):
+        limit = 0
+    if limit and seconds > limit:
+        pytest.fail(
+            f"it took {seconds:.2f} s of processor time, more than {limit:g} s: make it quicker, "
+            "make what it needs an artefact, or mark it slow",
+            pytrace=False,
+        )
+
+
+def _processor_s() -> float:
+    """Of this process with all its threads, and of the processes that it waited for."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+class _Imports:
+    """Sums the processor time of first imports, which another test would have paid otherwise."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._depth = 0
+
+    def watch(self) -> None:
+        import_ = builtins.__import__
+
+        def timed(name: str, *rest: Any, **options: Any) -> Any:
+            if self._depth or name in sys.modules:
+                return import_(name, *rest, **options)
+            self._depth, begun = 1, time.process_time()
+            try:
+                return import_(name, *rest, **options)
+            finally:
+                self._depth = 0
+                self.seconds += time.process_time() - begun
+
+        builtins.__import__ = timed
+
+
+class _Forbidden(list[str]):
+    """What a unit test did that it may not do."""
+
+    active = False
+
+
+_imports = _Imports()
+_forbidden = _Forbidden()
+_ALLOWED = (tempfile.gettempdir(), os.devnull)
+
+
+def _audit(event: str, details: tuple[Any, ...]) -> None:
+    if not _forbidden.active:
+        return
+    if event in _PROCESSES:
+        _forbidden.append(f"{event} {details[:1]}")
+    elif event == "open" and isinstance(details[0], str | bytes | os.PathLike):
+        path, flags = os.path.abspath(os.fsdecode(details[0])), details[2]
+        kept = path.startswith(_ALLOWED) or "__pycache__" in path or ".hypothesis" in path
+        if flags & _WRITES and not kept:
+            _forbidden.append(f"write {path}")

@@ -1,0 +1,329 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags that are cut, damaged, or written to disks that are full."""
+
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bags import (
+    SECOND,
+    START,
+    SUFFIXES,
+    drive,
+    odometry,
+    picture,
+    same,
+    without,
+    write_bag,
+)
+from cli import succeeds
+from error_codes import has_code
+from fusionslam.datasets import open_bag, open_dataset
+from fusionslam.datasets.bags.dataset import BagDataset
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import Event
+from project import SUPPORT
+
+
+@pytest.mark.parametrize("suffix", ["bag", "mcap"])
+def test_a_bag_cut_in_half_gives_what_is_whole(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    big = [Event("/image", START + k, picture(START + k, (640, 480))) for k in range(12)]
+    path = write_bag(tmp_path / f"drive.{suffix}", [*drive(0.1), *big])
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with open_bag(path) as bag:
+        found = [event.message for event in bag.events(["/image"])]
+        assert bag.is_cut and 4 <= len(found) <= 6 and len(found) == bag.topics["/image"].count
+        assert all(same(a, b.message) for a, b in zip(found, big, strict=False))
+        assert same(bag.message("/image", START + 3), big[3].message)
+    assert [record.args[0] for record in caplog.records] == [path]
+
+
+def test_a_database_cut_in_half_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.db3", drive(10)) / "drive.db3"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"drive\.db3"):
+        open_bag(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(DataError, check=has_code("cannot-write")):
+        write_bag(tmp_path / "file" / f"drive.{suffix}", drive(0.1))
+
+
+def test_a_damaged_database_is_named_once(tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.db3"
+    damaged.write_bytes(b"SQLite format 3\0" + b"noise" * 500)
+    with pytest.raises(DataError) as error:
+        open_bag(damaged)
+    assert str(error.value).count(str(damaged)) == 1
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"drive.{suffix}"
+    with pytest.raises(DataError, check=has_code("missing-file", path)):
+        open_bag(path)
+    path.write_bytes(b"")
+    with pytest.raises(DataError, check=has_code("empty-file", path)):
+        open_bag(path)
+    path.write_bytes(b"what is this?" * 100)
+    with pytest.raises(DataError, match=r"b'what is this\?wha'", check=has_code("not-a-bag", path)):
+        open_bag(path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(
+        DataError, match=r"\.db3 .*\.mcap", check=has_code("not-a-bag", tmp_path / "empty")
+    ):
+        open_bag(tmp_path / "empty")
+
+
+@pytest.mark.parametrize("start", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"])
+def test_bytes_behind_the_first_of_a_bag_are_refused_in_words(tmp_path: Path, start: bytes) -> None:
+    random = np.random.default_rng(0)
+    for size in (0, 3, 90, 900):
+        path = tmp_path / f"{size}.bag"
+        path.write_bytes(start + random.bytes(size))
+        with pytest.raises(DataError) as refused:
+            open_bag(path)
+        assert str(refused.value).startswith(str(path)) and "', " not in str(refused.value)
+
+
+def test_a_broken_message_names_topic_and_time(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", [Event("/odom", START, odometry(START))])
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"\x04\x00\x00\x00odom", b"\xff\xff\xff\x00odom"))
+    with open_bag(path) as bag, pytest.raises(DataError, match=f"/odom.*{START / 1e9:.3f} s"):
+        list(bag.events())
+
+
+MIDDLE = START + SECOND
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("topic", ["/odom", "/points", "/camera/image", "/camera/camera_info"])
+def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
+    tmp_path: Path, suffix: str, topic: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    def cut(name: str, time_ns: int) -> bool:
+        return (name, time_ns) == (topic, MIDDLE)
+
+    path = write_bag(tmp_path / f"drive.{suffix}", drive(), cut=cut)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    (warning,) = [str(record.args) for record in caplog.records if record.levelname == "WARNING"]
+    assert topic in warning and f"{MIDDLE / 1e9:.3f} s" in warning
+    assert len(dataset) == (4 if topic == "/points" else 5)
+    assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
+    assert len(dataset.motion("odometry")) == (100 if topic == "/odom" else 101)
+    out = " ".join(succeeds("info", path).stdout.split())
+    assert f"1 message: {topic}, arrived at {MIDDLE / 1e9:.3f} s" in out
+
+
+# Height and width as stored, and wrong ones, by topic.
+SIZES = {
+    "/points": (struct.pack("<II", 1, 41), struct.pack("<II", 1, 42)),
+    "/camera/image": (struct.pack("<II", 48, 64), struct.pack("<II", 96, 64)),
+}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("topic", [*SIZES])
+def test_a_scan_or_image_shorter_than_it_says_is_left_out_by_every_command(
+    tmp_path: Path, suffix: str, topic: str
+) -> None:
+    def bend(name: str, time_ns: int, data: bytes) -> bytes:
+        return data.replace(*SIZES[topic], 1) if (name, time_ns) == (topic, MIDDLE) else data
+
+    path = write_bag(tmp_path / f"drive.{suffix}", drive(), bend=bend)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert len(dataset) == (4 if topic == "/points" else 5)
+    assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
+    images = dataset.camera_images()
+    assert images is not None and len(images.seconds) == (21 if topic == "/points" else 20)
+    assert all(images.image(row).any() for row in range(len(images.seconds)))
+    for command in ("fuse", "views record"):
+        to = tmp_path / f"{command}.npz" if command != "fuse" else tmp_path / command
+        succeeds(*command.split(), path, "-o", to)
+
+
+@pytest.mark.parametrize("stored", ["jpeg", "png"])
+def test_a_picture_that_is_cut_is_left_out(tmp_path: Path, stored: str) -> None:
+    first = b"\xff\xd8" if stored == "jpeg" else b"\x89PNG"
+
+    def bend(name: str, time_ns: int, data: bytes) -> bytes:
+        if (name, time_ns) != ("/camera/image", MIDDLE):
+            return data
+        start = data.index(first)
+        half = (len(data) - start) // 2
+        return data[: start - 4] + struct.pack("<I", half) + data[start : start + half]
+
+    path = write_bag(tmp_path / "drive.bag", drive(), bend=bend, images=stored)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert dataset.counts["left"] == 20
+    assert all(frame.images["left"].any() for frame in dataset)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_messages_of_the_same_time_as_a_lost_one_are_found(tmp_path: Path, suffix: str) -> None:
+    lost = iter([True])
+    events = [Event("/image", START, picture(START + k, (8 + k, 6))) for k in range(3)]
+    path = write_bag(tmp_path / f"drive.{suffix}", events, cut=lambda *_: next(lost, False))
+    assert [frame.images["left"].shape[1] for frame in open_dataset(path)] == [9, 10]
+
+
+def test_a_topic_of_which_no_message_can_be_decoded_is_an_error(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", drive(), cut=lambda topic, _: topic == "/odom")
+    with pytest.raises(DataError, check=has_code("undecodable", "/odom")):
+        open_dataset(path)
+    assert len(open_dataset(path, topics={"odometry": ""})) == 5
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_bag_whose_transforms_cannot_be_decoded_opens_like_one_without(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    topic, scans = "/tf_static", without(drive(), "/camera/image")
+    bare = open_dataset(write_bag(tmp_path / f"bare.{suffix}", without(scans, topic)))
+    caplog.clear()
+    path = write_bag(tmp_path / f"cut.{suffix}", scans, cut=lambda name, _: name == topic)
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert sum(f"{topic}, arrived at {START / 1e9:.3f} s" in text for text in caplog.messages) == 1
+    assert (len(dataset), dataset.sensors) == (len(bare), bare.sensors) == (5, ("points",))
+    for one, other in zip(dataset, bare, strict=True):
+        assert np.array_equal(one.points, other.points)
+        assert one.robot_from_points is other.robot_from_points is None
+    succeeds("fuse", path, "-o", tmp_path / "out")
+
+
+def test_a_topic_whose_messages_the_index_gives_to_another_is_an_error(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", drive(0.1))
+    content = bytearray(path.read_bytes())
+    # In the table of connections at the end, before each topic's name: "conn=" and its number.
+    numbers = {
+        topic: content.rindex(b"conn=", 0, content.rindex(b"topic=" + topic)) + 5
+        for topic in (b"/odom", b"/points")
+    }
+    content[numbers[b"/odom"]] = content[numbers[b"/points"]]
+    path.write_bytes(content)
+    with pytest.raises(DataError, check=has_code("no-messages", "/odom")):
+        open_dataset(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = write_bag(tmp_path / f"drive.{suffix}", drive(0.1))
+
+    def stops() -> Iterator[Event]:
+        yield from drive(1)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_bag(path, stops())
+    with open_bag(path) as bag, open_bag(tmp_path / f"drive.partial.{suffix}") as rest:
+        assert bag.topics["/points"].count == 1 and rest.topics["/points"].count == 3
+        assert not rest.is_cut
+    assert f"{tmp_path}/drive.partial.{suffix}" in caplog.text
+
+
+FILL = """
+import resource, sys
+sys.path.insert(0, {tests!r})
+from bags import START, picture
+from fusionslam.datasets import open_writer
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import Event
+if {limit}:
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+try:
+    with open_writer({path!r}) as bag:
+        for k in range(20):
+            bag.write(Event("/image", START + k, picture(START + k, (640, 480))))
+except DataError as error:
+    print(error)
+"""
+
+
+def fill(path: Path, limit: int = 0) -> str:
+    script = FILL.format(tests=str(SUPPORT), path=str(path), limit=limit)
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def check_partial(path: Path, message: str) -> None:
+    partial = path.with_name(f"{path.stem}.partial{path.suffix}")
+    assert str(path) in message and str(partial) in message
+    assert not path.exists() and not list(path.parent.glob(".*"))
+    with open_bag(partial) as bag:
+        found = [event.message for event in bag.events()]
+        assert 3 <= len(found) < 20 and len(found) == bag.topics["/image"].count
+    for k, event_message in enumerate(found):
+        assert same(event_message, picture(START + k, (640, 480)))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_may_not_grow_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"drive.{suffix}"
+    check_partial(path, fill(path, limit=12_000_000))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("limit", [3_000, 300_000])
+def test_nothing_is_kept_that_cannot_be_read(tmp_path: Path, suffix: str, limit: int) -> None:
+    path = tmp_path / f"drive.{suffix}"
+    assert str(path) in fill(path, limit)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
+    mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(tmp_path)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("mounting a small tmpfs needs root")
+    try:
+        path = tmp_path / f"drive.{suffix}"
+        message = fill(path)
+        assert "No space left" in message or "disk is full" in message
+        check_partial(path, message)
+    finally:
+        subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def test_a_type_of_another_definition_is_refused(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "drive.bag", [Event("/odom", START, odometry(START))])
+    right = b"md5sum=cd5e73d190d741a2f92e81eda573aca7"
+    assert right in path.read_bytes()
+    path.write_bytes(path.read_bytes().replace(right, b"md5sum=" + b"0" * 32))
+    with open_bag(path) as bag, pytest.raises(DataError, match=r"/odom .*nav_msgs/Odometry"):
+        list(bag.events())
+
+
+def test_without_rosbags_it_is_said_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bag(tmp_path / "drive.bag", drive(0.1))
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
+    with pytest.raises(DataError, check=has_code("missing-extra", "bags")):
+        open_bag(path)
