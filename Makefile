@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize sanitize-quick lint tidy docs nightly wheel release format stub setup ros ros2 fleet clean
+.PHONY: demo test test-ros fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize sanitize-quick lint tidy docs nightly wheel release format stub setup ros ros2 fleet clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -11,15 +11,15 @@ SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/include/fusionslam/*/*.hp
 demo: setup
 	$(BIN)/fusionslam demo -o out/demo
 
-# Without Debian's ROS 1, or the wheels of ROS 2, the tests of the nodes are skipped.
-test:
-	@scripts/ros.sh || echo "ROS 1 cannot be installed here: its tests are skipped"
+# Without ROS 1 and 2 the tests of the nodes are skipped; test-ros installs both.
+test: setup
+	scripts/test.sh $(PYTEST)
+
+test-ros:
+	scripts/ros.sh
 	@$(MAKE) --no-print-directory setup
-	@scripts/ros2.sh || echo "ROS 2 cannot be installed here: its tests are skipped"
-	. scripts/ccache.sh && cmake -S . -B build/cpp -G Ninja -DCMAKE_BUILD_TYPE=Release > build/cpp-configure.log 2>&1 || (cat build/cpp-configure.log; exit 1)
-	. scripts/ccache.sh && cmake --build build/cpp
-	ctest --test-dir build/cpp --output-on-failure
-	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadfile --no-loadscope-reorder $(PYTEST)
+	scripts/ros2.sh
+	$(BIN)/python -m pytest -n $$(nproc) -m 'ros and not nightly' tests/python
 
 bench: setup
 	scripts/bench.sh --write
@@ -55,7 +55,7 @@ docs: setup
 	@echo out/site/index.html
 
 # What takes too long for every change. Tests run with Python 3.13, too, where it runs (a pyenv shim may not).
-nightly: lint docs sanitize tidy
+nightly: lint docs sanitize tidy ros ros2
 	$(MAKE) --no-print-directory test PYTEST="-m ''"
 	! python3.13 -c '' || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
 	scripts/bench.sh

@@ -3,11 +3,11 @@
 """Runs the code blocks of README.md, CONTRIBUTING.md and docs/ as tests.
 
 Blocks of a page run in their order, in one namespace and one temporary folder; those of the page on
-testing run in the project's. The files that pages take for granted, such as drive.bag, are links in
-that folder to small recordings. C++ and CMake blocks are built and run by ctest
-(``tests/cpp/consumer.cmake``). Blocks of ROS run where ROS 1 is installed, with drive.bag played
-as a robot; those that use .venv-ros2 run where it is made. A block that cannot run here has a
-comment ``<!-- skip: next "REASON" -->`` above it.
+testing run in the project's. Commands of fusionslam run in this process. The files that pages take
+for granted, such as drive.bag, are links in that folder to small recordings. C++ and CMake blocks
+are built and run by ctest (``tests/cpp/consumer.cmake``). Blocks of ROS run where ROS 1 is
+installed, with drive.bag played as a robot; those that use .venv-ros2 run where it is made. A block
+that cannot run here has a comment ``<!-- skip: next "REASON" -->`` above it.
 ``tests/python/unit/package/test_snippets.py`` checks languages and reasons.
 """
 
@@ -17,6 +17,7 @@ import os
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -31,7 +32,10 @@ import pytest
 import yaml
 from sybil import Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
+from typer.testing import CliRunner
 
+from artefacts import artefact
+from fusionslam.cli import app
 from fusionslam.cli.system_config import SystemConfig
 from fusionslam.config import merged
 from fusionslam.datasets.calibration import read_calib_yaml
@@ -48,6 +52,12 @@ NIGHTLY = {
         *("development/testing", "results/views"),
     )
 }
+# What make test runs in place of commands that take minutes; make nightly runs them as they are.
+LEAN = {
+    "fusionslam demo --quick": "fusionslam demo --quick --set sim.drive.spacing_m=14 "
+    "--set sim.car.lidar.rings=16 --set sim.car.lidar.azimuths=360",
+    "fusionslam ratslam house": "fusionslam ratslam drive.bag",
+}
 HANGS = 3600  # seconds after which a block hangs, on a machine however busy
 # Topics of drive.bag, and those of the robot of docs/guides/ros.md.
 ROBOT_TOPICS = {
@@ -58,13 +68,32 @@ ROBOT_TOPICS = {
 
 
 def run_bash(example: Example) -> None:
-    """Run a block with bash -e, those of ROS 1 with a robot."""
-    if ROS.search(example.parsed):
-        _run_with_robot(example.parsed)
-    elif ".venv-ros2/" in example.parsed:
-        _run_in_ros2(example.parsed)
+    """Run a block: commands of ours in this process, others with bash -e, ROS 1 with a robot."""
+    block = example.parsed
+    if example.namespace["lean"]:
+        for text, lean in LEAN.items():
+            block = block.replace(text, lean)
+    if ROS.search(block):
+        _run_with_robot(block)
+    elif ".venv-ros2/" in block:
+        _run_in_ros2(block)
+    elif (commands := _own_commands(block)) is not None:
+        for command in commands:
+            done = CliRunner().invoke(app, command)
+            assert done.exit_code == 0, f"{shlex.join(command)}\n{done.output}"
     else:
-        _run([*BASH, example.parsed])
+        _run([*BASH, block])
+
+
+def _own_commands(block: str) -> list[list[str]] | None:
+    """Arguments of each command, or None where a block needs a shell."""
+    if re.search(r"[$|&;<>*]", block):
+        return None
+    lines = block.replace("\\\n", " ").splitlines()
+    commands = [words for line in lines if (words := shlex.split(line, comments=True))]
+    return (
+        [words[1:] for words in commands] if all(w[0] == "fusionslam" for w in commands) else None
+    )
 
 
 def _run_with_robot(block: str) -> None:
@@ -143,12 +172,15 @@ def _run(command: list[str]) -> None:
 
 
 @pytest.fixture(scope="session")
-def made_recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made_recordings() -> Path:
     """A folder with the files that pages take for granted."""
+    return artefact("pages", _make_recordings)
+
+
+def _make_recordings(folder: Path) -> None:
     from kitti import write_sequence
     from recordings import write_drive
 
-    folder = tmp_path_factory.mktemp("made")
     here = Path.cwd()
     os.chdir(folder)
     slow_camera = "--set robot.cameras.camera.rate_hz=2"
@@ -163,7 +195,6 @@ def made_recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     poses = np.column_stack([np.cos(turn), np.sin(turn), turn % (2 * np.pi)])
     np.savez("small_house.npz", poses=poses, stamps=2.0 * np.arange(60))
     os.chdir(here)
-    return folder
 
 
 _SMALL_TOWN = """
@@ -207,8 +238,15 @@ RECORDINGS = {
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Leave pages whose blocks take long to the nights: tests of their commands are quicker."""
     for item in items:
-        if item.path.relative_to(PROJECT).as_posix() in NIGHTLY:
-            item.add_marker(pytest.mark.nightly)
+        page = item.path.relative_to(PROJECT).as_posix()
+        if page.endswith(".md"):
+            item.add_marker(pytest.mark.nightly if page in NIGHTLY else pytest.mark.slow)
+
+
+@pytest.fixture(scope="session")
+def lean(pytestconfig: pytest.Config) -> bool:
+    """Whether commands that take minutes are replaced, as they are unless the nights run all."""
+    return "not nightly" in pytestconfig.option.markexpr
 
 
 @pytest.fixture(scope="module")
@@ -239,5 +277,5 @@ pytest_collect_file = Sybil(
     ],
     patterns=["README.md", "CONTRIBUTING.md", "docs/*.md", "docs/*/*.md", "docs/*/*/*.md"],
     path=str(PROJECT),
-    fixtures=["page_folder"],
+    fixtures=["page_folder", "lean"],
 ).pytest()

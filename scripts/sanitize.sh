@@ -59,7 +59,7 @@ rm -f $build/package/fusionslam/_core*.so
 cp $build/bindings/_core*.so $build/package/fusionslam/
 run_pytest() {
   LD_PRELOAD="$(g++ -print-file-name=libasan.so) $(g++ -print-file-name=libubsan.so)" \
-    PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider -n "$(nproc)" "$@"
+    PYTHONPATH=$build/package "$python" -m pytest -q -p no:cacheprovider --processor-limit 0 -n "$(nproc)" "$@"
 }
 run_pytest \
   tests/python/package/test_{array_layouts,refused_arrays,gil}.py \

@@ -48,7 +48,7 @@ cd "$(dirname "$0")"
 bin=$PWD/environment/bin
 # shellcheck disable=SC2086  # one package a word
 "$bin/python" -m pip install --quiet --disable-pip-version-check \
-  "$PWD/$2[sim,bags,report]" pytest hypothesis scikit-learn ${WITH:-}
+  "$PWD/$2[sim,bags,report]" pytest filelock hypothesis scikit-learn ${WITH:-}
 mkdir elsewhere
 (
   cd elsewhere
@@ -61,8 +61,8 @@ from sys import argv
 from fusionslam import _core
 assert "environment" in _core.__file__, _core.__file__
 assert find_spec("fusionslam_ros.msg") or not argv[1].endswith(".whl"), "no messages of ROS"' "$2"
-"$bin/python" -m pytest -q -p no:cacheprovider tests/python/descriptors tests/python/fusion \
-  tests/python/matching tests/python/system/package/test_other_libraries.py
+"$bin/python" -m pytest -q -p no:cacheprovider tests/python/*/descriptors tests/python/*/fusion \
+  tests/python/*/matching tests/python/system/package/test_other_libraries.py
 END
 mapfile -t kept < <(
   env | grep -E '^(PIP_|SSL_CERT_|(WITH|CMAKE_BUILD_PARALLEL_LEVEL|OMP_NUM_THREADS|OPENBLAS_NUM_THREADS)=)')
