@@ -11,8 +11,11 @@ import math
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -98,25 +101,57 @@ def _output(words: list[str], folder: Path) -> str:
 
 
 def _help(words: list[str]) -> str:
-    """What --help says, without the layout, which is typer's and differs between versions."""
-    command = typer.main.get_command(app)
-    inner = getattr(command, "commands", {})
-    if " ".join(words) in inner:
-        command = inner[" ".join(words)]
-    else:
-        for word in words:
-            command = command.commands[word]  # type: ignore[attr-defined]
-    return "\n".join([command.help or "", *_help_lines(command)]) + "\n"
+    """What --help says, without the layout, which is typer's and differs between versions.
 
-
-def _help_lines(command: object) -> Iterator[str]:
+    Options that several commands share are named there, and explained in the program's own help.
+    """
+    program = typer.main.get_command(app)
+    command = _commands(program).get(" ".join(words), program)
+    shared = _shared_options(program)
+    lines = [command.help or ""]
     for name, each in getattr(command, "commands", {}).items():
-        yield f"  {name}: {(each.help or '').partition(chr(10))[0]}"
-    for each in getattr(command, "params", []):
-        if getattr(each, "help", None):
-            named = each.opts if each.opts[0].startswith("-") else ()
-            names = " ".join([*named, *([each.metavar] if each.metavar else [])])
-            yield f"  {names}: {each.help}"
+        lines.append(f"  {name}: {(each.help or '').partition(chr(10))[0]}")
+    for is_shared, options in groupby(_options(command), key=lambda each: each in shared.items()):
+        if is_shared:
+            lines.append(f"  {', '.join(names for names, _ in options)}")
+        else:
+            lines.extend(f"  {text}" for _, text in options)
+    if command is program:
+        lines.append("Options of several commands:")
+        lines.extend(f"  {text}" for text in shared.values())
+    return "\n".join(lines) + "\n"
+
+
+def _commands(command: Any, name: str = "") -> dict[str, Any]:
+    """Each command by its words, those of groups too."""
+    found = {name: command}
+    for word, inner in getattr(command, "commands", {}).items():
+        found |= _commands(inner, f"{name} {word}".strip())
+    return found
+
+
+def _options(command: Any) -> list[tuple[str, str]]:
+    """Each option and argument: its names, and these with its values and help."""
+    found = []
+    for each in command.params:
+        if text := getattr(each, "help", None):
+            words = each.opts if each.opts[0].startswith("-") else []
+            values = [each.metavar] if each.metavar else []
+            names = " ".join(words or values)
+            found.append((names, f"{' '.join([*words, *values])}: {text}"))
+    return found
+
+
+def _shared_options(program: Any) -> dict[str, str]:
+    """The most frequent text of each option that at least two commands explain alike."""
+    counts = Counter(
+        option for command in _commands(program).values() for option in _options(command)
+    )
+    shared: dict[str, str] = {}
+    for (names, text), count in counts.most_common():
+        if count > 1:
+            shared.setdefault(names, text)
+    return shared
 
 
 def update(folder: Path) -> None:

@@ -22,7 +22,13 @@ NEEDED = {
 """The optional package without which a command says something else."""
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in EXPECTED.glob("*.txt")))
+NAMES = [
+    pytest.param(path.stem, marks=[pytest.mark.slow] if path.stem == "fleet" else [])
+    for path in sorted(EXPECTED.glob("*.txt"))
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_command_prints_what_is_expected(name: str, tmp_path: Path) -> None:
     pytest.importorskip(NEEDED.get(name, "numpy"))
     expected = (EXPECTED / f"{name}.txt").read_text()
