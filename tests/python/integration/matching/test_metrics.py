@@ -3,7 +3,7 @@
 """The distances of every metric are those of their definitions, written in NumPy and SciPy."""
 
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from fusionslam import (
     nearest_causal,
 )
 from fusionslam.evaluation.loops.nearest_matches import match_described, pairwise_distances
+from rows import rows
 
 Row = NDArray[np.float32]
 Wide = NDArray[np.float64]
@@ -64,17 +65,20 @@ def fuller(a: Wide, b: Wide, columns: int) -> int:
     return max(int(row.reshape(columns, -1).any(axis=1).sum()) for row in (a, b))
 
 
-def scan_context(a: Wide, b: Wide) -> float:
+def shifted_cosine(a: Wide, b: Wide, shifts: Iterable[int]) -> float:
+    """The largest mean cosine of 60 columns, those of the first moved to lower numbers."""
     x, y = unit_columns(a, 60), unit_columns(b, 60)
-    return 1 - max(mean_cosine(np.roll(x, n, 0), y, fuller(a, b, 60)) for n in range(60))
+    return max(mean_cosine(np.roll(x, -n, 0), y, fuller(a, b, 60)) for n in shifts)
+
+
+def scan_context(a: Wide, b: Wide) -> float:
+    return 1 - shifted_cosine(a, b, range(60))
 
 
 def aligned_polar(a: Wide, b: Wide) -> float:
     key_a, key_b = (np.abs(row.reshape(60, -1)).sum(axis=1) for row in (a, b))
     coarse = int(np.argmin([np.linalg.norm(np.roll(key_a, -n) - key_b) for n in range(60)]))
-    x, y = unit_columns(a, 60), unit_columns(b, 60)
-    near = range(coarse - 6, coarse + 7)
-    return 1 - max(mean_cosine(np.roll(x, -n, 0), y, fuller(a, b, 60)) for n in near)
+    return 1 - shifted_cosine(a, b, range(coarse - 6, coarse + 7))
 
 
 def moved(table: Wide, columns: int) -> Wide:
@@ -87,33 +91,25 @@ def moved(table: Wide, columns: int) -> Wide:
 
 
 def aligned_cartesian(a: Wide, b: Wide) -> float:
-    key_a, key_b = (np.abs(row.reshape(40, -1)).sum(axis=1, keepdims=True) for row in (a, b))
-    key_b = np.concatenate([key_b, np.zeros_like(key_b)])
-    key_a = np.concatenate([key_a, np.zeros_like(key_a)])
-    coarse = int(np.argmin([np.linalg.norm(np.roll(key_a, -n, 0) - key_b) for n in range(80)]))
+    keys = (np.abs(row.reshape(40, -1)).sum(axis=1) for row in (a, b))
+    key_a, key_b = (np.concatenate([key, np.zeros(40)]) for key in keys)
+    coarse = int(np.argmin([np.linalg.norm(np.roll(key_a, -n) - key_b) for n in range(80)]))
     x, y = unit_columns(a, 40), unit_columns(b, 40)
     near = [(n + 40) % 80 - 40 for n in range(coarse - 4, coarse + 5)]
     return 1 - max(mean_cosine(moved(x, n), y, fuller(a, b, 40)) for n in near)
 
 
 def intensity_scan_context(a: Wide, b: Wide) -> float:
-    x, y = a.reshape(60, -1), b.reshape(60, -1)
-    alike = [float(((np.roll(x, -n, 0) > 0) == (y > 0)).mean()) for n in range(60)]
+    x, y = a.reshape(60, -1) > 0, b.reshape(60, -1) > 0
+    alike = [float((np.roll(x, -n, 0) == y).mean()) for n in range(60)]
     turn = int(np.argmax(alike))
-    x, y = unit_columns(a, 60), unit_columns(b, 60)
-    intensity = max(
-        mean_cosine(np.roll(x, -n, 0), y, fuller(a, b, 60)) for n in range(turn - 1, turn + 2)
-    )
-    return 1 - alike[turn] * intensity
+    return 1 - alike[turn] * shifted_cosine(a, b, range(turn - 1, turn + 2))
 
 
 def iris(a: Wide, b: Wide) -> float:
-    def bits(row: Wide) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        words = row.astype("<u2").reshape(360, 2, -1)
-        table = np.unpackbits(words.view(np.uint8), axis=2).astype(bool)
-        return table[:, 0], table[:, 1]
-
-    (code_a, mask_a), (code_b, mask_b) = bits(a), bits(b)
+    words = (row.astype("<u2").reshape(360, 2, -1).view(np.uint8) for row in (a, b))
+    tables = (np.unpackbits(table, axis=2).astype(bool) for table in words)
+    (code_a, mask_a), (code_b, mask_b) = ((table[:, 0], table[:, 1]) for table in tables)
     shares = [1.0]
     for turn in range(360):
         valid = np.roll(mask_a, turn, 0) & mask_b
@@ -164,75 +160,79 @@ def random_rows(metric: str, count: int, seed: int = 0) -> Row:
     return rows.astype(np.float32)
 
 
+def index_of(rows: Row, metric: str, window: int = 0) -> DescriptorIndex:
+    index = DescriptorIndex(rows.shape[1], window=window, metric=metric)
+    for row in rows:
+        index.add(row)
+    return index
+
+
 def test_every_metric_is_tested_and_keeps_its_number() -> None:
     assert set(metric_names()) == {*DISTANCES, "votes"}
     # Index files hold the number.
-    numbered = "l2 scan_context l1 chi_square regions nearest_of_set votes aligned_polar"
-    assert metric_names()[:8] == tuple(numbered.split())
-    rest = "aligned_cartesian intensity_scan_context iris ring"
-    assert metric_names()[8:12] == tuple(rest.split())
+    numbered = (
+        "l2 scan_context l1 chi_square regions nearest_of_set votes aligned_polar "
+        "aligned_cartesian intensity_scan_context iris ring"
+    )
+    assert metric_names()[:12] == tuple(numbered.split())
 
 
-@pytest.mark.parametrize("metric", DISTANCES)
+@rows("metric", DISTANCES)
 def test_the_distance_of_two_is_that_of_its_definition(metric: str) -> None:
-    rows, distance_of = random_rows(metric, 3 if metric == "iris" else 8), DISTANCES[metric][1]
-    for query in rows:
-        for match in rows:
+    table, distance_of = random_rows(metric, 2 if metric == "iris" else 8), DISTANCES[metric][1]
+    for query in table:
+        for match in table:
             distance, _ = compare_descriptors(query, match, metric)
             expected = distance_of(query.astype(float), match.astype(float))
             assert distance == pytest.approx(expected, rel=1e-5, abs=1e-6)
         assert compare_descriptors(query, query, metric)[0] == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize("metric", DISTANCES)
-@pytest.mark.parametrize("window", [0, 4])
-def test_the_neighbours_are_those_of_the_definition(metric: str, window: int) -> None:
-    count = 7 if metric == "iris" else 14
-    rows, distance_of = random_rows(metric, count, seed=1), DISTANCES[metric][1]
-    wide = rows.astype(float)
-    indices, distances = nearest_causal(rows, window=window, k=3, metric=metric)
-    index = DescriptorIndex(rows.shape[1], window=window, metric=metric)
-    for number, row in enumerate(rows):
-        older = np.array(
-            [distance_of(wide[number], other) for other in wide[: max(number - window, 0)]]
-        )
-        found = index.query(row, k=3)
-        assert len(found[0]) == min(3, len(older))
-        assert found[1] == pytest.approx(np.sort(older)[:3], rel=1e-5, abs=1e-6)
-        assert older[found[0]] == pytest.approx(found[1], rel=1e-5, abs=1e-6)
-        assert indices[number, : len(found[0])].tolist() == found[0].tolist()
-        assert distances[number, : len(found[0])].tobytes() == found[1].tobytes()
-        assert (indices[number, len(found[0]) :] == -1).all()
-        index.add(row)
+@rows("metric", DISTANCES)
+def test_the_neighbours_are_those_of_the_definition(metric: str) -> None:
+    count = 6 if metric == "iris" else 14
+    table, distance_of = random_rows(metric, count, seed=1), DISTANCES[metric][1]
+    wide = table.astype(float)
+    apart = np.array(
+        [[distance_of(a, b) for b in wide[:n]] + [np.inf] * (count - n) for n, a in enumerate(wide)]
+    )  # of earlier rows alone
+    for window in (0, 4):
+        indices, distances = nearest_causal(table, window=window, k=3, metric=metric)
+        index = DescriptorIndex(table.shape[1], window=window, metric=metric)
+        for number, row in enumerate(table):
+            older = apart[number, : max(number - window, 0)]
+            found = index.query(row, k=3)
+            size = min(3, len(older))
+            assert found[1] == pytest.approx(np.sort(older)[:3], rel=1e-5, abs=1e-6)
+            assert older[found[0]] == pytest.approx(found[1], rel=1e-5, abs=1e-6)
+            assert indices[number].tolist() == [*found[0], *[-1] * (3 - size)]
+            assert distances[number, :size].tobytes() == found[1].tobytes()
+            index.add(row)
 
 
-@pytest.mark.parametrize("metric", metric_names())
+@rows("metric", metric_names())
 def test_equal_rows_go_to_the_lowest_number(metric: str) -> None:
-    rows = np.repeat(random_rows(metric, 4, seed=2)[:1], 5, axis=0)
-    indices, distances = nearest(rows[:1], rows, k=5, metric=metric)
+    table = np.repeat(random_rows(metric, 4, seed=2)[:1], 5, axis=0)
+    indices, distances = nearest(table[:1], table, k=5, metric=metric)
     assert indices.tolist() == [[0, 1, 2, 3, 4]]
     assert distances == pytest.approx(np.zeros((1, 5)), abs=1e-6) or metric == "votes"
 
 
-@pytest.mark.parametrize("metric", metric_names())
+@rows("metric", metric_names())
 def test_threads_files_and_pickles_change_no_byte(metric: str, tmp_path: Path) -> None:
-    rows = random_rows(metric, 20, seed=3)
+    table = random_rows(metric, 20, seed=3)
     results = {
-        tuple(part.tobytes() for part in nearest(rows, rows, k=7, threads=threads, metric=metric))
+        tuple(part.tobytes() for part in nearest(table, table, k=7, threads=threads, metric=metric))
         for threads in (1, 2, 3)
     }
     assert len(results) == 1
-    index = DescriptorIndex(rows.shape[1], metric=metric)
-    for row in rows:
-        index.add(row)
+    index = index_of(table, metric)
     index.save(tmp_path / "places.index")
-    expected = index.query(rows[5], k=20)
-    for other in (
-        DescriptorIndex.load(tmp_path / "places.index"),
-        pickle.loads(pickle.dumps(index)),
-    ):
-        assert other.metric == metric and other.dimension == rows.shape[1]
-        for a, b in zip(expected, other.query(rows[5], k=20), strict=True):
+    expected = index.query(table[5], k=20)
+    loaded = DescriptorIndex.load(tmp_path / "places.index")
+    for other in (loaded, pickle.loads(pickle.dumps(index))):
+        assert other.metric == metric and other.dimension == table.shape[1]
+        for a, b in zip(expected, other.query(table[5], k=20), strict=True):
             assert a.tobytes() == b.tobytes()
 
 
@@ -299,7 +299,7 @@ def test_a_moved_and_turned_place_gets_all_votes() -> None:
     assert compare_descriptors(*pair, "votes") == (0, None)
 
 
-@pytest.mark.parametrize("metric", ["scan_context", "aligned_polar", "intensity_scan_context"])
+@rows("metric", ["scan_context", "aligned_polar", "intensity_scan_context"])
 def test_a_turn_by_whole_columns_is_found(metric: str) -> None:
     row = random_rows(metric, 2, seed=7)[1]
     for columns in (0, 1, 25, 59):
@@ -312,30 +312,32 @@ def test_a_turn_by_whole_columns_is_found(metric: str) -> None:
             assert compare_scan_contexts(seen, row) == (distance, yaw)
 
 
-REFUSED: dict[str, tuple[Row, type[Exception], str]] = {
-    "chi_square": (np.array([1, -2], np.float32), DataError, r"descriptor 1 .*-2.*position 1"),
-    "l1": (np.full(100, 1e37, np.float32), DataError, "descriptor 1 .*too long.*l1"),
-    "regions": (np.zeros(308, np.float32), DataError, "descriptor 1 .*empty set.*308"),
-    "nearest_of_set": (np.zeros(8, np.float32), DataError, "descriptor 1 .*empty set.*2"),
-    "votes": (np.zeros(66, np.float32), DataError, "descriptor 1 .*empty set.*66"),
-    "intensity_scan_context": (np.full(60, -1, np.float32), DataError, "descriptor 1 .*-1"),
-    "iris": (np.full(720, 0.5, np.float32), DataError, "descriptor 1 .*0.5.*65535"),
-}
-
-
-@pytest.mark.parametrize("metric", REFUSED)
-def test_values_that_mean_nothing_in_a_metric_are_refused(metric: str) -> None:
-    row, error, message = REFUSED[metric]
-    good = np.ones_like(row)
-    with pytest.raises(error, match=message):
-        compare_descriptors(good, row, metric)
-    with pytest.raises(error, match=message):
-        nearest_causal(np.stack([good, row]), window=0, metric=metric)
-    index = DescriptorIndex(len(row), metric=metric)
-    index.add(good)
-    for call in (index.add, index.query):
-        with pytest.raises(error, match=message):
-            call(row)
+@rows(
+    "metric, row, message",
+    [
+        ("chi_square", [1, -2], r"descriptor 1 .*-2.*position 1"),
+        ("l1", [1e37] * 100, "descriptor 1 .*too long.*l1"),
+        ("regions", [0] * 308, "descriptor 1 .*empty set.*308"),
+        ("nearest_of_set", [0] * 8, "descriptor 1 .*empty set.*2"),
+        ("votes", [0] * 66, "descriptor 1 .*empty set.*66"),
+        ("intensity_scan_context", [-1] * 60, "descriptor 1 .*-1"),
+        ("iris", [0.5] * 720, "descriptor 1 .*0.5.*65535"),
+    ],
+)
+def test_values_that_mean_nothing_in_a_metric_are_refused(
+    metric: str, row: list[float], message: str
+) -> None:
+    bad = np.array(row, np.float32)
+    good = np.ones_like(bad)
+    index = index_of(good[None], metric)
+    for call in (
+        lambda: compare_descriptors(good, bad, metric),
+        lambda: nearest_causal(np.stack([good, bad]), window=0, metric=metric),
+        lambda: index.add(bad),
+        lambda: index.query(bad),
+    ):
+        with pytest.raises(DataError, match=message):
+            call()
     assert len(index) == 1
 
 
@@ -352,7 +354,7 @@ LENGTHS = {
 }
 
 
-@pytest.mark.parametrize("metric", metric_names())
+@rows("metric", metric_names())
 def test_other_lengths_nan_and_unknown_metrics_are_refused(metric: str) -> None:
     length = LENGTHS.get(metric, 7)
     row = np.ones(length, np.float32)
@@ -375,14 +377,10 @@ def test_other_lengths_nan_and_unknown_metrics_are_refused(metric: str) -> None:
         compare_descriptors(row, row, "hamming")
 
 
-@pytest.mark.parametrize("metric", metric_names())
+@rows("metric", metric_names())
 def test_a_damaged_file_is_refused(metric: str, tmp_path: Path) -> None:
     path = tmp_path / "places.index"
-    rows = random_rows(metric, 3, seed=8)
-    index = DescriptorIndex(rows.shape[1], metric=metric)
-    for row in rows:
-        index.add(row)
-    index.save(path)
+    index_of(random_rows(metric, 3, seed=8), metric).save(path)
     content = path.read_bytes()
     for place in (49, 60, len(content) // 2, len(content) - 3):
         changed = bytearray(content)
@@ -395,21 +393,19 @@ def test_a_damaged_file_is_refused(metric: str, tmp_path: Path) -> None:
         DescriptorIndex.load(path)
 
 
-@pytest.mark.parametrize("metric", ["l2", "regions"])
-@pytest.mark.parametrize("window", [0, 2])
+@rows("metric", ["l2", "regions"])
+@rows("window", [0, 2])
 def test_descriptors_of_zeros_have_no_candidates_and_are_none(metric: str, window: int) -> None:
-    rng = np.random.default_rng(3)
-    rows = rng.uniform(0.1, 1, (9, 308)).astype(np.float32)
-    rows[[2, 5]] = 0
-    found = match_described(rows, window, 3, metric)
-    for query in range(len(rows)):
+    table = np.random.default_rng(3).uniform(0.1, 1, (9, 308)).astype(np.float32)
+    table[[2, 5]] = 0
+    found = match_described(table, window, 3, metric)
+    for query in range(len(table)):
         candidates = [j for j in range(query - window) if j not in (2, 5)]
         if query in (2, 5):
             candidates = []
-        apart = [compare_descriptors(rows[query], rows[j], metric)[0] for j in candidates]
+        apart = [compare_descriptors(table[query], table[j], metric)[0] for j in candidates]
         expected = [candidates[place] for place in np.argsort(apart, kind="stable")[:3]]
-        assert found.indices[query, : len(expected)].tolist() == expected
-        assert (found.indices[query, len(expected) :] == -1).all()
-    apart = pairwise_distances(rows, metric)
+        assert found.indices[query].tolist() == expected + [-1] * (3 - len(expected))
+    apart = pairwise_distances(table, metric)
     assert np.isnan(apart[[2, 5]]).all() and np.isnan(apart[:, [2, 5]]).all()
     assert np.isfinite(np.delete(np.delete(apart, [2, 5], 0), [2, 5], 1)).all()
