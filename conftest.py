@@ -48,8 +48,10 @@ BASH = ["bash", "-e", "-o", "pipefail", "-c"]
 NIGHTLY = {
     f"docs/{page}.md"
     for page in (
-        *("guides/training", "guides/calibration", "guides/tuning"),
-        *("development/testing", "results/views"),
+        *("guides/training", "guides/calibration", "guides/tuning", "guides/simulation"),
+        *("guides/bags", "guides/fleet", "guides/ros", "guides/ros2"),
+        *("development/testing", "development/recognisers", "results/views"),
+        *("stages/loop_closure", "stages/mapping"),
     )
 }
 # What make test runs in place of commands that take minutes; make nightly runs them as they are.
