@@ -21,8 +21,9 @@ EMPTY_SCENE = build_scene(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint
 Objects = NDArray[Any]
 
 
-def random_scene(random: np.random.Generator, count: int) -> Scene:
-    """Objects of any kind within 8 m in front of the robot."""
+def random_scene(random: np.random.Generator | int, count: int) -> Scene:
+    """Objects of any kind within 8 m in front of the robot, by a seed or a generator."""
+    random = np.random.default_rng(random)
     objects = np.zeros(count, EMPTY_SCENE.objects.dtype)
     objects["center"] = random.uniform([0, -3, 0], [8, 3, 2], (count, 3))
     objects["volume"] = random.uniform(0, 1, count) ** 3

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from fusionslam import DescriptorIndex
+from fusionslam.errors import DataError
 from fusionslam.storage.archive import DIGEST
 
 
@@ -70,3 +72,17 @@ def write_as_former_detector(folder: Path) -> None:
             stamps_ns=arrays["scene_stamps_ns"],
         )
     (folder / "detector.npz").unlink()
+
+
+def check_damaged_files(path: Path, load: Callable[[Path], object]) -> None:
+    """A file that is cut short, that another program wrote or that is missing is named."""
+    whole = path.read_bytes()
+    cut = [whole[:size] for size in (0, 10, len(whole) // 3, len(whole) - 1)]
+    for content in (*cut, b"a text of others", None):
+        path.unlink()
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(DataError) as caught:
+            load(path)
+        assert str(path) in str(caught.value), caught.value
+    path.write_bytes(whole)

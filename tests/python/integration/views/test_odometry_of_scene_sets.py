@@ -17,6 +17,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
+from rows import rows
 from scenes import drive, place
 
 THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
@@ -34,7 +35,7 @@ def corridor(odometry: bool = True) -> SceneSet:
     return replace(scenes, poses=poses, odometry=measured if odometry else None)
 
 
-@pytest.mark.parametrize("kind", [None, "recorded", "drift"])
+@rows("kind", [None, "recorded", "drift"])
 def test_a_corridor_of_look_alike_places_is_matched_by_odometry(kind: str | None) -> None:
     scenes, matcher = corridor(), ViewMatcher()
     run = run_views(scenes, matcher, odometry=odometry_of(scenes, matcher, kind))

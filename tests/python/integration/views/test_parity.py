@@ -17,6 +17,7 @@ from fusionslam.pipelines.views import run_views
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from recordings import write_drive
+from rows import rows
 
 pytestmark = pytest.mark.slow
 
@@ -28,8 +29,8 @@ FRAMES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("world", "scans", "empty", "figures"),
+@rows(
+    "world, scans, empty, figures",
     [
         ("warehouse", 509, 43, {"odometry": (85.8, 74), "robot": (75.8, 55), "drift": (72.3, 3)}),
         ("small_house", 474, 0, {"odometry": (89.0, 84), "robot": (76.6, 65), "drift": (74.7, 14)}),

@@ -20,6 +20,7 @@ from fusionslam.views.descriptor_comparison import DescriptorComparison
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewMatcherConfig
 from recordings import write_drive
+from rows import rows
 from scenes import place
 from stored import change_archive
 
@@ -72,7 +73,7 @@ def test_every_method_is_a_recogniser_with_a_preset_or_a_baseline() -> None:
     assert find_method("objects:paper").title == "objects, paper"
 
 
-@pytest.mark.parametrize(("former", "name"), RENAMED_METHODS.items())
+@rows("former, name", RENAMED_METHODS.items())
 def test_a_former_name_is_refused_with_the_name_of_today(former: str, name: str) -> None:
     message = name
     if former not in RECOGNISERS:
@@ -109,8 +110,8 @@ def test_commands_refuse_former_and_unknown_names(tmp_path: Path) -> None:
         ViewMatcher(ViewMatcherConfig(method="visual_templates"))
 
 
-@pytest.mark.parametrize(
-    ("method", "former", "kind"),
+@rows(
+    "method, former, kind",
     [("objects", "scenes", "scenes"), ("shot", "descriptor", "descriptor")],
 )
 def test_views_that_a_former_version_stored_are_loaded(

@@ -25,6 +25,7 @@ from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
 from refusals import refuses
+from rows import rows
 from scenes import LAPS, NOTHING, drive, place, write_recording
 
 S = 1_000_000_000
@@ -62,7 +63,7 @@ def record(scenes: SceneSet, **options: Any) -> SceneRecorder:
     return recorder
 
 
-@pytest.mark.parametrize("only_scenes", [False, True])
+@rows("only_scenes", [False, True])
 def test_recorded_scans_give_the_set_that_views_record_writes(
     tmp_path: Path, only_scenes: bool
 ) -> None:
@@ -173,8 +174,8 @@ def break_cloud(row: int) -> Cloud:
     return cloud
 
 
-@pytest.mark.parametrize(
-    ("item", "pose", "error", "code"),
+@rows(
+    "item, pose, error, code",
     [
         (Cloud(place(0).points), (0, 0, 0), DataError, "no-colors"),
         (break_cloud(3), (0, 0, 0), DataError, "not-finite"),

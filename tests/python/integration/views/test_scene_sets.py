@@ -22,6 +22,7 @@ from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, pack_bytes, unpack_bytes
 from fusionslam.views.scenes import SceneConfig, build_scene
 from refusals import refuses
+from rows import rows
 from scenes import LAPS, NOTHING, drive, place
 from stored import change_archive
 
@@ -109,8 +110,8 @@ def test_byte_strings_are_joined_and_parted() -> None:
         unpack_bytes(array, offsets[:-1])
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "code"),
+@rows(
+    "change, error, code",
     [
         ({"numbers": np.arange(3)}, ShapeError, "shape"),
         ({"poses": np.zeros((2, 2))}, ShapeError, "shape"),

@@ -21,6 +21,7 @@ from fusionslam.views.second_stage import SecondStage
 from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.two_stage_comparison import TwoStageComparison
 from refusals import refuses
+from rows import rows
 from scenes import LAPS, NOTHING, drive, place
 from stored import change_archive
 
@@ -38,7 +39,7 @@ def ids(one: ViewMatcher) -> list[int]:
     return run_views(drive(LAPS), one).ids.tolist()
 
 
-@pytest.mark.parametrize("model", ["places", "thesis"])
+@rows("model", ["places", "thesis"])
 def test_the_second_stage_named_is_the_one_given_by_hand(model: str) -> None:
     values = config(**ALL_ALIKE, second_stage=model, second_threshold=0.8)
     first = ObjectComparison(scene_config(values), similarity_config(values), 0.0)
@@ -64,7 +65,7 @@ def test_every_match_passes_both_unless_a_start_is_named() -> None:
     assert (asked.process(place(5)).id, unasked.process(place(5)).id) == (1, 0)
 
 
-@pytest.mark.parametrize("method", ["objects", "alignment", "cm2dp"])
+@rows("method", ["objects", "alignment", "cm2dp"])
 def test_each_method_goes_on_from_a_file_with_its_second_stage(method: str, tmp_path: Path) -> None:
     values = {**OURS, "method": method, "max_views": 4}
     scenes = drive((*LAPS, -1, 6, 0))
@@ -78,7 +79,7 @@ def test_each_method_goes_on_from_a_file_with_its_second_stage(method: str, tmp_
     assert one.config == config(**values) and one.stats.nothing == 1
 
 
-@pytest.mark.parametrize(("preset", "network"), [("robust", "places"), ("author", "thesis")])
+@rows("preset, network", [("robust", "places"), ("author", "thesis")])
 def test_the_second_stage_of_a_preset_is_stored_by_name(
     preset: str, network: str, tmp_path: Path
 ) -> None:
@@ -103,7 +104,7 @@ def test_features_of_another_network_are_refused_when_loaded(tmp_path: Path) -> 
             ViewMatcher.load(tmp_path / "views")
 
 
-@pytest.mark.parametrize(
+@rows(
     "values",
     [{"second_threshold": 1.5}, {"second_start": -0.1}, {"second_threshold": float("nan")}],
 )

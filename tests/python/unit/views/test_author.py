@@ -13,6 +13,7 @@ import pytest
 
 from clouds import MADE, load_made
 from fusionslam.views import SimilarityConfig, build_scene, dbscan, scene_similarity
+from rows import rows
 
 STORED: dict[str, Any] = json.loads((MADE / "views_author.json").read_text(encoding="utf-8"))
 SCENES: dict[str, list[dict[str, Any]]] = {
@@ -20,7 +21,7 @@ SCENES: dict[str, list[dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", SCENES)
+@rows("name", SCENES)
 def test_clusters_are_those_of_the_authors_program(name: str) -> None:
     with np.load(MADE / "views_author.npz") as file:
         theirs = file[f"{name}_labels"].astype(int) - 1  # 0 is noise there, -1 here
@@ -30,7 +31,7 @@ def test_clusters_are_those_of_the_authors_program(name: str) -> None:
     assert len(pairs) == len(set(theirs.tolist())) == len(set(ours.tolist()))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@rows("name", SCENES)
 def test_objects_are_those_of_the_authors_program(name: str) -> None:
     scene = build_scene(*load_made(name), preset="author")
     theirs = {tuple(entry["center"]): entry for entry in SCENES[name]}

@@ -25,6 +25,7 @@ from fusionslam.views.recognisers import (
 )
 from fusionslam.views.scenes import build_scene
 from refusals import refuses
+from rows import rows
 from scenes import LAPS, NOTHING, drive, place
 from stored import change_archive
 
@@ -44,7 +45,7 @@ def ids(one: ViewMatcher, places: tuple[int, ...] = LAPS) -> list[int]:
     return run_views(drive(places), one).ids.tolist()
 
 
-@pytest.mark.parametrize("values", [{}, SCENES, {"preset": "paper"}, DESCRIPTOR])
+@rows("values", [{}, SCENES, {"preset": "paper"}, DESCRIPTOR])
 def test_places_seen_again_get_their_id_and_others_a_new_one(values: dict[str, Any]) -> None:
     assert ids(matcher(**values)) == list(LAPS)
 
@@ -56,9 +57,7 @@ def test_scan_contexts_are_recognised_at_another_turn() -> None:
     assert [one.process(cloud).id for cloud in (again, place(1), Cloud(turned))] == [0, 1, 0]
 
 
-@pytest.mark.parametrize(
-    ("method", "word"), [("alignment", "probability"), ("objects", "similarity")]
-)
+@rows("method, word", [("alignment", "probability"), ("objects", "similarity")])
 def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None:
     one = matcher(method=method, threshold=0.7)
     first, other, again = (one.process(place(*seen)) for seen in ((0, 0), (1, 0), (0, 1)))
@@ -164,7 +163,7 @@ def tour_ids(one: ViewMatcher, places: Iterable[int]) -> list[int]:
     return [one.process(rows[number]).id for number in places]
 
 
-@pytest.mark.parametrize(("places", "share"), [(60, 0.3), (33, 0.75)])
+@rows("places, share", [(60, 0.3), (33, 0.75)])
 def test_a_tour_of_more_places_than_fit_is_recognised_in_part(places: int, share: float) -> None:
     one = matcher(method="m2dp", max_views=30)
     found = tour_ids(one, list(range(places)) * 12)
@@ -185,14 +184,14 @@ def test_a_tour_that_fits_is_recognised_wherever_the_robot_was_before() -> None:
     assert one.stats.new == before
 
 
-@pytest.mark.parametrize("method", ["m2dp", "objects", "alignment"])
+@rows("method", ["m2dp", "objects", "alignment"])
 def test_with_a_threshold_of_0_everything_matches(method: str) -> None:
     one = matcher(method=method, threshold=0)
     assert [one.process(place(number)).id for number in range(3)] == [0, 0, 0]
     assert distance_at(0.0) == np.inf and distance_at(similarity_at(0.24)) == pytest.approx(0.24)
 
 
-@pytest.mark.parametrize("values", [{}, SCENES, DESCRIPTOR])
+@rows("values", [{}, SCENES, DESCRIPTOR])
 def test_stored_views_are_counted_in_bytes(values: dict[str, Any], tmp_path: Path) -> None:
     one = matcher(**values, max_views=4)
     ids(one)
@@ -203,7 +202,7 @@ def test_stored_views_are_counted_in_bytes(values: dict[str, Any], tmp_path: Pat
     assert ViewMatcher.load(tmp_path / "views").stats == one.stats
 
 
-@pytest.mark.parametrize(
+@rows(
     "values",
     [{}, {"policy": "several", "store_below": 0.999}, SCENES, DESCRIPTOR],
 )
@@ -255,7 +254,7 @@ def test_bad_scans_are_refused_and_change_nothing() -> None:
         plain.process(np.zeros(3, np.float32))
 
 
-@pytest.mark.parametrize(
+@rows(
     "values",
     [
         {"threshold": 1.1},

@@ -16,6 +16,7 @@ from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
+from rows import rows
 from scenes import NOTHING, place
 from scenes import drive as scene_drive
 
@@ -53,8 +54,8 @@ def test_places_that_look_alike_are_told_apart_by_odometry_and_not_without() -> 
     assert found[4:6] == [1, 2]
 
 
-@pytest.mark.parametrize("scale", [1.0, 1.02])
-@pytest.mark.parametrize("start", [at(0.0), at(100.0, -7.0, 2.5), at(0.0, 0.0, -3.1)])
+@rows("scale", [1.0, 1.02])
+@rows("start", [at(0.0), at(100.0, -7.0, 2.5), at(0.0, 0.0, -3.1)])
 def test_only_relative_motion_counts(start: Matrix, scale: float) -> None:
     assert ids(drive(ViewMatcher(), THERE_AND_BACK, start, scale)) == list(THERE_AND_BACK)
 
@@ -176,7 +177,7 @@ BROKEN = np.diag([2.0, 1.0, 1.0, 1.0])
 NAN = np.full((4, 4), np.nan)
 
 
-@pytest.mark.parametrize(("pose", "said"), [(BROKEN, "no rotation"), (NAN, "not finite")])
+@rows("pose, said", [(BROKEN, "no rotation"), (NAN, "not finite")])
 def test_odometry_that_is_no_motion_counts_as_none(pose: Floats, said: str) -> None:
     matcher = ViewMatcher()
     corridor(matcher, 3)

@@ -11,6 +11,7 @@ import pytest
 from fusionslam.errors import DataError
 from fusionslam.storage.arrays import Floats
 from fusionslam.views.place_hypotheses import NO_NODE, Evidence, PlaceHypotheses
+from rows import rows
 
 LOST = Evidence(NO_NODE, NO_NODE, True)
 NEW = Evidence(NO_NODE, NO_NODE, False)
@@ -143,7 +144,7 @@ def test_a_hypothesis_must_be_confirmed_three_times_however_probable_it_is() -> 
     assert found == [None, None, 0, 0]
 
 
-@pytest.mark.parametrize("motion", [(0.0, 0.0, 0.0), (0.004, 0.003, 0.0), (0.0, 0.0, -0.005)])
+@rows("motion", [(0.0, 0.0, 0.0), (0.004, 0.003, 0.0), (0.0, 0.0, -0.005)])
 def test_standing_still_is_no_evidence(motion: tuple[float, float, float]) -> None:
     drive = Drive().start(RIGHT, WRONG)
     for _ in range(50):
@@ -309,8 +310,8 @@ def test_restored_hypotheses_do_not_share_arrays_with_the_state() -> None:
     assert {name: rows.tobytes() for name, rows in state.items()} == before
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
+@rows(
+    "name, value",
     [
         ("poses", np.zeros((1, 3))),
         ("poses", np.zeros((2, 2))),

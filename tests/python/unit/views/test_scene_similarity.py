@@ -11,6 +11,7 @@ import pytest
 from clouds import load_made
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views import Scene, SceneIndex, SimilarityConfig, build_scene, scene_similarity
+from rows import rows
 from scenes import EMPTY_SCENE, many_scenes, random_scene
 
 PRESETS = ("robust", "paper", "author")
@@ -35,7 +36,7 @@ def test_our_scenes_are_exactly_like_themselves_and_published_ones_are_not() -> 
             )
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@rows("preset", PRESETS)
 def test_one_against_many_is_what_pairs_give(preset: str) -> None:
     scenes = many_scenes(80, 14)
     index = SceneIndex(preset=preset)
@@ -62,7 +63,7 @@ def test_an_index_without_scenes_answers_with_nothing() -> None:
 
 
 def test_an_empty_scene_is_like_an_empty_one_only() -> None:
-    scene = random_scene(np.random.default_rng(0), 3)
+    scene = random_scene(0, 3)
     for preset in PRESETS:
         index = SceneIndex(preset=preset)
         index.add(EMPTY_SCENE)
@@ -74,7 +75,7 @@ def test_an_empty_scene_is_like_an_empty_one_only() -> None:
 
 
 def test_replaced_and_removed_scenes_are_gone() -> None:
-    first, second, third = (random_scene(np.random.default_rng(seed), 4) for seed in range(3))
+    first, second, third = (random_scene(seed, 4) for seed in range(3))
     index = SceneIndex()
     for scene in (first, second):
         index.add(scene)
@@ -85,7 +86,7 @@ def test_replaced_and_removed_scenes_are_gone() -> None:
     assert index.similarities(second) == pytest.approx([1], abs=1e-6)
 
 
-@pytest.mark.parametrize("number", [-1, 2])
+@rows("number", [-1, 2])
 def test_scenes_that_are_not_stored_cannot_be_replaced_or_removed(number: int) -> None:
     index = SceneIndex()
     for scene in many_scenes(2, 3):
@@ -120,7 +121,7 @@ def test_threads_may_share_an_index() -> None:
 
 
 def test_a_similar_colour_matters_more_under_ours_than_under_the_published_weights() -> None:
-    scene = random_scene(np.random.default_rng(4), 1)
+    scene = random_scene(4, 1)
     objects = scene.objects.copy()
     objects["color"] = 255 - objects["color"]
     recoloured = Scene(objects)
@@ -132,7 +133,7 @@ def test_a_similar_colour_matters_more_under_ours_than_under_the_published_weigh
 
 
 def test_the_same_shift_weighs_less_far_away_than_near() -> None:
-    objects = random_scene(np.random.default_rng(5), 1).objects.copy()
+    objects = random_scene(5, 1).objects.copy()
     found = []
     for x in (1.0, 8.0):
         objects["center"] = [x, 0, 1]
@@ -152,8 +153,8 @@ def test_weights_that_are_all_0_are_refused() -> None:
             use()
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
+@rows(
+    "options, words",
     [
         ({"color_weight": -1}, r"color_weight .*-1"),
         ({"distance_a": float("nan")}, r"distance_a .*\bnan"),
@@ -168,7 +169,7 @@ def test_configurations_out_of_range_are_refused(options: dict[str, Any], words:
 
 
 def test_objects_of_impossible_colour_are_refused() -> None:
-    objects = random_scene(np.random.default_rng(6), 2).objects.copy()
+    objects = random_scene(6, 2).objects.copy()
     objects["color"][1] = [0, 300, 0]
     scene, index = Scene(objects), SceneIndex()
     for use in (
@@ -181,7 +182,7 @@ def test_objects_of_impossible_colour_are_refused() -> None:
 
 
 def test_objects_that_are_not_finite_make_no_scene() -> None:
-    objects = random_scene(np.random.default_rng(7), 2).objects.copy()
+    objects = random_scene(7, 2).objects.copy()
     objects["center"][0] = np.nan
     with pytest.raises(DataError, match="center"):
         scene_similarity(Scene(objects), EMPTY_SCENE)

@@ -21,6 +21,7 @@ from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scenes import build_scene, scene_from_arrays, scene_to_arrays
 from fusionslam.views.serialization import FORMAT, view_from_bytes, view_to_bytes
 from refusals import refuses
+from rows import rows
 from scenes import LAPS, NOTHING, MeanColor, drive, place, two_stages
 
 LINE = Cloud(np.arange(90, dtype=np.float32).reshape(-1, 3) * [1, 0, 0], np.zeros((30, 3), "u1"))
@@ -55,7 +56,7 @@ def make_clouds() -> list[Cloud]:
     return [NOTHING, *(clouds[i] for i in range(len(clouds))), LINE, few, place(9, objects=1)]
 
 
-@pytest.mark.parametrize("kind", [*KINDS, TWO_STAGES])
+@rows("kind", [*KINDS, TWO_STAGES])
 def test_views_sent_as_bytes_are_recognised_as_their_clouds_are(kind: str, tmp_path: Path) -> None:
     clouds = make_clouds()
     straight, distant = matcher(kind), matcher(kind)
@@ -69,7 +70,7 @@ def test_views_sent_as_bytes_are_recognised_as_their_clouds_are(kind: str, tmp_p
     assert send(matcher(kind).comparison, again, clouds) == [straight.process(c) for c in clouds]
 
 
-@pytest.mark.parametrize("kind", ["alignment", "objects with images", "paper", "cm2dp"])
+@rows("kind", ["alignment", "objects with images", "paper", "cm2dp"])
 def test_views_of_simulated_scans_sent_as_bytes_are_recognised(kind: str) -> None:
     scans = [load_made(name) for name in ("house_000", "house_006", "house_016", "town_040")]
     # Every other point is a visit of its own.
@@ -98,7 +99,7 @@ def test_scenes_come_back_as_they_were_with_boxes_and_image() -> None:
         assert scene_from_arrays(scene_to_arrays(scene)) == scene
 
 
-@pytest.mark.parametrize("kind", ["alignment", TWO_STAGES, "cm2dp"])
+@rows("kind", ["alignment", TWO_STAGES, "cm2dp"])
 def test_a_view_tells_the_objects_it_was_made_of(kind: str) -> None:
     compares, cloud = matcher(kind).comparison, place(2)
     scene = compares.scene(compares.view(cloud))
@@ -111,7 +112,7 @@ def test_equal_views_have_equal_bytes() -> None:
     assert view_to_bytes(one, one.view(place(3))) == view_to_bytes(two, two.view(place(3)))
 
 
-@pytest.mark.parametrize("kind", ["alignment", "cm2dp", TWO_STAGES])
+@rows("kind", ["alignment", "cm2dp", TWO_STAGES])
 def test_bytes_that_are_cut_or_damaged_are_refused(kind: str) -> None:
     compares, random = matcher(kind).comparison, np.random.default_rng(3)
     whole = view_to_bytes(compares, compares.view(place(0)))
@@ -180,8 +181,8 @@ def change_field(name: str, field: str, value: float) -> dict[str, Any]:
     return {name: array}
 
 
-@pytest.mark.parametrize(
-    ("kind", "change", "words"),
+@rows(
+    "kind, change, words",
     [
         ("alignment", {"objects": None}, "objects"),
         ("alignment", change_field("objects", "volume", np.nan), "volume"),
@@ -213,8 +214,8 @@ def test_features_of_nothing_are_refused() -> None:
     assert "features (3,)" in refusal(TWO_STAGES, arrays | {"features": np.zeros(3)})
 
 
-@pytest.mark.parametrize(
-    ("one", "other", "setting"),
+@rows(
+    "one, other, setting",
     [
         ({}, {"method": "cm2dp"}, "comparison"),
         ({"scene": {"azimuth_step": 2.0}}, {}, "scene.azimuth_step"),
@@ -243,7 +244,7 @@ def test_views_with_features_of_another_network_are_refused() -> None:
         view_from_bytes(taker, data)
 
 
-@pytest.mark.parametrize("kind", ["alignment", "cm2dp"])
+@rows("kind", ["alignment", "cm2dp"])
 def test_settings_that_only_the_matcher_needs_may_differ(kind: str) -> None:
     builder = matcher(kind).comparison
     data = view_to_bytes(builder, builder.view(place(0)))
@@ -254,6 +255,6 @@ def test_settings_that_only_the_matcher_needs_may_differ(kind: str) -> None:
     assert view_from_bytes(taker.comparison, data).objects == (3 if kind == "alignment" else 1)
 
 
-@pytest.mark.parametrize("text", [b"{", b"[1]", b"\xff", b""])
+@rows("text", [b"{", b"[1]", b"\xff", b""])
 def test_views_that_do_not_say_how_they_were_made_are_refused(text: bytes) -> None:
     assert refusal("alignment", {"about": np.frombuffer(text, np.uint8)})

@@ -11,6 +11,7 @@ from sklearn.cluster import DBSCAN
 
 from fusionslam import ConfigError, DataError, ShapeError
 from fusionslam.views import dbscan
+from rows import rows
 
 Points = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -31,9 +32,12 @@ def six_columns(points: Points, colors: Bytes, scale: float) -> NDArray[np.float
     return np.c_[points.astype(float), scale * colors.astype(float)]
 
 
-def scikit_learn(features: NDArray[np.float64], eps: float, min_points: int) -> NDArray[np.int64]:
-    labels: NDArray[np.int64] = DBSCAN(eps=eps, min_samples=min_points).fit_predict(features)
-    return labels
+def check(points: Points, colors: Bytes, scale: float, eps: float, min_points: int) -> None:
+    """The labels are those of scikit-learn."""
+    ours = dbscan(points, colors, eps=eps, min_points=min_points, color_scale=scale, inclusive=True)
+    theirs = DBSCAN(eps=eps, min_samples=min_points).fit_predict(six_columns(points, colors, scale))
+    assert ours.dtype == np.int32
+    np.testing.assert_array_equal(ours, theirs)
 
 
 def by_definition(
@@ -56,18 +60,20 @@ def by_definition(
     return labels
 
 
-@pytest.mark.parametrize("eps", [0.05, 0.2, 0.6, 3.0])
-@pytest.mark.parametrize("scale", [0.0, 0.001, 0.01])
-@pytest.mark.parametrize("min_points", [1, 4, 10])
+@rows("eps", [0.05, 0.2, 0.6, 3.0])
+@rows("scale", [0.0, 0.001, 0.01])
+@rows("min_points", [1, 4, 10])
 def test_labels_are_those_of_scikit_learn(eps: float, scale: float, min_points: int) -> None:
-    points, colors = random_cloud(seed=min_points, size=1500)
-    ours = dbscan(points, colors, eps=eps, min_points=min_points, color_scale=scale, inclusive=True)
-    theirs = scikit_learn(six_columns(points, colors, scale), eps, min_points)
-    assert ours.dtype == np.int32
-    np.testing.assert_array_equal(ours, theirs)
+    check(*random_cloud(seed=min_points, size=500), scale, eps, min_points)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@rows("offset", [0, 40_000])
+def test_large_coordinates_are_clustered_as_scikit_learn_does(offset: float) -> None:
+    points, colors = random_cloud(seed=5, size=800)
+    check(points + np.float32(offset), colors, 1e-3, 0.3, 5)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10_000),
     size=st.integers(1, 90),
@@ -89,12 +95,13 @@ def test_any_small_cloud_is_clustered_as_defined(
 
 
 def test_without_colors_only_positions_count() -> None:
-    points, _ = random_cloud(seed=3, size=2000)
+    points, _ = random_cloud(seed=3, size=1000)
     ours = dbscan(points, eps=0.3, min_points=6, inclusive=True)
-    np.testing.assert_array_equal(ours, scikit_learn(points.astype(float), 0.3, 6))
+    theirs = DBSCAN(eps=0.3, min_samples=6).fit_predict(points.astype(float))
+    np.testing.assert_array_equal(ours, theirs)
 
 
-@pytest.mark.parametrize(("inclusive", "clusters"), [(True, 1), (False, 0)])
+@rows("inclusive, clusters", [(True, 1), (False, 0)])
 def test_a_lattice_of_spacing_eps_holds_together_only_if_eps_itself_counts(
     inclusive: bool, clusters: int
 ) -> None:
@@ -121,7 +128,7 @@ def test_colors_alone_split_a_cluster_when_the_scale_allows() -> None:
     np.testing.assert_array_equal(labels, np.repeat([0, 1], 200))
 
 
-@pytest.mark.parametrize("offset", [0, 1e5, -3e7, 1e30])
+@rows("offset", [0, 1e5, -3e7, 1e30])
 def test_equal_points_far_away_are_one_cluster(offset: float) -> None:
     points = np.full((50, 3), offset, np.float32)
     points[25:] += np.float32(max(abs(offset), 1))
@@ -134,13 +141,7 @@ def test_a_tiny_radius_over_a_wide_cloud_needs_memory_for_the_points_only() -> N
     assert (dbscan(points, eps=1e-6, min_points=2) == -1).all()
 
 
-def test_large_coordinates_are_clustered_as_scikit_learn_does() -> None:
-    points, colors = random_cloud(seed=5, size=800)
-    points = points + np.float32(40_000)
-    ours = dbscan(points, colors, eps=0.3, min_points=5, inclusive=True)
-    np.testing.assert_array_equal(ours, scikit_learn(six_columns(points, colors, 1e-3), 0.3, 5))
-
-
+@pytest.mark.nightly
 def test_a_million_points_in_one_cluster_are_no_special_case() -> None:
     rng = np.random.default_rng(0)
     points = rng.normal(size=(1_000_000, 3)).astype(np.float32)
@@ -159,29 +160,29 @@ def test_two_dense_sheets_just_too_far_apart_stay_two_clusters() -> None:
     np.testing.assert_array_equal(labels, np.repeat([0, 1], 100_000))
 
 
-@pytest.mark.parametrize("size", [0, 1])
+@rows("size", [0, 1])
 def test_clouds_of_no_and_one_point_have_no_clusters(size: int) -> None:
     points, colors = np.zeros((size, 3), np.float32), np.zeros((size, 3), np.uint8)
     assert dbscan(points, colors, eps=1, min_points=2).tolist() == [-1] * size
     assert dbscan(points, colors, eps=1, min_points=1).tolist() == [0] * size
 
 
-@pytest.mark.parametrize("value", [0, -1, np.nan, np.inf])
-def test_a_radius_that_is_none_is_refused(value: float) -> None:
-    with pytest.raises(ConfigError, match=r"dbscan\.eps .*1e-06.*1e\+06"):
-        dbscan(np.zeros((3, 3), np.float32), eps=value, min_points=1)
-
-
-@pytest.mark.parametrize(
-    ("option", "value"), [("min_points", 0), ("color_scale", -1), ("color_scale", np.nan)]
+@rows(
+    "option, value, words",
+    [
+        *(("eps", value, r"eps .*1e-06.*1e\+06") for value in (0, -1, np.nan, np.inf)),
+        ("min_points", 0, "min_points"),
+        ("color_scale", -1, "color_scale"),
+        ("color_scale", np.nan, "color_scale"),
+    ],
 )
-def test_other_values_out_of_range_are_refused(option: str, value: float) -> None:
+def test_values_out_of_range_are_refused(option: str, value: float, words: str) -> None:
     options = {"eps": 1, "min_points": 3, option: value}
-    with pytest.raises(ConfigError, match=rf"dbscan\.{option}"):
+    with pytest.raises(ConfigError, match=rf"dbscan\.{words}"):
         dbscan(np.zeros((3, 3), np.float32), **options)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@rows("bad", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_refused(bad: float) -> None:
     points = np.zeros((5, 3), np.float32)
     points[3, 1] = bad
@@ -189,7 +190,7 @@ def test_points_that_are_not_finite_are_refused(bad: float) -> None:
         dbscan(points, eps=1, min_points=1)
 
 
-@pytest.mark.parametrize("rows", [0, 4, 6])
-def test_colors_of_another_number_are_refused(rows: int) -> None:
-    with pytest.raises(ShapeError, match=f"colors .*{rows}.*points .*5"):
-        dbscan(np.zeros((5, 3), np.float32), np.zeros((rows, 3), np.uint8), eps=1, min_points=1)
+@rows("count", [0, 4, 6])
+def test_colors_of_another_number_are_refused(count: int) -> None:
+    with pytest.raises(ShapeError, match=f"colors .*{count}.*points .*5"):
+        dbscan(np.zeros((5, 3), np.float32), np.zeros((count, 3), np.uint8), eps=1, min_points=1)
