@@ -83,6 +83,24 @@ def polar_cloud(
     return points.astype(np.float32)
 
 
+def cells_cloud(seed: int, cell: float, reach: int, heights: ArrayLike) -> Points:
+    """300 points in cells up to ``reach`` from the origin, away from borders, about heights."""
+    rng = np.random.default_rng(seed)
+    places = rng.integers(-reach, reach, (300, 2)) + rng.uniform(0.2, 0.8, (300, 2))
+    tops = rng.choice(np.asarray(heights), 300) + rng.uniform(-0.2, 0.2, 300)
+    return np.column_stack([cell * places, tops]).astype(np.float32)
+
+
+def walls(seed: int) -> Points:
+    """Dense points of forty walls within 45 m, each as high as its top."""
+    rng = np.random.default_rng(seed)
+    ends = rng.uniform(-30, 30, (40, 1, 2)) + rng.uniform(-8, 8, (40, 2, 2))
+    along = np.linspace(0, 1, 200)[:, None]
+    flat = np.concatenate([(1 - along) * start + along * end for start, end in ends])
+    tops = np.repeat(rng.uniform(-1.2, 5, 40), 200)
+    return np.column_stack([flat, tops]).astype(np.float32)
+
+
 def seen_after_turn(points: NDArray[np.floating], yaw: float) -> Points:
     """The cloud in the frame of a robot that has turned left by ``yaw`` radians."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -93,6 +111,20 @@ def seen_after_turn(points: NDArray[np.floating], yaw: float) -> Points:
 
 def distance(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
     return float(np.linalg.norm(a.astype(np.float64) - b.astype(np.float64)))
+
+
+def cie_lab(colors: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """L, a, b of IEC 61966-2-1 and CIE 1976 with white D65, a row for each colour."""
+    encoded = colors / 255
+    linear = np.where(encoded > 0.04045, ((encoded + 0.055) / 1.055) ** 2.4, encoded / 12.92)
+    xyz_from_rgb = [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+    ratio = linear @ np.transpose(xyz_from_rgb) / [0.95047, 1, 1.08883]
+    x, y, z = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio * (29 / 6) ** 2 / 3 + 4 / 29).T
+    return np.column_stack([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
 PROJECTION = np.array([[300.0, 0, 160, 12], [0, 310, 120, 3], [0, 0, 1, 0.05]])

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The presets of the papers: a plain NumPy version, and the authors' own programs."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from clouds import MADE, Colors, Points, distance, load_made, read_scan, street
+from rows import rows
 
 NORMAL_RADIUS = 0.323908135
 
@@ -80,8 +82,7 @@ CONFIGURATIONS: list[dict[str, int]] = [
 ]
 
 
-@pytest.mark.parametrize("sizes", CONFIGURATIONS)
-@pytest.mark.parametrize("seed", [1, 2])
+@rows("sizes, seed", product(CONFIGURATIONS, [1, 2]))
 def test_the_paper_preset_is_what_a_plain_numpy_version_gives(
     sizes: dict[str, int], seed: int
 ) -> None:
@@ -127,7 +128,7 @@ def test_the_paper_preset_gives_what_the_matlab_program_gives_for_a_kitti_scan(
         assert distance_up_to_sign(fusionslam.m2dp(scan, preset=preset), descriptor) <= 1e-4
 
 
-@pytest.mark.parametrize("name", ["town_040", "town_150"])
+@rows("name", ["town_040", "town_150"])
 def test_the_author_preset_moves_at_most_64_votes_and_leaves_out_the_last_point(name: str) -> None:
     points = load_made(name)[0]
     expected = np.load(MADE / "m2dp_matlab.npz")[f"{name}_signature"]

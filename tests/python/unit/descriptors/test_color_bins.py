@@ -3,12 +3,13 @@
 """Colours and the bins they fall into."""
 
 import colorsys
+from itertools import product
 
 import numpy as np
-import pytest
 
 import fusionslam
 from clouds import distance, street
+from rows import rows
 
 
 def bins_of_color(color: tuple[int, int, int], color_space: str, preset: str) -> list[int]:
@@ -56,11 +57,10 @@ SPECIAL_COLORS = [
 ] + [(11, 10, 10), (12, 3, 9), (60, 10, 5), (1, 0, 0), (0, 0, 1), (254, 255, 255)]
 
 
-@pytest.mark.parametrize("preset", ["paper", "author"])
-@pytest.mark.parametrize("color_space", ["rgb", "hsv", "lab"])
+@rows("preset, color_space", product(["paper", "author"], ["rgb", "hsv", "lab"]))
 def test_colours_fall_into_the_bins_of_the_standard_formulas(color_space: str, preset: str) -> None:
     rng = np.random.default_rng(8)
-    drawn = [(int(r), int(g), int(b)) for r, g, b in rng.integers(0, 256, (120, 3))]
+    drawn = [(int(r), int(g), int(b)) for r, g, b in rng.integers(0, 256, (60, 3))]
     width = {"rgb": (255 / 16 + 0.001) / 255}.get(color_space, 1 / 16 + 0.001)
     for color in SPECIAL_COLORS + drawn:
         places = np.array(expected_values(color, color_space, preset)) / width

@@ -3,7 +3,9 @@
 """Descriptors by name, their normals and resolution, and whether they repeat."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +17,7 @@ from error_codes import has_code
 from fusionslam.datasets import write_cloud
 from fusionslam.views.scenes import SceneConfig, scene_of_cloud
 from refusals import refuses
-
-
-def test_the_resolution_is_the_mean_distance_to_the_nearest_neighbour() -> None:
-    from scipy.spatial import KDTree
-
-    points, _ = street(5, 1000)
-    nearest = KDTree(points).query(points, k=2)[0][:, 1]
-    assert fusionslam.cloud_resolution(points) == pytest.approx(nearest.mean(), rel=1e-5)
+from rows import rows
 
 
 def test_normals_are_the_directions_of_least_spread_and_look_at_the_origin() -> None:
@@ -45,55 +40,35 @@ def test_normals_are_the_directions_of_least_spread_and_look_at_the_origin() -> 
     assert compared > len(indices) // 2
 
 
-def test_points_with_fewer_than_three_neighbours_have_no_normal() -> None:
-    points, _ = street(7, 1000)
-    far = np.array([[500, 0, 0], [501, 0, 0]], np.float32)
-    _, _, indices = fusionslam.estimate_normals(np.concatenate([points, far]), radius=2.0)
-    assert indices.max() < len(points)
+CALLS: list[Callable[..., Any]] = [
+    *[partial(fusionslam.m2dp, preset=name) for name in ("robust", "paper", "author", "upright")],
+    fusionslam.m2dp_signature,
+    fusionslam.shot,
+    lambda points, threads: fusionslam.estimate_normals(points, radius=1.0, threads=threads)[0],
+]
+COLOR_CALLS: list[Callable[..., Any]] = [
+    *[partial(fusionslam.cm2dp, color_space=name) for name in ("rgb", "hsv")],
+    partial(fusionslam.cm2dp, color_space="lab", preset="author"),
+    fusionslam.cm2dp_signature,
+    fusionslam.cshot,
+]
 
 
-CALLS: dict[str, Callable[..., NDArray[np.floating]]] = {
-    "m2dp robust": lambda p, c, n: fusionslam.m2dp(p, threads=n),
-    "m2dp paper": lambda p, c, n: fusionslam.m2dp(p, preset="paper", threads=n),
-    "m2dp author": lambda p, c, n: fusionslam.m2dp(p, preset="author", threads=n),
-    "m2dp upright": lambda p, c, n: fusionslam.m2dp(p, preset="upright", threads=n),
-    "m2dp_signature": lambda p, c, n: fusionslam.m2dp_signature(p, threads=n),
-    "cm2dp rgb": lambda p, c, n: fusionslam.cm2dp(p, c, threads=n),
-    "cm2dp hsv": lambda p, c, n: fusionslam.cm2dp(p, c, color_space="hsv", threads=n),
-    "cm2dp lab": lambda p, c, n: fusionslam.cm2dp(
-        p, c, color_space="lab", preset="author", threads=n
-    ),
-    "cm2dp_signature": lambda p, c, n: fusionslam.cm2dp_signature(p, c, threads=n),
-    "shot": lambda p, c, n: fusionslam.shot(p, threads=n),
-    "cshot": lambda p, c, n: fusionslam.cshot(p, c, threads=n),
-    "normals": lambda p, c, n: fusionslam.estimate_normals(p, radius=1.0, threads=n)[0],
-}
-
-
-@pytest.mark.parametrize("call", CALLS)
-def test_two_runs_and_one_or_two_threads_give_the_same_bytes(call: str) -> None:
+def test_two_runs_and_one_or_two_threads_give_the_same_bytes() -> None:
     points, colors = street(60)
-    results = {CALLS[call](points, colors, threads).tobytes() for threads in (1, 1, 2, 2, 0)}
-    assert len(results) == 1
+    calls = [*CALLS, *(partial(call, colors=colors) for call in COLOR_CALLS)]
+    for call in calls:
+        assert len({call(points, threads=threads).tobytes() for threads in (1, 1, 2, 2, 0)}) == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "length"),
-    [
-        ("m2dp", 192),
-        ("cm2dp", 576),
-        ("shot", 352),
-        ("cshot", 1344),
-        ("scan_context", 1200),
-        ("cscan_context", 3600),
-        ("bev_spectrum", 4320),
-    ],
+@rows(
+    "name",
+    ["m2dp", "cm2dp", "shot", "cshot", "scan_context", "cscan_context", "bev_spectrum"],
 )
-def test_describe_by_name_is_the_function_of_that_name(name: str, length: int) -> None:
+def test_describe_by_name_is_the_function_of_that_name(name: str) -> None:
     points, colors = street(61, 1000)
     arguments = (points, colors) if name.startswith("c") else (points,)
     given = fusionslam.describe(fusionslam.Cloud(points, colors), name)
-    assert given.shape == (length,) and given.dtype == np.float32
     assert np.array_equal(given, getattr(fusionslam, name)(*arguments))
 
 
@@ -141,3 +116,28 @@ def test_two_visits_of_a_place_are_nearer_than_other_places() -> None:
         unrelated = [compute(load_made(name)[0]) for name in others]
         nearest = min(distance(visit, other) for visit in (first, second) for other in unrelated)
         assert 2 * distance(first, second) < nearest, kind
+
+
+@rows("preset", ["paper", "robust"])
+def test_denormal_coordinates_have_the_descriptor_of_the_same_cloud_in_metres(preset: str) -> None:
+    random = np.random.default_rng(5)
+    points = random.integers(-1000, 1000, (500, 3)).astype(np.float32) * np.float32([4, 2, 1])
+    tiny = points * np.float32(2.0**-149)  # each a whole multiple of the smallest float
+    assert 0 < np.abs(tiny).max() < np.finfo(np.float32).tiny
+    expected = fusionslam.m2dp_signature(points, preset=preset)
+    assert np.array_equal(fusionslam.m2dp_signature(tiny, preset=preset), expected)
+
+
+@pytest.mark.nightly
+def test_ten_million_points_are_counted_one_by_one() -> None:
+    random = np.random.default_rng(6)
+    points = random.random((10_000_000, 3), dtype=np.float32) * np.float32([9, 4, 1])
+    colors = np.zeros(points.shape, np.uint8)
+    colors[:, 0] = 200
+    one = fusionslam.cm2dp_signature(points, colors, preset="paper")
+    assert np.array_equal(np.rint(one[:, :128] * len(points)).sum(axis=1), np.full(64, len(points)))
+    for channel in range(3):
+        rows = one[:, 128 + 128 * channel : 256 + 128 * channel]
+        assert np.array_equal(np.rint(rows * len(points)).sum(axis=1), np.full(64, len(points)))
+    two = fusionslam.cm2dp_signature(points, colors, preset="paper", threads=2)
+    assert np.array_equal(one, two)

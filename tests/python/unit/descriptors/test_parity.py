@@ -6,6 +6,7 @@ The clouds and the outputs are in ``tests/data/made``; its README says how they 
 """
 
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 import fusionslam
 from clouds import MADE, distance, load_made
+from rows import rows
 
 TOWN = ("town_040", "town_150", "town_300")
 
@@ -28,7 +30,7 @@ def author(name: str, value: str) -> NDArray[Any]:
     return load("cm2dp_author")[f"{name}_{value}"]
 
 
-@pytest.mark.parametrize("name", [*TOWN, "circle_100"])
+@rows("name", [*TOWN, "circle_100"])
 def test_paper_m2dp_is_that_of_the_matlab_program(name: str) -> None:
     points, stored = load_made(name)[0], load("m2dp_matlab")
     votes = fusionslam.m2dp_signature(points, preset="paper") * len(points)
@@ -37,20 +39,19 @@ def test_paper_m2dp_is_that_of_the_matlab_program(name: str) -> None:
     assert min(distance(given, expected), distance(given, -expected)) < 1e-6
 
 
-@pytest.mark.parametrize("name", TOWN)
+@rows("name", TOWN)
 def test_author_m2dp_is_that_of_the_authors_program(name: str) -> None:
     given = fusionslam.m2dp(load_made(name)[0], preset="author")
     assert distance(given, author(name, "m2dp_192")) < 1e-4
 
 
-@pytest.mark.parametrize("color_space", ["rgb", "hsv", "lab"])
-@pytest.mark.parametrize("name", TOWN)
+@rows("color_space, name", product(["rgb", "hsv", "lab"], TOWN))
 def test_author_cm2dp_is_that_of_the_authors_program(name: str, color_space: str) -> None:
     given = fusionslam.cm2dp(*load_made(name), color_space=color_space, preset="author")
     assert distance(given, author(name, f"cm2dp_{color_space}_576")) < 1e-4
 
 
-@pytest.mark.parametrize("name", TOWN)
+@rows("name", TOWN)
 def test_shot_and_cshot_are_those_of_pcl(name: str) -> None:
     """In town_040 the farthest point has a vote, because its distance rounds up to the radius."""
     points, colors = load_made(name)
@@ -58,7 +59,7 @@ def test_shot_and_cshot_are_those_of_pcl(name: str) -> None:
     assert distance(fusionslam.cshot(points, colors), author(name, "cshot_1344")) < 1e-5
 
 
-@pytest.mark.parametrize("name", TOWN)
+@rows("name", TOWN)
 def test_resolution_and_normals_are_those_of_pcl(name: str) -> None:
     points = load_made(name)[0]
     resolution = fusionslam.cloud_resolution(points)

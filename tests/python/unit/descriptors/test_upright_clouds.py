@@ -13,10 +13,11 @@ import fusionslam
 from fusionslam import Camera, Cloud, ConfigError, DataError, DescriptorConfig, Frame, FusionConfig
 from fusionslam._core import ScanContextConfig
 from fusionslam.config import merged
-from fusionslam.descriptors import DESCRIPTORS, for_clouds, length_of
+from fusionslam.descriptors import for_clouds, length_of
 from fusionslam.evaluation import find_matches, precision_recall
 from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from refusals import refuses
+from rows import rows
 
 UP = "scan_context"
 CAMERA = Camera(np.array([[30.0, 0, 32, 0], [0, 30, 24, 0], [0, 0, 1, 0]]))
@@ -73,8 +74,8 @@ def test_the_origin_is_at_a_cars_height_in_the_scans_frame_and_on_the_ground_in_
     assert for_clouds(given, "m2dp", robot) is given
 
 
-@pytest.mark.parametrize(
-    ("values", "key"),
+@rows(
+    "values, key",
     [
         ({"frame": "camera"}, "fusion.frame"),
         ({"frame": "odometry"}, "fusion.frame"),
@@ -121,12 +122,6 @@ def test_a_cloud_that_is_taller_than_wide_gets_a_warning(caplog: pytest.LogCaptu
     assert len(caplog.records) == 1
 
 
-def test_every_metric_is_one_that_an_index_takes() -> None:
-    for kind in DESCRIPTORS.values():
-        length = length_of(kind.name, DescriptorConfig())
-        assert fusionslam.DescriptorIndex(length, metric=kind.metric).metric == kind.metric
-
-
 def test_turned_views_are_matched_by_their_metric_alone() -> None:
     order = [0, 1, 2, 3, 4, 2, 0, 4]
     turns = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
@@ -141,7 +136,7 @@ def test_turned_views_are_matched_by_their_metric_alone() -> None:
         find_matches(rows, window=1, metric="cosine")
 
 
-@pytest.mark.parametrize("metric", ["l2", UP])
+@rows("metric", ["l2", UP])
 def test_distances_of_all_pairs_are_those_pair_by_pair(metric: str) -> None:
     rows = np.array([fusionslam.describe(street(seed % 4), UP) for seed in range(6)])
     distances = pairwise_distances(rows, metric)

@@ -14,6 +14,7 @@ from fusionslam import Cloud, DataError, DescriptorConfig, Frame, FusionConfig, 
 from fusionslam.config import merged
 from fusionslam.descriptors import for_clouds, needs_up
 from refusals import refuses
+from rows import rows
 
 SCANS = ("circle_100", "town_040", "town_150", "town_300")
 PLACES = 8
@@ -55,7 +56,7 @@ def reference_signature(points: Points) -> NDArray[np.float64]:
     return np.array(rows) / len(points)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@rows("seed", range(4))
 def test_turning_about_z_and_shifting_leaves_the_upright_descriptor_unchanged(seed: int) -> None:
     points, colors = street(10 + seed)
     rng = np.random.default_rng(seed)
@@ -67,7 +68,7 @@ def test_turning_about_z_and_shifting_leaves_the_upright_descriptor_unchanged(se
         assert distance(fusionslam.cm2dp(moved, colors, preset="upright"), cm2dp) <= 1e-4
 
 
-@pytest.mark.parametrize("name", SCANS)
+@rows("name", SCANS)
 def test_turning_a_real_scan_leaves_the_upright_descriptor_unchanged(name: str) -> None:
     points = load_made(name)[0]
     known = fusionslam.m2dp(points, preset="upright")
@@ -76,7 +77,7 @@ def test_turning_a_real_scan_leaves_the_upright_descriptor_unchanged(name: str) 
         assert distance(fusionslam.m2dp(moved, preset="upright"), known) <= 1e-4
 
 
-@pytest.mark.parametrize("seed", range(3))
+@rows("seed", range(3))
 def test_the_signature_is_that_of_a_search_of_all_azimuths(seed: int) -> None:
     points = turned(street(20 + seed)[0], 0.7 * seed, (1, 2, 3))
     found = fusionslam.m2dp_signature(points, preset="upright")
@@ -123,7 +124,7 @@ UPRIGHT = [
 ]
 
 
-@pytest.mark.parametrize(("name", "config"), UPRIGHT)
+@rows("name, config", UPRIGHT)
 def test_frames_whose_z_is_not_up_are_refused(name: str, config: DescriptorConfig) -> None:
     assert needs_up(name, config)
     with refuses("not-up", "fusion.frame", "camera", error=fusionslam.ConfigError):

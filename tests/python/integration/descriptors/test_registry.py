@@ -3,6 +3,7 @@
 """The registry says of each descriptor what is so, and the documentation repeats it."""
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from fusionslam import Cloud, DataError, DescriptorConfig, DescriptorIndex
 from fusionslam.descriptors import DESCRIPTORS, USUAL, Descriptor, describe, length_of
 from fusionslam.descriptors.registry import POINT_DATA
 from project import PROJECT
+from rows import rows
 
 PAGE = PROJECT / "docs" / "stages" / "descriptors.md"
-KINDS = [pytest.param(kind, id=kind.name) for kind in DESCRIPTORS.values()]
+KINDS = list(DESCRIPTORS.values())
 
 
+@cache
 def rows_of_page() -> dict[str, list[str]]:
     """Cells of the table of descriptors by name."""
     table = PAGE.read_text().partition("<!-- registry:")[2].partition("\n\n")[0]
@@ -24,6 +27,7 @@ def rows_of_page() -> dict[str, list[str]]:
     return {row[0].strip("`"): row[1:] for row in rows}
 
 
+@cache
 def courtyard(seed: int = 0) -> Cloud:
     """Walls, a floor and posts about the scanner, seen 2 m above the ground."""
     rng = np.random.default_rng(seed)
@@ -42,73 +46,57 @@ def test_the_page_has_a_row_of_each_descriptor() -> None:
     assert list(rows_of_page()) == list(DESCRIPTORS)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@rows("kind", KINDS)
 def test_rows_of_the_page_are_those_of_the_registry(kind: Descriptor) -> None:
     length, invariant_to, needs, metric, _, source = rows_of_page()[kind.name]
-    assert int(length) == length_of(kind.name, DescriptorConfig())
     assert int(re.match(r"\d+", kind.length)[0]) == int(length)
     assert invariant_to == ", ".join(kind.invariant_to)
     assert needs == ", ".join(kind.needs)
     assert metric == f"`{kind.metric}`"
     assert source == kind.source
+    assert DescriptorIndex(int(length), metric=kind.metric).metric == kind.metric
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_length_does_not_depend_on_the_cloud(kind: Descriptor) -> None:
-    row = describe(courtyard(), kind.name)
-    assert row.dtype == np.float32
-    assert row.shape == (length_of(kind.name, DescriptorConfig()),)
-    assert np.isfinite(row).all()
-    assert row.any()
+@rows("kind", [kind for kind in KINDS if kind.extends is not None])
+def test_extended_descriptors_need_no_point_data(kind: Descriptor) -> None:
+    assert DESCRIPTORS[kind.extends].point_data == ()
+    assert DESCRIPTORS[kind.extends].metric == kind.metric
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_index_of_its_metric_finds_the_same_cloud_first(kind: Descriptor) -> None:
-    rows = [describe(courtyard(seed), kind.name) for seed in range(4)]
-    index = DescriptorIndex(len(rows[0]), metric=kind.metric)
-    for row in rows:
+@pytest.mark.parametrize("kind", KINDS, ids=list(DESCRIPTORS))
+def test_a_descriptor_keeps_what_the_registry_says(kind: Descriptor) -> None:
+    """Its length for any cloud and any number of threads; an index finds the same cloud first."""
+    courtyards = [courtyard(seed) for seed in range(3)]
+    table = [describe(each, kind.name) for each in courtyards]
+    several = describe(courtyards[0], kind.name, DescriptorConfig(threads=4))
+    np.testing.assert_array_equal(several, table[0])
+    length = length_of(kind.name, DescriptorConfig())
+    assert length == int(re.match(r"\d+", kind.length)[0])
+    index = DescriptorIndex(length, metric=kind.metric)
+    for row in table:
+        assert row.dtype == np.float32
+        assert np.isfinite(row).all()
+        assert row.any()
         index.add(row)
-    for number, row in enumerate(rows):
-        found, distances = index.query(row, k=4)
+    for number, row in enumerate(table):
+        found, distances = index.query(row, k=3)
         assert found[0] == number
         assert distances[0] == pytest.approx(0, abs=1e-3)
         assert distances[1] > 1e-3
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_threads_do_not_change_it(kind: Descriptor) -> None:
-    one, several = (
-        describe(courtyard(), kind.name, DescriptorConfig(threads=count)) for count in (1, 4)
-    )
-    np.testing.assert_array_equal(one, several)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_cloud_that_lacks_what_it_needs_is_refused(kind: Descriptor) -> None:
+@rows("kind", KINDS)
+def test_clouds_that_are_empty_or_nan_or_lack_what_is_needed_are_refused(kind: Descriptor) -> None:
     whole = courtyard()
     for need in kind.point_data:
         given = {"colors": whole.colors, "intensities": whole.intensities, need: None}
         with pytest.raises(DataError, match=f"{kind.name} needs {POINT_DATA[need]}") as caught:
             describe(Cloud(whole.points, **given), kind.name)
         assert caught.value.code == f"no-{need}"
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("points", [np.empty((0, 3)), np.full((100, 3), np.nan)])
-def test_empty_and_nan_clouds_are_refused(kind: Descriptor, points: np.ndarray) -> None:
-    count = len(points)
-    cloud = Cloud(
-        points.astype(np.float32), np.zeros((count, 3), np.uint8), np.ones(count, np.float32)
-    )
-    with pytest.raises(DataError):
-        describe(cloud, kind.name)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_extended_descriptors_need_no_point_data(kind: Descriptor) -> None:
-    if kind.extends is not None:
-        assert DESCRIPTORS[kind.extends].point_data == ()
-        assert DESCRIPTORS[kind.extends].metric == kind.metric
+    for points in (np.empty((0, 3), np.float32), np.full((100, 3), np.nan, np.float32)):
+        colors, intensities = np.zeros(points.shape, np.uint8), np.ones(len(points), np.float32)
+        with pytest.raises(DataError):
+            describe(Cloud(points, colors, intensities), kind.name)
 
 
 def test_usual_descriptors_are_known() -> None:
