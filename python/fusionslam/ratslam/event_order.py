@@ -4,7 +4,7 @@
 
 import heapq
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from fusionslam.config import Section, merged, option
 from fusionslam.ratslam.events import Event, is_looking, stamp_of
@@ -36,6 +36,8 @@ _MOST_WAITING = 10_000
 
 
 _NOTHING = (-1, 0)
+
+LateBecause = Literal["order", "wait", "silence", "full"]
 
 
 @dataclass
@@ -77,6 +79,10 @@ class StampOrder:
 
     Attributes:
         too_late: number of events refused because later ones had already been released.
+        late_because: why the last ones were released: odometry and views had both come as far
+            ("order": what is refused is behind its own stream), or the newest stamp was more than
+            ``wait`` later ("wait"), or by ``settle`` or ``flush`` ("silence"), or because too many
+            events waited ("full").
     """
 
     def __init__(
@@ -89,6 +95,7 @@ class StampOrder:
         self._clocks = {is_view: _StreamClock(newest_ns=after_ns) for is_view in (False, True)}
         self._released = None if after_ns is None else (0, after_ns, False)
         self._count = 0
+        self.late_because: LateBecause = "order"
 
     def add(self, event: Event) -> list[Event]:
         """Add an event; returns, in order, those that no later arrival can precede.
@@ -104,11 +111,23 @@ class StampOrder:
         else:
             self._count += 1
             heapq.heappush(self._waiting, (*key, self._count, event))
-        return self._release(self._complete())
+        return self._release(*self._complete())
+
+    def settle(self) -> list[Event]:
+        """Release the waiting views and what precedes them, in order: nothing came for a while.
+
+        Odometry later than these views still waits, so that the next view is not too late, however
+        long its way here takes.
+        """
+        views = [entry[:2] for entry in self._waiting if entry[2]]
+        if not views:
+            return []
+        clock, stamp_ns = max(views)
+        return self._release((clock, stamp_ns + 1), "silence")
 
     def flush(self) -> list[Event]:
-        """Release all waiting events, in order."""
-        return self._release(None)
+        """Release all waiting events, in order: no more are expected."""
+        return self._release(None, "silence")
 
     def _update_clock(self, stamp_ns: int, is_view: bool) -> None:
         own, other = self._clocks[is_view], self._clocks[not is_view]
@@ -134,21 +153,23 @@ class StampOrder:
         on = (other.newest_ns or 0) - other.first_ns
         return own.clock < other.clock and on > self._wait_ns
 
-    def _complete(self) -> tuple[int, int]:
-        """Clock and stamp before which all events can be released."""
+    def _complete(self) -> tuple[tuple[int, int], LateBecause]:
+        """Clock and stamp before which all events can be released, and why."""
         clocks = [one for one in self._clocks.values() if one.newest_ns is not None]
         marks = [(one.clock, one.newest_ns or 0) for one in clocks]
         waited = [(clock, newest_ns - self._wait_ns) for clock, newest_ns in marks]
         if not self.config.in_order:
-            return max(waited)
+            return max(waited), "wait"
         if len(clocks) < len(self._clocks):
-            return _NOTHING
+            return _NOTHING, "order"
         clock, newest_ns = min(marks)
         # A silent kind is waited for no longer than ``wait`` behind the other.
         alone = [waited[1 - k] for k in (0, 1) if clocks[k].silent_ns > self._wait_ns]
-        return max([(clock, newest_ns + 1), *alone])
+        both = clock, newest_ns + 1
+        end = max([both, *alone])
+        return end, "order" if end == both else "wait"
 
-    def _release(self, end: tuple[int, int] | None) -> list[Event]:
+    def _release(self, end: tuple[int, int] | None, why: LateBecause) -> list[Event]:
         released = []
         most = _MOST_WAITING if self.config.in_order else len(self._waiting)
         while self._waiting and (
@@ -156,5 +177,6 @@ class StampOrder:
         ):
             clock, stamp_ns, is_view, _, event = heapq.heappop(self._waiting)
             self._released = (clock, stamp_ns, is_view)
+            self.late_because = why if end is None or (clock, stamp_ns) < end else "full"
             released.append(event)
         return released

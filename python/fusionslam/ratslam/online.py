@@ -125,6 +125,14 @@ class OnlineRatSlam:
         with delay_interrupts(), self._lock:
             return self._process_events(self._order_events(event))
 
+    def settle(self) -> list[Step]:
+        """Process the waiting views after a silence; returns the steps.
+
+        Odometry after the last view still waits, so that the next view is not too late.
+        """
+        with delay_interrupts(), self._lock:
+            return self._process_events(self._order.settle())
+
     def flush(self) -> list[Step]:
         """Process all waiting events at the end of the input; returns their steps."""
         with delay_interrupts(), self._lock:

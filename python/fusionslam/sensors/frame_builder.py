@@ -211,13 +211,20 @@ class FrameBuilder:
             self._move(message)
         return self._complete()
 
+    def settle(self) -> list[Frame]:
+        """Return the frames of all waiting scans after a silence; later ones find their images."""
+        if self.stereo:
+            for both in self.stereo.settle():
+                self._pending.extend(self.sync.add("left", both.stamp_ns, both))
+        self._pending.extend(self.sync.settle())
+        return self._complete(final=True)
+
     def flush(self) -> list[Frame]:
         """Return the frames of all waiting messages; no more are expected."""
-        if self.stereo:
-            for both in self.stereo.flush():
-                self._pending.extend(self.sync.add("left", both.stamp_ns, both))
-        self._pending.extend(self.sync.flush())
-        return self._complete(final=True)
+        frames = self.settle()
+        for each in filter(None, (self.stereo, self.sync)):
+            each.flush()  # images that no scan needed
+        return frames
 
     def _synchronise(self, sensor: str, message: Scan | Picture) -> None:
         jumps = self.sync.jumps

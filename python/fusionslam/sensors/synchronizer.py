@@ -107,10 +107,10 @@ class Synchronizer:
 
     A scan is decided once no better image can arrive: every camera's newest stamp is later by
     more than ``lateness`` (with policy nearest: plus the distance of the best image so far), or an
-    image has exactly the scan's stamp; or when a buffer is full, or on ``flush``. If no message is
-    later than ``lateness`` allows, the pairs are those of the sorted messages, whatever the order
-    of arrival. One image may serve several scans, as a LiDAR may be faster than the camera; of two
-    equally near images, the earlier one is taken.
+    image has exactly the scan's stamp; or when a buffer is full, on ``settle`` or ``flush``. If no
+    message is later than ``lateness`` allows, the pairs are those of the sorted messages, whatever
+    the order of arrival. One image may serve several scans, as a LiDAR may be faster than the
+    camera; of two equally near images, the earlier one is taken.
 
     For every sensor this always holds: added = paired + unused + dropped + waiting.
 
@@ -172,9 +172,13 @@ class Synchronizer:
         self._insert(sensor, stamp_ns, item)
         return self._decide_all()
 
+    def settle(self) -> list[Pair]:
+        """Decide all waiting scans after a silence; images wait for scans that may still come."""
+        return [pair for _ in range(len(self._scans.stamps)) if (pair := self._decide())]
+
     def flush(self) -> list[Pair]:
         """Decide all waiting scans; no more messages are expected."""
-        pairs = [pair for _ in range(len(self._scans.stamps)) if (pair := self._decide())]
+        pairs = self.settle()
         for camera in self.cameras:
             self._retire(camera, len(self._buffers[camera].stamps))
         return pairs

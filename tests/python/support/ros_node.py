@@ -87,6 +87,34 @@ class Desk:
         return {f"{topic}: {cause}": count for (topic, cause), count in counts.items()}
 
 
+class Chain:
+    """Nodes, each of which hears what the others publish."""
+
+    def __init__(self, *desks: Desk) -> None:
+        self.desks = desks
+        self._passed = [0] * len(desks)
+
+    def give(self, topic: str, *values: Any) -> None:
+        """Messages arrive, and all that they lead to is worked off."""
+        for desk in self.desks:
+            if topic in desk.worker.inputs:
+                desk.give(topic, *values)
+        for number, desk in enumerate(self.desks):
+            first, self._passed[number] = self._passed[number], len(desk.outlet.messages)
+            for name, message in desk.outlet.messages[first:]:
+                self.give(name, message)
+
+    def fall_silent(self) -> None:
+        """All nodes notice that nothing comes any more, the last one of the chain first."""
+        for desk in reversed(self.desks):
+            desk.worker.idle()
+            self.give("")
+
+    def of(self, topic: str) -> list[Any]:
+        """What the nodes published on a topic."""
+        return [message for desk in self.desks for message in desk.outlet.of(topic)]
+
+
 def causes(caplog: pytest.LogCaptureFixture) -> list[str]:
     """Codes of the problems that were logged, in order."""
     return [record.cause[0] for record in caplog.records if hasattr(record, "cause")]

@@ -148,7 +148,7 @@ class FrameNode(Node[C]):
 
     def idle(self) -> None:
         """Process the waiting frames: the messages that they wait for have not come."""
-        self._process(self.frames.flush())
+        self._process(self.frames.settle())
 
     def report(self) -> Mapping[str, int | str]:
         """Count frames, and dropped messages by reason."""

@@ -39,6 +39,12 @@ from fusionslam.views.comparison import View
 from fusionslam.views.serialization import view_from_bytes
 
 TEMPLATES = "LocalView/Template"
+_WHY_LATE = {
+    "order": "its publisher sends stamps that go back",
+    "wait": "its way here takes longer than ~order/wait, which is {wait:g} s of stamps",
+    "silence": "nothing had come for ~node/idle, which is {idle:g} s, so views waited no longer",
+    "full": "too many messages waited for it",
+}
 
 
 class _Waiting(NamedTuple):
@@ -101,7 +107,7 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def idle(self) -> None:
         """Recognise the views that wait for odometry, and write the state."""
         if self._order is not None:
-            self._process(self._order.flush())
+            self._process(self._order.settle())
         super().idle()
 
     def close(self) -> None:
@@ -121,11 +127,13 @@ class ViewMatching(Node[ViewMatchingConfig]):
         events = order.add(event)
         if order.too_late > before:
             self.counts["too late"] += 1
+            limits = {"wait": self.config.order.wait, "idle": self.config.node.idle}
             self.problems.add(
                 topic,
-                "a message came after later ones had been used and is dropped: its way here takes "
-                f"longer than ~order/wait, which is {self.config.order.wait:g} s",
+                "a message came after later ones had been used and is dropped: "
+                + _WHY_LATE[order.late_because].format(**limits),
                 "too-late",
+                order.late_because,
             )
         self._process(events)
 

@@ -35,7 +35,7 @@ from fusionslam.ros.messages.types import (
 )
 from fusionslam.ros.nodes.lv_matching import TEMPLATES
 from fusionslam.ros.runtime.checkpoints import SavingConfig, Settings
-from fusionslam.ros.runtime.config import CommonConfig, NodeConfig
+from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Odometry
 
@@ -68,8 +68,7 @@ class Mapper(Node[MapperConfig]):
     """Makes the map and publishes the robot's pose on it."""
 
     name = "ratslam"
-    # Views of the last scans may arrive after odometry has ended.
-    defaults = MapperConfig(node=NodeConfig(idle=2.0))
+    defaults = MapperConfig()
     outputs: ClassVar = {
         ACTIONS: TOPOLOGICAL_ACTION,
         PLACE: POSE,
@@ -104,8 +103,8 @@ class Mapper(Node[MapperConfig]):
         ]
 
     def idle(self) -> None:
-        """Process waiting messages; publish and save the map."""
-        self._publish(self._online.flush())
+        """Process waiting views; publish and save the map."""
+        self._publish(self._online.settle())
         self._show()
         super().idle()
 

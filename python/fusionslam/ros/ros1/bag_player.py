@@ -24,15 +24,10 @@ from fusionslam.ros.messages.types import DIAGNOSTICS
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.ros1.master_watch import ros_proxy
 from fusionslam.ros.runtime.config import from_parameters
+from fusionslam.ros.runtime.reports import NodeReports
+from fusionslam.ros.runtime.runner import REPORTS
 
 _POLL_S = 0.1
-_SAME_REPORTS = 3
-"""A node has processed everything once its report repeats this many times."""
-_OWN_TIME = ("processor time", "latency")
-"""Values of a report that change even if nothing happens."""
-
-_OF_MESSAGES = ("received ", "dropped ", "refused ")
-"""Values of a report that count messages, not results."""
 _FILES = ("memory/file", "map/file", "export", "output")
 """Parameters of nodes that name what they write."""
 
@@ -42,43 +37,6 @@ class BagPlayerConfig(Section):
 
     bag: str = option("", "the bag")
     rate: float = option(1.0, "playback speed, relative to the recording", gt=0)
-
-
-class _Reports:
-    """The latest reports of nodes on /diagnostics, and how often they were repeated."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, tuple[Any, int]] = {}
-        rospy.Subscriber("/diagnostics", message_class(DIAGNOSTICS), self._count_report)
-
-    def have(self, nodes: Collection[str]) -> bool:
-        """Tell whether all nodes have reported."""
-        return all(node in self._last for node in nodes)
-
-    def are_quiet(self, nodes: Collection[str]) -> bool:
-        """Tell whether all nodes have stopped changing."""
-        return all(self._last[node][1] >= _SAME_REPORTS for node in nodes)
-
-    def forget(self) -> None:
-        """Reset the counts."""
-        self._last = {node: (None, 0) for node in self._last}
-
-    def results(self) -> dict[str, list[str]]:
-        """By node, what it made: the counts of its last report that are not of messages."""
-        return {
-            node: [
-                f"{value} {key}"
-                for key, value in values or []
-                if value.isdigit() and value != "0" and not key.startswith(_OF_MESSAGES)
-            ]
-            for node, (values, _) in sorted(self._last.items())
-        }
-
-    def _count_report(self, message: Any) -> None:
-        for status in message.status:
-            values = [(e.key, e.value) for e in status.values if not e.key.startswith(_OWN_TIME)]
-            before, count = self._last.get(status.hardware_id, (None, 0))
-            self._last[status.hardware_id] = values, count + 1 if values == before else 0
 
 
 def play_bag() -> None:
@@ -94,8 +52,9 @@ def play_bag() -> None:
         if opened.kind != "rosbag1":
             raise DataError(f"{bag} is of kind {opened.kind}, but ROS 1 plays only ROS 1 bags")
         held = set(opened.topics)
-    reports = _Reports()
-    _wait(lambda nodes: reports.have(nodes))
+    reports = NodeReports()
+    rospy.Subscriber(REPORTS, message_class(DIAGNOSTICS), reports.take)
+    _wait(reports.have)
     played = _choose_topics(held)
     # Wait until every subscriber is connected: static transforms may come only once, at the start.
     options = ["--quiet", "--clock", "--wait-for-subscribers", "--delay", "1"]

@@ -23,8 +23,8 @@ class NodeConfig(Section):
     )
     idle: float = option(
         1.0,
-        "after such a silence of all topics (wall clock), waiting messages are processed as they "
-        "are, and files are written",
+        "after such a silence of all topics, waiting messages are processed as they are, and files "
+        "are written",
         unit="s",
         gt=0,
     )

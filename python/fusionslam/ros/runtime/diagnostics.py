@@ -36,6 +36,7 @@ def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:
     for topic in worker.inputs:
         yield f"received {topic}", str(taken[topic])
     yield "waiting", str(worker.queue.waiting)
+    yield "idle", "yes" if worker.is_idle else "no"
     for (topic, reason), count in sorted(worker.queue.dropped.items()):
         yield f"dropped {topic}: {reason}", str(count)
     for what, value in worker.node.report().items():

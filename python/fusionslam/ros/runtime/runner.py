@@ -61,7 +61,8 @@ class NodeRunner:
             transport.subscribe(entry, take, queue=limit_of(is_many=entry.small or entry.shared))
         for service in node.services:
             transport.offer(service, self._worker.call)
-        self._started = self._last_work = self._last_report = time.monotonic()
+        self._started = self._last_report = time.monotonic()
+        self._silence_s = 0.0
         self._looked_for_silence = False
 
     @property
@@ -89,8 +90,9 @@ class NodeRunner:
             threading.Thread(target=self._beat, args=[timer], name=timer.name, daemon=True).start()
         try:
             while not self._transport.is_shut_down():
-                if self._worker.work(_POLL_S):
-                    self._last_work = time.monotonic()
+                # By what this process waited: a machine that holds it up is no silence.
+                is_silent = not self._worker.work(_POLL_S)
+                self._silence_s = self._silence_s + _POLL_S if is_silent else 0.0
                 self._look_at_clock(time.monotonic())
         finally:
             self._worker.cancel_calls()
@@ -98,7 +100,7 @@ class NodeRunner:
 
     def _look_at_clock(self, now: float) -> None:
         common = self.config.node
-        if not self._worker.is_idle and now - self._last_work > common.idle:
+        if not self._worker.is_idle and self._silence_s > common.idle:
             self._worker.idle()
         self._worker.keep()
         if not self._looked_for_silence and now - self._started > common.patience:

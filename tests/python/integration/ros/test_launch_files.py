@@ -1,10 +1,7 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Launch files and pictures of RViz fit the nodes, and a bag runs through them to its end."""
+"""Launch files and pictures of RViz fit the nodes."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,12 +10,12 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from fusionslam.ratslam import OnlineRatSlam
 from fusionslam.ros.nodes import NODES, node_class
 from fusionslam.ros.nodes.mapper import MapFileConfig
-from fusionslam.ros.ros1.files import launch_environment, package_folder
+from fusionslam.ros.ros1.files import package_folder
 from project import PROJECT
-from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
+from ros_master import needs_ros
+from rows import rows
 
 pytestmark = needs_ros
 
@@ -53,7 +50,7 @@ def read_arguments(path: Path) -> dict[str, str]:
     return {each.attrib["name"]: each.get("default", "") for each in found if not each.get("value")}
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@rows("name", EXPERIMENTS)
 def test_every_experiment_takes_every_argument_it_declares(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,113 +143,3 @@ def test_pictures_show_what_the_nodes_of_their_experiment_publish() -> None:
             for topic in node_class(node).outputs
         }
         assert pictures[picture] <= published | {"/camera/rgb/image_raw"}
-
-
-def play(world: RosWorld, *arguments: str) -> int:
-    """Exit code of ``fusionslam ros launch bag``."""
-    code = "from fusionslam.__main__ import main; main()"
-    command = [sys.executable, "-c", code, "ros", "launch", "bag", *arguments]
-    return world.run("launch", command).wait(timeout=1800)
-
-
-def test_a_bag_runs_through_all_nodes_to_its_end(played_bag: PlayedBag, tmp_path: Path) -> None:
-    # However slow the machine is, nothing is dropped.
-    patient: dict[str, Any] = {name: {"node": {"queue": 1000}} for name in EXPERIMENTS["ratslam"]}
-    patient["data_fusion"]["online"] = {"wait": 60.0}
-    for name in ("lv_matching", "ratslam"):
-        patient[name]["order"] = {"wait": 60.0}
-    (tmp_path / "patient.yaml").write_text(yaml.safe_dump(patient))
-    with RosWorld(tmp_path) as world:
-        # As an earlier roslaunch leaves it.
-        left = ["rosparam", "set", "/roslaunch/uris/earlier", "http://127.0.0.1:9/"]
-        assert world.run("rosparam", left).wait() == 0
-        # As a player that was killed leaves it.
-        import rosgraph
-
-        master = rosgraph.Master("/killed", world.environment["ROS_MASTER_URI"])
-        for topic in ("/velodyne_points", "/odom", played_bag.image, played_bag.camera_info):
-            master.registerPublisher(topic, "*", "http://127.0.0.1:9/")
-        listener = world.listen("/LocalView/Template", "/ExperienceMap/Map")
-        files = ("map_file:=map.npz", "views_file:=views.npz", "parameters:=patient.yaml")
-        assert play(world, f"bag:={played_bag.path}", "rate:=10", *files) == 0, world.log("launch")
-        found = listener.messages()
-    assert f"guessed by type: image:={played_bag.image}" in world.log("launch")
-    log = world.log("launch")
-    assert "REQUIRED process [bag_player-5] has died!\nprocess has finished cleanly" in log
-    (made,) = (line for line in log.splitlines() if line.startswith("  /ratslam: "))
-    assert f"{len(found['/ExperienceMap/Map'][-1].node)} nodes" in made
-    assert str(tmp_path / "map.npz") in made
-    assert log.index(made) < log.index("regular end") < log.index("REQUIRED process")
-    views = found["/LocalView/Template"]
-    assert len(views) == played_bag.scans
-    # Where a scan shows no known place, odometry may still have the robot at one.
-    assert sum(each.current_id >= 0 for each in views) >= 0.9 * played_bag.scans
-    assert {each.current_id for each in views if "odometry has" in each.reason} <= {-1}
-    kept = OnlineRatSlam.load(tmp_path / "map.npz").slam
-    assert len(kept.map.nodes) > 3 and (tmp_path / "views.npz").is_file()
-    assert len(found["/ExperienceMap/Map"][-1].node) == len(kept.map.nodes)
-
-
-_DRIVER = """
-from fusionslam.ros.ros1.environment import need_ros
-need_ros()
-import rospy
-from sensor_msgs.msg import PointCloud2
-rospy.init_node("driver")
-publisher = rospy.Publisher("/velodyne_points", PointCloud2, queue_size=1)
-print("is ready", flush=True)
-rospy.spin()
-"""
-
-
-@pytest.mark.nightly
-def test_a_topic_that_another_node_publishes_is_not_played(
-    played_bag: PlayedBag, tmp_path: Path
-) -> None:
-    with RosWorld(tmp_path) as world:
-        world.run("driver", [sys.executable, "-uc", _DRIVER])
-        wait_until(lambda: "is ready" in world.log("driver"), "a driver")
-        listener = world.listen("/velodyne_points", "/odom")
-        options = (f"bag:={played_bag.path}", "experiment:=first_stage", "rate:=20")
-        assert play(world, *options) == 0, world.log("launch")
-        found = listener.messages()
-        log = world.log("launch")
-    assert found["/odom"] and not found["/velodyne_points"]
-    (warning,) = (line for line in log.splitlines() if "is not played" in line)
-    assert "/velodyne_points" in warning and "/driver" in warning
-
-
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        (["experiment:=visual", "image:=/nope", "odom:=/no"], "bag_player: the bag"),
-        (["parameters:=wrong.yaml"], "bag_player: /lv_matching"),
-    ],
-)
-def test_a_wrong_topic_or_parameter_ends_all(
-    wrong: list[str], named: str, played_bag: PlayedBag, tmp_path: Path
-) -> None:
-    (tmp_path / "wrong.yaml").write_text("lv_matching: {viewz: 1}")
-    with RosWorld(tmp_path) as world:
-        play(world, f"bag:={played_bag.path}", "experiment:=first_stage", *wrong)
-        log = world.log("launch")
-    assert f"error: {named}" in log
-    assert "Initiating shutdown!" in log and "Traceback" not in log
-
-
-def test_nodes_of_a_launch_file_run_with_this_python() -> None:
-    environment = launch_environment()
-    assert environment["ROS_PACKAGE_PATH"].split(os.pathsep)[0] == str(package_folder())
-    command = ["python3", "-c", "import sys; print(sys.prefix)"]
-    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == sys.prefix
-
-
-def test_roslaunch_finds_the_nodes_without_a_workspace(tmp_path: Path) -> None:
-    with RosWorld(tmp_path) as world:
-        world.environment |= {"ROS_PACKAGE_PATH": str(package_folder())}
-        world.environment["PATH"] = launch_environment()["PATH"]
-        node = world.run("node", ["rosrun", "fusionslam_ros", "lv_builder"])
-        wait_until(lambda: "is ready" in world.log("node") or node.poll() is not None, "a node")
-        assert world.end(node) == 0, world.log("node")
-        assert "lv_builder is ready" in world.log("node")

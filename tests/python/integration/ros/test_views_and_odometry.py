@@ -96,6 +96,30 @@ def test_odometry_that_ends_leaves_the_robot_in_doubt_and_not_standing_still(
     assert not causes(caplog)
 
 
+def test_views_that_come_after_a_silence_are_recognised_as_all_others() -> None:
+    matcher = Desk("lv_matching", odometry=True)
+    matcher.give(ODOM, *map(odometry, range(len(WHERE))))
+    for view in views():
+        matcher.worker.idle()
+        matcher.give(VIEWS, view)
+    assert ids(matcher) == list(WHERE) and not matcher.problems()
+
+
+def test_what_comes_too_late_is_said_to_be_late_for_a_silence_or_out_of_order() -> None:
+    matcher, given = Desk("lv_matching", odometry=True), views()
+    matcher.give(ODOM, odometry(0))
+    matcher.give(VIEWS, *given[:2], given[3])
+    matcher.worker.idle()
+    matcher.give(ODOM, odometry(1), odometry(2))
+    (silence,) = matcher.problems()
+    assert "~node/idle, which is 1 s" in silence and silence.startswith("odom: ")
+    matcher.give(ODOM, odometry(4))
+    matcher.give(VIEWS, given[4], given[3])
+    _, out_of_order = matcher.problems()
+    assert "stamps that go back" in out_of_order and out_of_order.startswith(VIEWS)
+    assert len(ids(matcher)) == 4 and matcher.node.report()["too late"] == 3
+
+
 def test_a_node_that_restarts_goes_on(tmp_path: Path) -> None:
     memory, given, found = {"file": str(tmp_path / "views.npz"), "every": 1e-9}, views(), []
     for k, view in enumerate(given):
