@@ -149,11 +149,17 @@ def painted(number: int, visit: int, shade: int) -> Cloud:
     return Cloud(cloud.points, np.full_like(cloud.points, shade, dtype=np.uint8))
 
 
-SHAPE_ONLY: dict[str, Any] = {"method": "objects", "similarity": {"color_weight": 0.0}}
+def config_of(**values: Any) -> ViewMatcherConfig:
+    return merged(ViewMatcherConfig(), values)
+
+
+def matcher(**values: Any) -> ViewMatcher:
+    return ViewMatcher(config_of(**values))
 
 
 def two_stages(second: MeanColor, **more: Any) -> ViewMatcher:
-    config = merged(ViewMatcherConfig(), {**SHAPE_ONLY, "threshold": 0.75})
+    """A matcher that looks at shapes first, and then asks the second stage."""
+    config = config_of(method="objects", similarity={"color_weight": 0.0}, threshold=0.75)
     first = ViewMatcher(config).comparison
     both = TwoStageComparison(first, second, **{"threshold": 0.5, "start": 0.75, **more})
     return ViewMatcher(config, comparison=both)

@@ -16,6 +16,7 @@ from fusionslam.views.second_stage.model import SecondStage
 from fusionslam.views.second_stage.network_files import About, Calibration
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, cloud
 from refusals import refuses
+from rows import rows
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
@@ -55,8 +56,8 @@ def comparison(folder: Path, config: ComparisonConfig) -> Any:
     return network
 
 
-@pytest.mark.parametrize("config", [TINY, TINY_COLORED, PointNetConfig()])
-@pytest.mark.parametrize("size", [1, 7, 2000])
+@rows("config", [TINY, TINY_COLORED, PointNetConfig()])
+@rows("size", [1, 7, 2000])
 def test_onnxruntime_gives_the_features_that_torch_gives(
     config: PointNetConfig, size: int, tmp_path: Path
 ) -> None:
@@ -71,7 +72,7 @@ def test_onnxruntime_gives_the_features_that_torch_gives(
     assert expected.std() > 1e-3
 
 
-@pytest.mark.parametrize("activation", ["relu", "none"])
+@rows("activation", ["relu", "none"])
 def test_onnxruntime_gives_the_probabilities_that_torch_gives(
     activation: str, tmp_path: Path
 ) -> None:
@@ -104,8 +105,8 @@ def test_a_distance_becomes_the_probability_of_its_calibration(tmp_path: Path) -
     assert stage.probability(first, first) == pytest.approx(1 / (1 + np.exp(-4)), rel=1e-5)
 
 
-@pytest.mark.parametrize("suffix", ["safetensors", "onnx"])
-@pytest.mark.parametrize("share", [0, 0.3, 0.95])
+@rows("suffix", ["safetensors", "onnx"])
+@rows("share", [0, 0.3, 0.95])
 def test_files_that_are_cut_short_are_named(suffix: str, share: float, tmp_path: Path) -> None:
     pointnet(tmp_path, TINY, CALIBRATED)
     path = tmp_path / f"features.{suffix}"
@@ -150,9 +151,7 @@ def test_weights_that_are_not_finite_are_refused(tmp_path: Path) -> None:
         load_pointnet(tmp_path / "odd.safetensors")
 
 
-@pytest.mark.parametrize(
-    "values", [{}, {"format": "fusionslam.network.9"}, {"format": "fusionslam.network.1"}]
-)
+@rows("values", [{}, {"format": "fusionslam.network.9"}, {"format": "fusionslam.network.1"}])
 def test_onnx_of_others_or_of_another_version_is_refused(
     values: dict[str, str], tmp_path: Path
 ) -> None:

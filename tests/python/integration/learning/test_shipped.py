@@ -19,6 +19,7 @@ from fusionslam.views.second_stage.network_files import SHIPPED, check_digest
 from fusionslam.views.second_stage.scores import area_under_curve
 from learning import cloud
 from refusals import refuses
+from rows import rows
 from stored import change_json
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
@@ -26,7 +27,7 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 STEMS = [Path(name).stem for names in MODELS.values() for name in names if name]
 
 
-@pytest.mark.parametrize("stem", STEMS)
+@rows("stem", STEMS)
 def test_each_network_is_below_a_megabyte_and_has_a_card(stem: str) -> None:
     for suffix in ("safetensors", "onnx"):
         assert 0 < (SHIPPED / f"{stem}.{suffix}").stat().st_size < 1_000_000
@@ -36,8 +37,8 @@ def test_each_network_is_below_a_megabyte_and_has_a_card(stem: str) -> None:
     assert card["config"]["optimiser"]["seed"] == 0
 
 
-@pytest.mark.parametrize("stem", STEMS)
-@pytest.mark.parametrize("suffix", ["onnx", "safetensors"])
+@rows("stem", STEMS)
+@rows("suffix", ["onnx", "safetensors"])
 def test_a_network_of_which_one_bit_changed_is_refused(
     stem: str, suffix: str, tmp_path: Path
 ) -> None:
@@ -63,7 +64,7 @@ def test_nothing_else_is_shipped() -> None:
     assert found == {f"{stem}.{end}" for stem in STEMS for end in ("safetensors", "onnx", "json")}
 
 
-@pytest.mark.parametrize("model", MODELS)
+@rows("model", MODELS)
 def test_shipped_onnx_gives_what_the_shipped_weights_give(model: str) -> None:
     torch = pytest.importorskip("torch", reason="torch is not installed")
     pytest.importorskip("safetensors", reason="safetensors is not installed")
@@ -79,7 +80,7 @@ def test_shipped_onnx_gives_what_the_shipped_weights_give(model: str) -> None:
     np.testing.assert_allclose(stage.features(seen), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@rows("model", MODELS)
 def test_features_are_a_kilobyte_and_repeat_bit_for_bit(model: str) -> None:
     seen, stage = cloud(700, 1), SecondStage(model)
     first, again = stage.features(seen), SecondStage(model).features(seen.points, seen.colors)
@@ -104,7 +105,7 @@ def test_a_sight_is_the_same_place_as_itself() -> None:
     assert stage.probability(row, row) > 0.9
 
 
-@pytest.mark.parametrize(("model", "least"), [("places", 0.95), ("thesis", 0.85)])
+@rows("model, least", [("places", 0.95), ("thesis", 0.85)])
 def test_places_of_a_world_never_trained_on_are_told_apart(model: str, least: float) -> None:
     pytest.importorskip("embreex", reason="the simulator is not installed")
     from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places

@@ -13,6 +13,7 @@ from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, worlds
 from refusals import refuses
+from rows import rows
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 pytest.importorskip("safetensors", reason="safetensors is not installed")
@@ -110,7 +111,7 @@ def test_the_thesis_s_comparison_is_one_linear_step_and_ours_is_not() -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("kind", ["shapes", "places", "comparison"])
+@rows("kind", ["shapes", "places", "comparison"])
 def test_a_training_that_was_interrupted_ends_the_same(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,8 +188,8 @@ def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
         runs.train_shapes(generate_shapes(config.procedural), config, tmp_path, ORIGIN)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
+@rows(
+    "changes, words",
     [({"network": {"colors": True}}, "network.colors"), ({"batch": 500}, "500")],
 )
 def test_shapes_that_do_not_fit_the_settings_are_refused(

@@ -7,10 +7,13 @@ import sys
 
 import pytest
 
+from rows import rows
+
 HIDDEN = """
 import sys
 for name in {names!r}:
     sys.modules[name] = None
+from rows import rows
 from fusionslam.errors import FusionSlamError
 try:
     {statement}
@@ -27,9 +30,7 @@ def without(names: list[str], statement: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    "module", ["training_loop", "pointnet", "train", "onnx_export", "weight_files"]
-)
+@rows("module", ["training_loop", "pointnet", "train", "onnx_export", "weight_files"])
 def test_training_without_torch_names_the_extra(module: str) -> None:
     said = without(["torch"], f"import fusionslam.learning.{module}")
     assert "needs torch" in said and "pip install 'fusionslam[learn]'" in said

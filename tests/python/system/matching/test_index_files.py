@@ -18,6 +18,7 @@ import pytest
 
 from arrays import SECOND, filled
 from fusionslam import DataError, DescriptorIndex
+from rows import rows
 
 VERSION_OFFSET = 8
 """Where the version stands in the file: after eight bytes of magic."""
@@ -116,7 +117,7 @@ def test_a_path_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     refusal(tmp_path)
 
 
-@pytest.mark.parametrize("place", ["missing/places.index", "file/places.index", "folder"])
+@rows("place", ["missing/places.index", "file/places.index", "folder"])
 def test_a_path_that_cannot_be_written_is_named_and_nothing_is_left(
     tmp_path: Path, place: str
 ) -> None:
@@ -269,7 +270,7 @@ def test_killed_writers_leave_the_old_file_or_the_new_one_and_nothing_that_grows
     assert os.listdir(stored.parent) == [stored.name]
 
 
-@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+@rows("make", [os.mkfifo, os.mkdir])
 def test_what_is_no_file_is_neither_read_nor_replaced(
     tmp_path: Path, make: Callable[[Path], None]
 ) -> None:

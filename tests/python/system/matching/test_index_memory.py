@@ -17,6 +17,7 @@ import pytest
 
 from arrays import filled
 from fusionslam import DescriptorIndex, nearest
+from rows import rows
 
 MEMORY_PROGRAM = """
 import sys
@@ -108,7 +109,7 @@ def stop_once() -> Callable[[], None]:
     return stop
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@rows("threads", [1, 2])
 def test_a_long_batch_can_be_interrupted(threads: int) -> None:
     table = np.random.default_rng(8).normal(size=(20_000, 128)).astype(np.float32)
     with pytest.raises(Stop), signals_within_calls(stop_once()):

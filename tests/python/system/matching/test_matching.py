@@ -12,6 +12,7 @@ import pytest
 
 from arrays import filled
 from fusionslam import ConfigError, DataError, DescriptorIndex, ShapeError, nearest_causal
+from rows import rows
 
 
 def test_an_empty_index_answers_with_nothing() -> None:
@@ -20,7 +21,7 @@ def test_an_empty_index_answers_with_nothing() -> None:
     assert indices.dtype == np.int64 and distances.dtype == np.float32
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@rows("value", [np.nan, np.inf])
 def test_a_descriptor_that_is_not_finite_is_refused_and_not_added(value: float) -> None:
     index = filled()
     spoilt = np.zeros(7, np.float32)
@@ -46,8 +47,8 @@ def test_a_window_in_seconds_needs_a_stamp() -> None:
         filled().query(np.zeros(7, np.float32))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
+@rows(
+    "options, message",
     [
         ({"dimension": 0}, r"dimension .*\b0"),
         ({"dimension": -3}, r"dimension .*-3"),

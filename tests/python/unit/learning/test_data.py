@@ -23,6 +23,7 @@ from fusionslam.views.second_stage.inputs import (
     scale_to_sphere,
 )
 from refusals import refuses
+from rows import rows
 
 CUBE = """{header}8 6 0
 0 0 0
@@ -73,7 +74,7 @@ def test_at_least_twenty_classes_of_shape_need_no_download() -> None:
     assert len(SHAPES) >= 20
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@rows("name", SHAPES)
 def test_every_shape_stands_upright_varies_and_repeats_with_its_seed(name: str) -> None:
     first, again, other = (SHAPES[name](rng(seed)) for seed in (3, 3, 4))
     assert np.isfinite(first.vertices).all()
@@ -134,7 +135,7 @@ def test_hdf5_files_that_are_cut_short_or_too_small_are_named(tmp_path: Path) ->
         read_modelnet(tmp_path, "train", 20, rng())
 
 
-@pytest.mark.parametrize("header", ["OFF\n", "OFF"])
+@rows("header", ["OFF\n", "OFF"])
 def test_off_meshes_of_modelnet40_are_read(tmp_path: Path, header: str) -> None:
     # Hundreds of the published files have the counts on the line of the word OFF.
     write_off(tmp_path, "desk", "train", CUBE.format(header=header))
@@ -174,7 +175,7 @@ def test_voxels_lose_empty_and_repeated_grids(tmp_path: Path) -> None:
     assert not ((cube > 5) & (cube < 8)).all(axis=1).any()
 
 
-@pytest.mark.parametrize("values", [np.zeros((2, 1, 4, 4, 4)), np.zeros((3, 3)), b"no array"])
+@rows("values", [np.zeros((2, 1, 4, 4, 4)), np.zeros((3, 3)), b"no array"])
 def test_other_voxel_files_are_named(tmp_path: Path, values: np.ndarray | bytes) -> None:
     path = tmp_path / "odd.npy"
     if isinstance(values, bytes):
@@ -224,8 +225,8 @@ def test_networks_are_given_metres_over_a_range_or_a_unit_sphere() -> None:
     assert network_input(points, None, PointNetConfig()).shape == (2, 3)
 
 
-@pytest.mark.parametrize(
-    ("points", "colors", "error", "code"),
+@rows(
+    "points, colors, error, code",
     [
         (np.zeros((0, 3), np.float32), None, DataError, "no-points"),
         (np.zeros((4, 2), np.float32), None, ShapeError, "shape"),

@@ -19,6 +19,7 @@ from fusionslam.sensors.frame import Cloud
 from fusionslam.views.second_stage.scores import area_under_curve, calibrate, probability_of
 from learning import cloud, line, worlds
 from refusals import refuses
+from rows import rows
 
 
 def test_a_place_is_the_same_within_half_a_metre_and_36_degrees() -> None:
@@ -62,8 +63,8 @@ def test_sights_with_few_points_are_left_out() -> None:
     np.testing.assert_array_equal(places.poses[:, 0], [3, 6])
 
 
-@pytest.mark.parametrize(
-    ("clouds", "poses", "error", "code"),
+@rows(
+    "clouds, poses, error, code",
     [
         ([cloud(5, 0)], None, DataError, "no-poses"),
         ([cloud(5, 0)], np.zeros((2, 3)), ShapeError, "shape"),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from arrays import SECOND
 from fusionslam import DataError, DescriptorIndex, ShapeError, nearest, nearest_causal
+from rows import rows
 
 
 def brute_force(
@@ -108,8 +109,8 @@ HARD_TABLES: dict[str, Callable[[np.random.Generator, tuple[int, int]], NDArray[
 }
 
 
-@pytest.mark.parametrize("kind", HARD_TABLES)
-@pytest.mark.parametrize("columns", [1, 7, 192, 575, 576])
+@rows("kind", HARD_TABLES)
+@rows("columns", [1, 7, 192, 575, 576])
 def test_one_query_and_a_batch_find_the_neighbours_of_numpy(kind: str, columns: int) -> None:
     table = HARD_TABLES[kind](np.random.default_rng(7), (300, columns)).astype(np.float32)
     queries = np.ascontiguousarray(table[::-7]) * np.float32(1.01)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.pipelines.views import run_views
 from fusionslam.sensors.frame import Cloud
@@ -18,7 +17,6 @@ from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.recognisers import (
-    ViewMatcherConfig,
     complete_config,
     scene_config,
     similarity_config,
@@ -26,23 +24,34 @@ from fusionslam.views.recognisers import (
 from fusionslam.views.scenes import build_scene
 from refusals import refuses
 from rows import rows
-from scenes import LAPS, NOTHING, drive, place
-from stored import change_archive
+from scenes import (
+    LAPS,
+    NOTHING,
+    MeanColor,
+    config_of,
+    drive,
+    matcher,
+    painted,
+    place,
+    two_stages,
+)
+from stored import change_archive, check_damaged_files
 
 SCENES = {"method": "objects"}
 DESCRIPTOR = {"method": "cm2dp", "max_distance": 0.24}
 
 
-def config(**values: Any) -> ViewMatcherConfig:
-    return merged(ViewMatcherConfig(), values)
-
-
-def matcher(**values: Any) -> ViewMatcher:
-    return ViewMatcher(config(**values))
-
-
 def ids(one: ViewMatcher, places: tuple[int, ...] = LAPS) -> list[int]:
     return run_views(drive(places), one).ids.tolist()
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    """The file of a matcher that drove three laps."""
+    one = matcher()
+    ids(one)
+    one.save(tmp_path / "views")
+    return tmp_path / "views"
 
 
 @rows("values", [{}, SCENES, {"preset": "paper"}, DESCRIPTOR])
@@ -70,7 +79,7 @@ def test_a_match_tells_what_was_compared_and_why(method: str, word: str) -> None
 
 
 def test_the_similarity_is_that_of_the_best_stored_scene() -> None:
-    values = config(**SCENES, threshold=1.0)
+    values = config_of(**SCENES, threshold=1.0)
     clouds = [place(number) for number in range(5)]
     scenes = [build_scene(c.points, c.colors, config=scene_config(values)) for c in clouds]
     stored = ObjectComparison(scene_config(values), similarity_config(values), 1.0)
@@ -111,19 +120,22 @@ def test_a_cloud_that_no_descriptor_fits_has_nothing_to_recognise() -> None:
     assert one.process(Cloud(line, np.zeros((50, 3), np.uint8))).id == NO_VIEW
 
 
-def test_single_objects_are_taken_and_counted_unless_more_are_asked_for() -> None:
-    for least, expected in ((1, 0), (2, NO_VIEW)):
-        one = matcher(min_objects=least)
-        assert one.process(place(0, objects=1)).id == expected
-        assert one.stats.single == 1 and one.stats.nothing == int(least == 2)
+@rows("least, expected", [(1, 0), (2, NO_VIEW)])
+def test_single_objects_are_taken_and_counted_unless_more_are_asked_for(
+    least: int, expected: int
+) -> None:
+    one = matcher(min_objects=least)
+    assert one.process(place(0, objects=1)).id == expected
+    assert one.stats.single == 1 and one.stats.nothing == int(least == 2)
 
 
-def test_scans_without_objects_match_each_other_if_that_is_asked_for() -> None:
-    one = matcher(**SCENES, min_objects=0)
-    assert [one.process(cloud).id for cloud in (NOTHING, place(0), NOTHING)] == [0, 1, 0]
-    # Nothing cannot be laid over nothing.
-    two = matcher(method="alignment", min_objects=0)
-    assert [two.process(cloud).id for cloud in (NOTHING, place(0), NOTHING)] == [0, 1, 2]
+# Nothing cannot be laid over nothing.
+@rows("method, expected", [("objects", [0, 1, 0]), ("alignment", [0, 1, 2])])
+def test_scans_without_objects_match_each_other_if_that_is_asked_for(
+    method: str, expected: list[int]
+) -> None:
+    one = matcher(method=method, min_objects=0)
+    assert [one.process(cloud).id for cloud in (NOTHING, place(0), NOTHING)] == expected
 
 
 def test_several_views_of_a_place_are_stored_if_they_differ_enough() -> None:
@@ -166,7 +178,7 @@ def tour_ids(one: ViewMatcher, places: Iterable[int]) -> list[int]:
 @rows("places, share", [(60, 0.3), (33, 0.75)])
 def test_a_tour_of_more_places_than_fit_is_recognised_in_part(places: int, share: float) -> None:
     one = matcher(method="m2dp", max_views=30)
-    found = tour_ids(one, list(range(places)) * 12)
+    found = tour_ids(one, list(range(places)) * 8)
     late = found[2 * places :]
     known = sum(id in found[: index + 2 * places] for index, id in enumerate(late))
     # Dropping the least recently used recognises none.
@@ -188,6 +200,9 @@ def test_a_tour_that_fits_is_recognised_wherever_the_robot_was_before() -> None:
 def test_with_a_threshold_of_0_everything_matches(method: str) -> None:
     one = matcher(method=method, threshold=0)
     assert [one.process(place(number)).id for number in range(3)] == [0, 0, 0]
+
+
+def test_similarities_are_distances_in_another_form() -> None:
     assert distance_at(0.0) == np.inf and distance_at(similarity_at(0.24)) == pytest.approx(0.24)
 
 
@@ -202,110 +217,161 @@ def test_stored_views_are_counted_in_bytes(values: dict[str, Any], tmp_path: Pat
     assert ViewMatcher.load(tmp_path / "views").stats == one.stats
 
 
-@rows(
-    "values",
-    [{}, {"policy": "several", "store_below": 0.999}, SCENES, DESCRIPTOR],
-)
+@rows("values", [{}, {"policy": "several", "store_below": 0.999}, SCENES, DESCRIPTOR])
 def test_going_on_from_a_file_is_like_never_having_stopped(
     values: dict[str, Any], tmp_path: Path
 ) -> None:
-    scenes = drive((*LAPS, 6, -1, 7, 1, 0, 6))
-    whole = run_views(scenes, matcher(**values, max_views=5))
-    one = matcher(**values, max_views=5)
+    scenes = drive((0, 1, 2, 3, 0, 1, 6, -1, 7, 1, 0, 6))
+    whole, one = (matcher(**values, max_views=3) for _ in range(2))
+    expected = run_views(scenes, whole).matches
     found = []
-    for half in np.array_split(np.arange(len(scenes)), 3):
-        found += list(run_views(scenes.subset(half), one).matches)
+    for part in np.array_split(np.arange(len(scenes)), 3):
+        found += list(run_views(scenes.subset(part), one).matches)
         one.save(tmp_path / "views")
         one = ViewMatcher.load(tmp_path / "views")
-    assert found == list(whole.matches) and one.stats == whole.stats
-    assert one.config == complete_config(config(**values, max_views=5))
+    assert found == list(expected) and one.stats == whole.stats
+    assert one.config == complete_config(config_of(**values, max_views=3))
 
 
-def test_a_file_written_before_absences_were_stored_is_read(tmp_path: Path) -> None:
-    one, path = matcher(), tmp_path / "views"
-    ids(one)
-    one.save(path)
-    with np.load(path) as stored:
+def test_a_file_written_before_absences_were_stored_is_read(saved: Path) -> None:
+    one = ViewMatcher.load(saved)
+    with np.load(saved) as stored:
         slots = stored["slots"][:, :3]
-    change_archive(path, slots=slots)
-    again = ViewMatcher.load(path)
+    change_archive(saved, slots=slots)
+    again = ViewMatcher.load(saved)
     assert again.stats == one.stats and again.process(place(1, 5)).id == 1
 
 
-def test_bad_scans_are_refused_and_change_nothing() -> None:
-    one = matcher()
+@rows("values, where", [({}, r"\b5\b"), (DESCRIPTOR, "NaN")])
+def test_bad_scans_are_refused_and_change_nothing(values: dict[str, Any], where: str) -> None:
+    one = matcher(**values)
     one.process(place(0))
-    before = one.stats
-    bad = place(1)
+    before, bad = one.stats, place(1)
     bad.points[5, 1] = np.nan
-    with pytest.raises(DataError, match=r"\b5\b"):
+    with pytest.raises(DataError, match=where):
         one.process(bad)
     with refuses("no-colors"):
         one.process(Cloud(place(1).points))
     with pytest.raises(ShapeError, match="str"):
         one.process("scene")
-    assert one.stats == before and one.process(place(0, 1)).id == 0
-    plain = matcher(**DESCRIPTOR)
-    with refuses("not-finite"):
-        plain.process(bad)
-    with refuses("no-colors"):
-        plain.process(Cloud(place(1).points))
+    assert one.stats == before and one.process(place(0)).id == 0
+
+
+def test_descriptors_of_another_length_are_refused() -> None:
     with pytest.raises(ShapeError, match=r"\(576,\).*\(3,\)"):
-        plain.process(np.zeros(3, np.float32))
+        matcher(**DESCRIPTOR).process(np.zeros(3, np.float32))
 
 
 @rows(
-    "values",
+    "name, value",
     [
-        {"threshold": 1.1},
-        {"threshold": -0.1},
-        {"threshold": float("nan")},
-        {"max_distance": -1.0},
-        {"min_objects": -1},
-        {"policy": "all"},
-        {"max_views": -1},
+        ("threshold", 1.1),
+        ("threshold", -0.1),
+        ("threshold", float("nan")),
+        ("max_distance", -1.0),
+        ("min_objects", -1),
+        ("policy", "all"),
+        ("max_views", -1),
     ],
 )
-def test_values_out_of_range_are_refused_by_name(values: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(values))):
-        config(**values)
+def test_values_out_of_range_are_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(ConfigError, match=name):
+        config_of(**{name: value})
 
 
-def save_matcher(path: Path) -> Path:
-    one = matcher()
-    ids(one)
-    one.save(path)
-    return path
+def test_a_file_that_is_cut_foreign_or_missing_is_refused(saved: Path) -> None:
+    check_damaged_files(saved, ViewMatcher.load)
 
 
-def test_a_file_that_is_cut_foreign_or_missing_is_refused(tmp_path: Path) -> None:
-    path = save_matcher(tmp_path / "views")
-    whole = path.read_bytes()
-    for size in (0, 10, len(whole) // 2, len(whole) - 1):
-        path.write_bytes(whole[:size])
-        with pytest.raises(DataError, match=str(path)):
-            ViewMatcher.load(path)
-    path.write_text("a text")
-    with pytest.raises(DataError, match=str(path)):
-        ViewMatcher.load(path)
-    with pytest.raises(DataError, match="none"):
-        ViewMatcher.load(tmp_path / "none")
+@rows(
+    "change, words",
+    [
+        ({"comparison": "cm2dp"}, "cm2dp.*alignment"),
+        ({"format": "fusionslam.view_matcher.0"}, r"view_matcher\.0.*view_matcher\.1"),
+        ({"views": {"threshold": 3.0}}, "threshold"),
+    ],
+)
+def test_a_file_of_another_version_or_that_does_not_fit_is_refused(
+    change: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    matcher().save(tmp_path / "views")
+    change_archive(tmp_path / "views", lambda about, _: about.update(change))
+    with pytest.raises(DataError, match=words):
+        ViewMatcher.load(tmp_path / "views")
 
 
-def test_a_file_of_another_version_or_that_does_not_fit_is_refused(tmp_path: Path) -> None:
-    path = save_matcher(tmp_path / "views")
-    change_archive(path, slots=np.zeros((2, 3), np.int64))
+def test_rows_of_views_that_do_not_fit_are_refused(saved: Path) -> None:
+    change_archive(saved, slots=np.zeros((2, 3), np.int64))
     with pytest.raises(DataError, match=r"\(2, 3\)"):
-        ViewMatcher.load(path)
-    save_matcher(path)
-    change_archive(path, lambda about, _: about.update({"comparison": "cm2dp"}))
-    with refuses("other-kind", "cm2dp", "alignment"):
-        ViewMatcher.load(path)
-    save_matcher(path)
-    change_archive(path, lambda about, _: about.update({"format": "fusionslam.view_matcher.0"}))
-    with pytest.raises(DataError, match=r"view_matcher\.0.*view_matcher\.1"):
-        ViewMatcher.load(path)
-    save_matcher(path)
-    change_archive(path, lambda about, _: about.update({"views": {"threshold": 3.0}}))
-    with pytest.raises(DataError, match="threshold"):
-        ViewMatcher.load(path)
+        ViewMatcher.load(saved)
+
+
+def seen(shade: int, visit: int = 0) -> Cloud:
+    """A place that looks the same to the first stage whatever its shade."""
+    return painted(0, visit, shade)
+
+
+def two_stages_after(*shades: int, **more: Any) -> tuple[ViewMatcher, MeanColor]:
+    """A matcher that has seen these shades, and its second stage, not asked so far."""
+    second = MeanColor()
+    one = two_stages(second, **more)
+    for shade in shades:
+        one.process(seen(shade))
+    second.asked = 0
+    return one, second
+
+
+def test_a_second_stage_turns_matches_into_rejections_only() -> None:
+    one, _ = two_stages_after(40)
+    rejected = one.process(seen(200, 1))
+    assert (rejected.id, rejected.is_new, rejected.similarity) == (1, True, 0.0)
+    assert "the second stage rejected" in rejected.reason
+    # Not like the first stage's: the second one has no say.
+    assert one.process(painted(4, 0, 40)).id == 2
+
+
+def test_the_next_best_view_is_taken_where_the_best_is_rejected() -> None:
+    one, _ = two_stages_after(40, 200)
+    assert [one.process(seen(shade)).id for shade in (200, 40)] == [1, 0]
+
+
+def test_below_its_start_the_second_stage_is_not_asked() -> None:
+    one, second = two_stages_after(40, start=1.0)
+    assert one.process(seen(200, 1)).id == 0 and second.asked == 0
+
+
+def test_no_more_candidates_than_allowed_are_looked_at() -> None:
+    one, second = two_stages_after(10, 60, 110, 160, most=2)
+    assert one.process(seen(160)).is_new and second.asked == 2
+
+
+def test_both_stages_are_saved_and_go_on(tmp_path: Path) -> None:
+    one, _ = two_stages_after(40, 200)
+    one.process(NOTHING)
+    assert one.stats.nothing == 1
+    assert one.stats.bytes > one.comparison.state()["scenes"].nbytes
+    one.save(tmp_path / "views")
+    with refuses("other-kind", "two_stage.objects", "objects"):
+        ViewMatcher.load(tmp_path / "views")
+    fresh = two_stages(MeanColor()).comparison
+    again = ViewMatcher.load(tmp_path / "views", comparison=fresh)
+    assert again.process(seen(200, 1)) == one.process(seen(200, 1))
+    assert again.stats == one.stats
+
+
+def test_dropped_views_are_forgotten_by_both_stages() -> None:
+    one = two_stages(MeanColor())
+    one.config = one.config.model_copy(update={"max_views": 1})
+    for shade in (40, 200):
+        one.process(seen(shade))
+    assert len(one.comparison) == 1 and one.comparison.state()["features"].shape == (1, 3)
+    assert one.process(seen(200)).id == 1
+
+
+def test_a_second_stage_refuses_scenes_alone_and_values_out_of_range() -> None:
+    cloud = place(0)
+    with pytest.raises(ShapeError):
+        two_stages(MeanColor()).process(build_scene(cloud.points, cloud.colors))
+    for name, value in (("threshold", 1.5), ("start", -0.1), ("most", 0)):
+        with pytest.raises(ConfigError, match=name):
+            two_stages(MeanColor(), **{name: value})

@@ -6,16 +6,16 @@ import io
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fusionslam.config import merged
 from fusionslam.views.match import ViewMatch
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.recognisers import ViewMatcherConfig
-from scenes import MeanColor, place, two_stages
+from rows import rows
+from scenes import MeanColor, matcher, place, two_stages
 
 THREADS, BOUND = 3, 4
 METHODS: list[dict[str, Any]] = [
@@ -26,7 +26,7 @@ METHODS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def eager_switches() -> Iterator[None]:
     """Let threads take turns as often as possible."""
     before = sys.getswitchinterval()
@@ -37,23 +37,14 @@ def eager_switches() -> Iterator[None]:
 
 def in_threads(work: Callable[[int], list[ViewMatch]]) -> list[ViewMatch]:
     """What the same work gives in several threads that begin together."""
-    barrier, found, failed = threading.Barrier(THREADS), [], []
+    barrier = threading.Barrier(THREADS)
 
-    def begin(number: int) -> None:
+    def begin(number: int) -> list[ViewMatch]:
         barrier.wait()
-        try:
-            found.append(work(number))
-        except BaseException as error:
-            failed.append(error)
+        return work(number)
 
-    threads = [threading.Thread(target=begin, args=(number,)) for number in range(THREADS)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    if failed:
-        raise failed[0]
-    return [match for matches in found for match in matches]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return [match for matches in pool.map(begin, range(THREADS)) for match in matches]
 
 
 def check(one: ViewMatcher, matches: list[ViewMatch]) -> None:
@@ -64,20 +55,24 @@ def check(one: ViewMatcher, matches: list[ViewMatch]) -> None:
     assert len(one) == len(one.comparison) == one.stats.stored <= BOUND
 
 
-@pytest.mark.usefixtures("eager_switches")
-@pytest.mark.parametrize("values", METHODS, ids=["alignment", "objects", "cm2dp", "several"])
+def reload(one: ViewMatcher) -> ViewMatcher:
+    stream = io.BytesIO()
+    one.save(stream)
+    stream.seek(0)
+    return ViewMatcher.load(stream)
+
+
+@rows("values", METHODS)
 def test_a_matcher_that_forgets_serves_several_threads(values: dict[str, Any]) -> None:
-    one = ViewMatcher(merged(ViewMatcherConfig(), {**values, "max_views": BOUND}))
+    one = matcher(**values, max_views=BOUND)
     views = [one.view(place(number)) for number in range(8)]
-    order = [np.random.default_rng(seed).integers(0, len(views), 60) for seed in range(THREADS)]
-    matches = in_threads(lambda number: [one.process(views[k]) for k in order[number]])
-    check(one, matches)
+    order = [np.random.default_rng(seed).integers(0, len(views), 30) for seed in range(THREADS)]
+    check(one, in_threads(lambda number: [one.process(views[k]) for k in order[number]]))
     assert one.stats.dropped > BOUND
-    again = ViewMatcher.load(_saved(one))
+    again = reload(one)
     assert again.stats == one.stats and again.process(views[0]) == one.process(views[0])
 
 
-@pytest.mark.usefixtures("eager_switches")
 def test_two_stages_serve_several_threads() -> None:
     one = two_stages(MeanColor())
     one.config = one.config.model_copy(update={"max_views": BOUND})
@@ -85,25 +80,17 @@ def test_two_stages_serve_several_threads() -> None:
     check(one, in_threads(lambda _: [one.process(cloud) for cloud in clouds * 2]))
 
 
-@pytest.mark.usefixtures("eager_switches")
 def test_a_matcher_is_saved_between_two_scans() -> None:
-    one = ViewMatcher(ViewMatcherConfig(method="objects", max_views=BOUND))
+    one = matcher(method="objects", max_views=BOUND)
     views = [one.view(place(number)) for number in range(8)]
 
     def work(number: int) -> list[ViewMatch]:
         if number:
-            return [one.process(views[k % 8]) for k in range(100)]
-        for _ in range(20):
-            again = ViewMatcher.load(_saved(one))
+            return [one.process(views[k % 8]) for k in range(60)]
+        for _ in range(10):
+            again = reload(one)
             assert len(again) == again.stats.stored
             assert again.stats.matched + again.stats.new == again.stats.processed
         return []
 
     check(one, in_threads(work))
-
-
-def _saved(one: ViewMatcher) -> io.BytesIO:
-    stream = io.BytesIO()
-    one.save(stream)
-    stream.seek(0)
-    return stream

@@ -20,6 +20,9 @@ PRIOR, LEAST = 0.05, 0.95
 NODE = 50
 """Node that is made next; those before are old."""
 OLD, SINCE = 3, NODE + 3
+CONFIRMED, MISSED = Evidence(OLD, OLD, False), Evidence(NO_NODE, OLD, False)
+"""Old views are where the filter has the robot, and the scan shows them or does not."""
+
 RIGHT, WRONG = (0.0, 0.0, 0.0), (100.0, 40.0, 0.0)
 """Where the robot starts, and where it looks alike."""
 UP, DOWN = 0.85 * 3, 0.15 * 3 / 2
@@ -182,54 +185,31 @@ def test_improbable_alignments_begin_and_confirm_nothing() -> None:
     assert drive.hypotheses.shares.tolist() == shares_of(PRIOR * DOWN)
 
 
-def test_in_new_territory_look_alikes_do_not_win() -> None:
+@rows("evidence", [NEW, Evidence(SINCE, SINCE, False), Evidence(NO_NODE, SINCE, False)])
+def test_new_territory_and_views_stored_since_say_nothing_of_a_hypothesis(
+    evidence: Evidence,
+) -> None:
     drive = Drive()
-    assert drive.scans_until_found(RIGHT, evidence=NEW) == 50
+    assert drive.scans_until_found(RIGHT, evidence=evidence) == 50
     assert drive.hypotheses.shares.tolist() == shares_of(PRIOR)
-
-
-def test_views_stored_since_a_hypothesis_began_say_nothing_of_it() -> None:
-    for evidence in (Evidence(SINCE, SINCE, False), Evidence(NO_NODE, SINCE, False)):
-        drive = Drive()
-        assert drive.scans_until_found(RIGHT, evidence=evidence) == 50
-        assert drive.hypotheses.shares.tolist() == shares_of(PRIOR)
 
 
 def test_where_old_views_are_missed_a_hypothesis_that_is_confirmed_wins() -> None:
     drive = Drive().start(RIGHT)
-    drive.scan(RIGHT, evidence=Evidence(NO_NODE, OLD, False))
+    drive.scan(RIGHT, evidence=MISSED)
     assert drive.hypotheses.shares.tolist() == shares_of(PRIOR * UP / DOWN)
     needed = np.log(LEAST / (1 - LEAST) / PRIOR) / np.log(UP / DOWN)
     fewest = max(2, int(np.ceil(needed)))
-    assert Drive().scans_until_found(RIGHT, evidence=Evidence(NO_NODE, OLD, False)) == fewest
+    assert Drive().scans_until_found(RIGHT, evidence=MISSED) == fewest
 
 
 def test_where_old_views_confirm_the_filter_a_look_alike_never_wins() -> None:
     drive = Drive()
-    assert drive.scans_until_found(RIGHT, evidence=Evidence(OLD, OLD, False)) == 50
+    assert drive.scans_until_found(RIGHT, evidence=CONFIRMED) == 50
     assert drive.hypotheses.shares.tolist() == shares_of(PRIOR)
-    drive.scan(evidence=Evidence(OLD, OLD, False))
+    drive.scan(evidence=CONFIRMED)
     # A scan that confirms the filter alone speaks against it.
     assert (drive.hypotheses.shares < PRIOR / (1 + PRIOR)).all()
-
-
-def learned(hits: int, misses: int) -> PlaceHypotheses:
-    """After as many scans that confirm, or do not, a hypothesis that is wrong: old views confirm
-    the filter meanwhile."""
-    drive, evidence = Drive(), Evidence(OLD, OLD, False)
-    drive.start(RIGHT)
-    drive.scan(RIGHT)  # confirmed twice, so that it may count
-    for _ in range(hits):
-        drive.scan(RIGHT, evidence=evidence, views=drive_views(drive))
-    for _ in range(misses):
-        # Begun anew before it is given up.
-        if not len(drive.hypotheses) or drive.hypotheses.shares[0] < PRIOR:
-            drive.hypotheses.clear()
-            drive.scan(RIGHT, moved=False, views=drive_views(drive))
-            drive.scan(RIGHT, views=drive_views(drive))
-        drive.scan(evidence=evidence, views=drive_views(drive))
-    drive.hypotheses.clear()
-    return drive.hypotheses
 
 
 def drive_views(drive: Drive) -> Floats:
@@ -237,23 +217,46 @@ def drive_views(drive: Drive) -> Floats:
     return np.array([(drive.way + float(k), 0.0, 0.0) for k in range(3)])
 
 
+def learned(hits: int, misses: int) -> PlaceHypotheses:
+    """After as many scans that confirm, or do not, a hypothesis that is wrong: old views confirm
+    the filter meanwhile."""
+    drive = Drive().start(RIGHT)
+    drive.scan(RIGHT)  # confirmed twice, so that it may count
+    for _ in range(hits):
+        drive.scan(RIGHT, evidence=CONFIRMED, views=drive_views(drive))
+    for _ in range(misses):
+        # Begun anew before it is given up.
+        if not len(drive.hypotheses) or drive.hypotheses.shares[0] < PRIOR:
+            drive.hypotheses.clear()
+            drive.scan(RIGHT, moved=False, views=drive_views(drive))
+            drive.scan(RIGHT, views=drive_views(drive))
+        drive.scan(evidence=CONFIRMED, views=drive_views(drive))
+    drive.hypotheses.clear()
+    return drive.hypotheses
+
+
 def test_the_more_places_look_alike_the_longer_it_takes() -> None:
     lengths = [Drive(learned(hits, 0)).scans_until_found(RIGHT) for hits in (0, 4, 30)]
     assert lengths[0] < lengths[1] < lengths[2]
-    # Of three scans one confirmed a wrong one before; of seven five do after four more.
-    drive = Drive(learned(4, 0)).start(RIGHT)
+
+
+@rows(
+    "hits, misses, factor",
+    [
+        # Of three scans one confirmed a wrong one before; of seven five do after four more.
+        (4, 0, 0.85 * 7 / 5),
+        # Never so many that being confirmed says nothing.
+        (50, 0, 0.85 / 0.8),
+        (0, 7, 0.85 * 10),
+    ],
+)
+def test_a_scan_counts_by_how_many_places_look_alike(hits: int, misses: int, factor: float) -> None:
+    drive = Drive(learned(hits, misses)).start(RIGHT)
     drive.scan(RIGHT)
-    assert drive.hypotheses.shares.tolist() == shares_of(PRIOR * 0.85 * 7 / 5)
-    # Never so many that being confirmed says nothing.
-    drive = Drive(learned(50, 0)).start(RIGHT)
-    drive.scan(RIGHT)
-    assert drive.hypotheses.shares.tolist() == shares_of(PRIOR * 0.85 / 0.8)
+    assert drive.hypotheses.shares.tolist() == shares_of(PRIOR * factor)
 
 
 def test_the_fewer_places_look_alike_the_sooner_it_is_found() -> None:
-    drive = Drive(learned(0, 7)).start(RIGHT)
-    drive.scan(RIGHT)
-    assert drive.hypotheses.shares.tolist() == shares_of(PRIOR * 0.85 * 10)
     assert Drive(learned(0, 7)).scans_until_found(RIGHT) < Drive().scans_until_found(RIGHT)
 
 
@@ -278,6 +281,8 @@ def test_no_more_than_a_hundred_are_kept_the_most_probable_ones() -> None:
 SCANS: Sequence[tuple[tuple[float, float, float], ...]] = [
     (RIGHT, WRONG), (RIGHT,), (WRONG,), (), (RIGHT, WRONG), (RIGHT,), (RIGHT,), (RIGHT,)
 ]  # fmt: skip
+SEEN = [LOST, LOST, CONFIRMED, NEW, MISSED, LOST, LOST, NEW]
+
 SEEN = [LOST, LOST, Evidence(OLD, OLD, False), NEW, Evidence(NO_NODE, OLD, False), LOST, LOST, NEW]
 
 
@@ -299,14 +304,17 @@ def test_hypotheses_that_are_restored_go_on_the_same() -> None:
         parts.hypotheses = again
 
 
-def test_restored_hypotheses_do_not_share_arrays_with_the_state() -> None:
+def test_a_state_shares_no_array_with_hypotheses_that_go_on() -> None:
     drive = Drive().start(RIGHT)
     drive.scan(RIGHT, evidence=NEW)
-    state = {name: rows.copy() for name, rows in drive.hypotheses.state().items()}
+    state = drive.hypotheses.state()
     before = {name: rows.tobytes() for name, rows in state.items()}
+    for _ in range(3):
+        drive.scan(RIGHT, evidence=CONFIRMED)
+    assert {name: rows.tobytes() for name, rows in state.items()} == before
     drive.hypotheses.restore(state)
     for _ in range(3):
-        drive.scan(RIGHT, evidence=Evidence(OLD, OLD, False))
+        drive.scan(RIGHT, evidence=CONFIRMED)
     assert {name: rows.tobytes() for name, rows in state.items()} == before
 
 
@@ -342,14 +350,3 @@ def test_an_invalid_state_is_refused_and_changes_nothing(name: str, value: Any) 
     with pytest.raises(DataError):
         drive.hypotheses.restore(drive.hypotheses.state() | {name: value})
     assert arrays_of(drive.hypotheses) == before
-
-
-def test_a_state_of_hypotheses_does_not_change_as_they_go_on() -> None:  # test_place_hypotheses.py
-    h, lost = PlaceHypotheses(), Evidence(NO_NODE, NO_NODE, True)
-    h.weigh(np.zeros((1, 3)), np.array([0.9]), np.zeros((1, 3)), lost, 5, 0.1)
-    state = h.state()
-    before = {name: rows.copy() for name, rows in state.items()}
-    h.move((1.0, 0.0, 0.0))
-    h.weigh(np.array([[1.0, 0, 0]]), np.array([0.9]), np.zeros((1, 3)), lost, 5, 0.1)
-    for name in state:
-        np.testing.assert_array_equal(state[name], before[name], name)
