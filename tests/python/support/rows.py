@@ -3,6 +3,7 @@
 """Tests of tables: one test runs over all its rows and reports each row that fails."""
 
 import inspect
+import logging
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from functools import wraps
@@ -68,6 +69,7 @@ def _fixtures_of_row(fixtures: dict[str, Any], number: int, stack: ExitStack) ->
     if "monkeypatch" in fixtures:
         own["monkeypatch"] = stack.enter_context(fixtures["monkeypatch"].context())
     if "caplog" in fixtures:
+        logging.getLogger().addHandler(fixtures["caplog"].handler)  # if a command took it away
         fixtures["caplog"].clear()
     if "capsys" in fixtures:
         fixtures["capsys"].readouterr()

@@ -12,6 +12,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import fusionslam
+from artefacts import artefact
 from benchmarks.accuracy.calibration import Turned
 from cli import succeeds
 from error_codes import has_code
@@ -36,13 +37,15 @@ from fusionslam.errors import DataError
 from fusionslam.pipelines.compare_descriptors import QUICK_TOWN
 from fusionslam.sensors.frame import Frame
 from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
-from worlds import OPTICAL, Drive, make_drive
+from rows import rows
+from turning_robot import OPTICAL, Drive, make_drive
 
+Degrees = tuple[float, float, float]
 CONFIG = CalibrationCheckConfig(points=250)
 
 
-def check(recording: Recording) -> CalibrationCheck:
-    return check_calibration(recording, CONFIG)
+def check(recording: Recording, **changes: float) -> CalibrationCheck:
+    return check_calibration(recording, CONFIG.model_copy(update=changes))
 
 
 def test_frames_read_at_a_time_do_not_change_the_result() -> None:
@@ -78,8 +81,8 @@ def test_a_right_calibration_fits() -> None:
     assert found.curves["yaw"].scores.max() > 1.3 * found.curves["yaw"].scores[0]
 
 
-@pytest.mark.parametrize("angles", [(0.0, 0.0, 1.5), (0.0, -1.5, 0.0), (0.0, 1.0, -2.0)])
-def test_a_turned_camera_is_found(angles: tuple[float, float, float]) -> None:
+@rows("angles", [(0.0, 0.0, 1.5), (0.0, -1.5, 0.0), (0.0, 1.0, -2.0)])
+def test_a_turned_camera_is_found(angles: Degrees) -> None:
     present = np.linalg.inv(camera_turned(*angles)) @ OPTICAL
     found = check(make_drive(6, present=present))
     assert found.fits is False
@@ -88,7 +91,7 @@ def test_a_turned_camera_is_found(angles: tuple[float, float, float]) -> None:
         assert low - 0.2 <= angle <= high + 0.2
 
 
-@pytest.mark.parametrize(("delay", "words"), [(0.1, "late by 0.1 s"), (-0.08, "early by 0.08 s")])
+@rows("delay, words", [(0.1, "late by 0.1 s"), (-0.08, "early by 0.08 s")])
 def test_a_delay_is_found_on_a_turn(delay: float, words: str) -> None:
     found = check(make_drive(8, delay=delay))
     assert found.fits is False and "images" in found.verdict
@@ -97,8 +100,7 @@ def test_a_delay_is_found_on_a_turn(delay: float, words: str) -> None:
 
 
 def test_a_delay_of_whole_frames_is_found_without_odometry() -> None:
-    late = make_drive(7, delay=0.4, odometry=False)
-    found = check_calibration(late, CONFIG.model_copy(update={"delay": 0.8}))
+    found = check(make_drive(7, delay=0.4, odometry=False), delay=0.8)
     assert found.curves["delay"].best == pytest.approx(0.4)
     np.testing.assert_allclose(found.curves["delay"].values, [-0.8, -0.4, 0, 0.4, 0.8])
     assert "0.4 s" in found.verdict
@@ -109,14 +111,12 @@ def test_where_nothing_tells_the_delay_there_is_none() -> None:
 
 
 def test_images_without_edges_say_nothing() -> None:
-    drive = make_drive(4)
     grey = {"left": np.full((200, 320, 3), 99, np.uint8)}
     frames = [
         Frame(stamp_ns=f.stamp_ns, points=f.points, images=grey, cameras=f.cameras)
-        for f in drive.frames
+        for f in make_drive(4).frames
     ]
-    found = check(Drive(frames))
-    assert found.fits is None
+    assert check(Drive(frames)).fits is None
 
 
 def test_extrinsics_that_are_wholly_wrong_are_named_as_a_possible_cause() -> None:
@@ -124,17 +124,15 @@ def test_extrinsics_that_are_wholly_wrong_are_named_as_a_possible_cause() -> Non
     found = check(make_drive(8, present=upside_down))
     assert found.points > 500 and found.fits is None
     assert "wholly wrong" in found.verdict
-    few = check_calibration(
-        make_drive(3, present=upside_down), CONFIG.model_copy(update={"points": 100})
-    )
+    few = check(make_drive(3, present=upside_down), points=100)
     assert few.fits is None and "wholly wrong" not in few.verdict
     # Inverted extrinsics leave no point in these images.
     with pytest.raises(DataError, match="wholly wrong", check=has_code("few-edges")):
         check(make_drive(2, present=np.linalg.inv(OPTICAL)))
 
 
-@pytest.mark.parametrize(
-    ("roll", "score", "words"),
+@rows(
+    "roll, score, words",
     [
         (0.2, 0.021, "calibration fits (little can be said about roll)"),
         (1.5, 0.015, "calibration fits (little can be said about roll)"),
@@ -151,7 +149,7 @@ def test_a_doubtful_best_is_not_said_to_fit(roll: float, score: float, words: st
     assert ("0.4 deg" in verdict and "0.06 m" in verdict) == bool(fits)
 
 
-@pytest.mark.parametrize(("bound", "fits"), [(0.9, True), (1.4, None)])
+@rows("bound, fits", [(0.9, True), (1.4, None)])
 def test_a_calibration_fits_only_if_an_error_of_a_degree_would_be_noticed(
     bound: float, fits: bool | None
 ) -> None:
@@ -169,36 +167,42 @@ def test_a_shift_is_not_believed_if_a_turn_gains_far_more() -> None:
         assert _verdict(0.08, turn, {"down": down}, CalibrationCheckConfig(), "try")[1] is fits
 
 
-@pytest.fixture(scope="module")
-def town(tmp_path_factory: pytest.TempPathFactory) -> fusionslam.Dataset:
-    """Frames around one block of a town."""
+def make_town(folder: Path) -> None:
+    """Frames around one block of a town, whose rings are far apart on the road."""
     block = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
     drive = DriveConfig(laps=(block,), lap_shift_m=(0.0,), spacing_m=20.0)
-    config = SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive)
-    folder = record(config, tmp_path_factory.mktemp("town") / "drive")
+    record(SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive), folder / "drive")
+
+
+@pytest.fixture(scope="module")
+def town() -> fusionslam.Dataset:
+    folder = artefact("calibration-town", make_town) / "drive"
     return fusionslam.open_dataset(folder, sensors=["points", "left"])
 
 
-def test_sensors_of_the_quick_demo_are_judged_right(tmp_path: Path) -> None:
+@rows("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
+def test_a_town_is_judged_right(town: fusionslam.Dataset, degrees: Degrees) -> None:
+    found = check_calibration(Turned(town, degrees), CalibrationCheckConfig(frames=5))
+    assert found.fits is not any(degrees)
+    assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5
+
+
+def make_quick_town(folder: Path) -> None:
     small = [*QUICK_TOWN, "sim.drive.spacing_m=6"]
     config = with_settings(SimConfig(), [each.removeprefix("sim.") for each in small])
-    folder = record(config, tmp_path / "drive")
-    recording = fusionslam.open_dataset(folder, sensors=["points", "left"])
+    record(config, folder / "drive")
+
+
+@pytest.mark.nightly
+def test_sensors_of_the_quick_demo_are_judged_right() -> None:
+    town = artefact("calibration-quick-town", make_quick_town) / "drive"
+    recording = fusionslam.open_dataset(town, sensors=["points", "left"])
     right = check_calibration(recording)
     assert right.fits and abs(right.turn.degrees[1]) <= 0.4
     for degrees in ((0.0, 1.5, 0.0), (0.0, 0.0, -1.5)):
         found = check_calibration(Turned(recording, degrees))
         assert found.fits is False
         assert np.abs(np.subtract(found.turn.degrees, degrees))[1:].max() <= 0.5
-
-
-@pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
-def test_a_town_whose_rings_are_far_apart_on_the_road_is_judged_right(
-    town: fusionslam.Dataset, degrees: tuple[float, float, float]
-) -> None:
-    found = check_calibration(Turned(town, degrees))
-    assert found.fits is not any(degrees)
-    assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5
 
 
 def test_the_same_data_give_the_same_answer(tmp_path: Path) -> None:
@@ -214,14 +218,9 @@ UP = np.array([0.0, 0.0, 1.0])
 ELEVATIONS, AZIMUTHS = np.meshgrid(
     np.radians(np.arange(-20, 10.1, 0.5)), np.radians(np.arange(-20, 20.1, 0.4))
 )
-RAYS = np.stack(
-    [
-        np.cos(ELEVATIONS) * np.cos(AZIMUTHS),
-        np.cos(ELEVATIONS) * np.sin(AZIMUTHS),
-        np.sin(ELEVATIONS),
-    ],
-    axis=-1,
-).reshape(-1, 3)
+FLAT = np.cos(ELEVATIONS)
+RAYS = np.stack([FLAT * np.cos(AZIMUTHS), FLAT * np.sin(AZIMUTHS), np.sin(ELEVATIONS)], axis=-1)
+RAYS = RAYS.reshape(-1, 3)
 
 
 def seen_on(rays: NDArray[np.float64], *distances: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -292,12 +291,10 @@ def test_the_upper_edge_of_a_wall_is_found_without_a_shift_and_the_lower_one_lef
 def test_an_image_is_felt_around_its_edges_as_far_as_asked() -> None:
     image = np.zeros((40, 200), np.uint8)
     image[:, 100:] = 200
-    near, far = edge_map(image, 5.0)[0, 20], edge_map(image, 15.0)[0, 20]
-    np.testing.assert_array_equal(edge_map(image, 5.0)[1], 0)
-    np.testing.assert_array_equal(
-        edge_map(image.T, 5.0), edge_map(image, 5.0)[::-1].transpose(0, 2, 1)
-    )
-    for felt, reach in ((near, 5), (far, 15)):
+    near = edge_map(image, 5.0)
+    np.testing.assert_array_equal(near[1], 0)
+    np.testing.assert_array_equal(edge_map(image.T, 5.0), near[::-1].transpose(0, 2, 1))
+    for felt, reach in ((near[0, 20], 5), (edge_map(image, 15.0)[0, 20], 15)):
         assert 97 <= felt.argmax() <= 102 and felt[100] > 0.3
         # Positive up to about the reach, negative beyond it, nothing far away.
         assert felt[100] > felt[100 + reach // 2] > 0 > felt[100 + 2 * reach]
@@ -336,18 +333,26 @@ def test_pictures_have_the_images_size_and_colour_near_and_far(tmp_path: Path) -
     assert (red > 100).sum() > 50 and (blue > 100).sum() > 50
 
 
-def test_recordings_fit_and_do_not_when_their_calibration_is_turned(test_data: Path) -> None:
-    pytest.importorskip("rosbags")
-    # Scans of the bag have a fourteenth of the points of KITTI's.
-    for data, frames in (("kitti/raw_2011_09_26", 4), ("bags/small_house_20s.bag", 20)):
-        recording = fusionslam.open_dataset(test_data / data, sensors=["points", "left"])
-        config = CalibrationCheckConfig(frames=frames, points=600)
-        found = check_calibration(recording, config)
-        assert found.fits and np.abs(found.turn.degrees).max() <= 0.5, found.turn
-        degrees = (0.0, 1.0, -1.5)
-        found = check_calibration(Turned(recording, degrees), config)
-        assert found.fits is False
-        assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5, found.turn
+@pytest.mark.parametrize(
+    ("data", "frames"),
+    [
+        ("kitti/raw_2011_09_26", 1),
+        ("bags/small_house_20s.bag", 8),  # scans with a fourteenth of the points of KITTI's
+        pytest.param("kitti/raw_2011_09_26", 4, marks=pytest.mark.nightly),
+        pytest.param("bags/small_house_20s.bag", 20, marks=pytest.mark.nightly),
+    ],
+)
+def test_recordings_fit_and_do_not_when_their_calibration_is_turned(
+    test_data: Path, data: str, frames: int
+) -> None:
+    recording = fusionslam.open_dataset(test_data / data, sensors=["points", "left"])
+    config = CalibrationCheckConfig(frames=frames, points=600)
+    found = check_calibration(recording, config)
+    assert found.fits and np.abs(found.turn.degrees).max() <= 0.5, found.turn
+    degrees = (0.0, 1.0, -1.5)
+    found = check_calibration(Turned(recording, degrees), config)
+    assert found.fits is False
+    assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5, found.turn
 
 
 def test_the_command_prints_a_table_and_writes_pictures(recording: Path, tmp_path: Path) -> None:

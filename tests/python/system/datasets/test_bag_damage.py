@@ -3,6 +3,7 @@
 """Bags that are cut, damaged, or written to disks that are full."""
 
 import os
+import resource
 import struct
 import subprocess
 import sys
@@ -12,27 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bags import (
-    SECOND,
-    START,
-    SUFFIXES,
-    drive,
-    odometry,
-    picture,
-    same,
-    without,
-    write_bag,
-)
+from bags import SECOND, START, SUFFIXES, drive, odometry, picture, same, without, write_bag
 from cli import succeeds
 from error_codes import has_code
-from fusionslam.datasets import open_bag, open_dataset
+from fusionslam.datasets import open_bag, open_dataset, open_writer
 from fusionslam.datasets.bags.dataset import BagDataset
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
-from project import SUPPORT
+from rows import rows
 
 
-@pytest.mark.parametrize("suffix", ["bag", "mcap"])
+@rows("suffix", ["bag", "mcap"])
 def test_a_bag_cut_in_half_gives_what_is_whole(
     tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -48,31 +39,20 @@ def test_a_bag_cut_in_half_gives_what_is_whole(
     assert [record.args[0] for record in caplog.records] == [path]
 
 
-def test_a_database_cut_in_half_is_refused(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "drive.db3", drive(10)) / "drive.db3"
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(DataError, match=r"drive\.db3"):
-        open_bag(path)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_bag_below_a_file_is_refused_with_the_files_name(tmp_path: Path, suffix: str) -> None:
-    (tmp_path / "file").write_text("kept")
-    with pytest.raises(DataError, check=has_code("cannot-write")):
-        write_bag(tmp_path / "file" / f"drive.{suffix}", drive(0.1))
-
-
-def test_a_damaged_database_is_named_once(tmp_path: Path) -> None:
+def test_a_database_that_is_cut_or_damaged_is_refused_by_name(tmp_path: Path) -> None:
+    cut = write_bag(tmp_path / "drive.db3", drive(10)) / "drive.db3"
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     damaged = tmp_path / "damaged.db3"
     damaged.write_bytes(b"SQLite format 3\0" + b"noise" * 500)
-    with pytest.raises(DataError) as error:
-        open_bag(damaged)
-    assert str(error.value).count(str(damaged)) == 1
+    for path in (cut, damaged):
+        with pytest.raises(DataError) as error:
+            open_bag(path)
+        assert str(error.value).count(str(path)) == 1
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"drive.{suffix}"
+    path, empty = tmp_path / f"drive.{suffix}", tmp_path / "empty"
     with pytest.raises(DataError, check=has_code("missing-file", path)):
         open_bag(path)
     path.write_bytes(b"")
@@ -81,14 +61,14 @@ def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str)
     path.write_bytes(b"what is this?" * 100)
     with pytest.raises(DataError, match=r"b'what is this\?wha'", check=has_code("not-a-bag", path)):
         open_bag(path)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(
-        DataError, match=r"\.db3 .*\.mcap", check=has_code("not-a-bag", tmp_path / "empty")
-    ):
-        open_bag(tmp_path / "empty")
+    with pytest.raises(DataError, check=has_code("cannot-write")):
+        write_bag(path / f"drive.{suffix}", drive(0.1))
+    empty.mkdir()
+    with pytest.raises(DataError, match=r"\.db3 .*\.mcap", check=has_code("not-a-bag", empty)):
+        open_bag(empty)
 
 
-@pytest.mark.parametrize("start", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"])
+@rows("start", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"])
 def test_bytes_behind_the_first_of_a_bag_are_refused_in_words(tmp_path: Path, start: bytes) -> None:
     random = np.random.default_rng(0)
     for size in (0, 3, 90, 900):
@@ -110,8 +90,15 @@ def test_a_broken_message_names_topic_and_time(tmp_path: Path) -> None:
 MIDDLE = START + SECOND
 
 
+def open_with_one_refused(path: Path) -> BagDataset:
+    dataset = open_dataset(path)
+    assert isinstance(dataset, BagDataset)
+    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    return dataset
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("topic", ["/odom", "/points", "/camera/image", "/camera/camera_info"])
+@rows("topic", ["/odom", "/points", "/camera/image", "/camera/camera_info"])
 def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
     tmp_path: Path, suffix: str, topic: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -119,9 +106,7 @@ def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
         return (name, time_ns) == (topic, MIDDLE)
 
     path = write_bag(tmp_path / f"drive.{suffix}", drive(), cut=cut)
-    dataset = open_dataset(path)
-    assert isinstance(dataset, BagDataset)
-    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    dataset = open_with_one_refused(path)
     (warning,) = [str(record.args) for record in caplog.records if record.levelname == "WARNING"]
     assert topic in warning and f"{MIDDLE / 1e9:.3f} s" in warning
     assert len(dataset) == (4 if topic == "/points" else 5)
@@ -138,8 +123,8 @@ SIZES = {
 }
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("topic", [*SIZES])
+@rows("suffix", SUFFIXES)
 def test_a_scan_or_image_shorter_than_it_says_is_left_out_by_every_command(
     tmp_path: Path, suffix: str, topic: str
 ) -> None:
@@ -147,9 +132,7 @@ def test_a_scan_or_image_shorter_than_it_says_is_left_out_by_every_command(
         return data.replace(*SIZES[topic], 1) if (name, time_ns) == (topic, MIDDLE) else data
 
     path = write_bag(tmp_path / f"drive.{suffix}", drive(), bend=bend)
-    dataset = open_dataset(path)
-    assert isinstance(dataset, BagDataset)
-    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    dataset = open_with_one_refused(path)
     assert len(dataset) == (4 if topic == "/points" else 5)
     assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
     images = dataset.camera_images()
@@ -160,7 +143,7 @@ def test_a_scan_or_image_shorter_than_it_says_is_left_out_by_every_command(
         succeeds(*command.split(), path, "-o", to)
 
 
-@pytest.mark.parametrize("stored", ["jpeg", "png"])
+@rows("stored", ["jpeg", "png"])
 def test_a_picture_that_is_cut_is_left_out(tmp_path: Path, stored: str) -> None:
     first = b"\xff\xd8" if stored == "jpeg" else b"\x89PNG"
 
@@ -172,14 +155,12 @@ def test_a_picture_that_is_cut_is_left_out(tmp_path: Path, stored: str) -> None:
         return data[: start - 4] + struct.pack("<I", half) + data[start : start + half]
 
     path = write_bag(tmp_path / "drive.bag", drive(), bend=bend, images=stored)
-    dataset = open_dataset(path)
-    assert isinstance(dataset, BagDataset)
-    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    dataset = open_with_one_refused(path)
     assert dataset.counts["left"] == 20
     assert all(frame.images["left"].any() for frame in dataset)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_messages_of_the_same_time_as_a_lost_one_are_found(tmp_path: Path, suffix: str) -> None:
     lost = iter([True])
     events = [Event("/image", START, picture(START + k, (8 + k, 6))) for k in range(3)]
@@ -194,7 +175,7 @@ def test_a_topic_of_which_no_message_can_be_decoded_is_an_error(tmp_path: Path) 
     assert len(open_dataset(path, topics={"odometry": ""})) == 5
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_a_bag_whose_transforms_cannot_be_decoded_opens_like_one_without(
     tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -202,9 +183,7 @@ def test_a_bag_whose_transforms_cannot_be_decoded_opens_like_one_without(
     bare = open_dataset(write_bag(tmp_path / f"bare.{suffix}", without(scans, topic)))
     caplog.clear()
     path = write_bag(tmp_path / f"cut.{suffix}", scans, cut=lambda name, _: name == topic)
-    dataset = open_dataset(path)
-    assert isinstance(dataset, BagDataset)
-    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    dataset = open_with_one_refused(path)
     assert sum(f"{topic}, arrived at {START / 1e9:.3f} s" in text for text in caplog.messages) == 1
     assert (len(dataset), dataset.sensors) == (len(bare), bare.sensors) == (5, ("points",))
     for one, other in zip(dataset, bare, strict=True):
@@ -227,7 +206,7 @@ def test_a_topic_whose_messages_the_index_gives_to_another_is_an_error(tmp_path:
         open_dataset(path)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
     tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -245,31 +224,17 @@ def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
     assert f"{tmp_path}/drive.partial.{suffix}" in caplog.text
 
 
-FILL = """
-import resource, sys
-sys.path.insert(0, {tests!r})
-from bags import START, picture
-from fusionslam.datasets import open_writer
-from fusionslam.errors import DataError
-from fusionslam.sensors.messages import Event
-if {limit}:
-    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
-try:
-    with open_writer({path!r}) as bag:
-        for k in range(20):
-            bag.write(Event("/image", START + k, picture(START + k, (640, 480))))
-except DataError as error:
-    print(error)
-"""
-
-
-def fill(path: Path, limit: int = 0) -> str:
-    script = FILL.format(tests=str(SUPPORT), path=str(path), limit=limit)
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=300
-    )
-    assert result.returncode == 0, result.stderr
-    return result.stdout
+def fill(path: Path, limit: int | None = None) -> str:
+    """Write pictures until they do not fit; what is said then."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit or hard, hard))
+    try:
+        with pytest.raises(DataError) as full, open_writer(path) as bag:
+            for k in range(20):
+                bag.write(Event("/image", START + k, picture(START + k, (640, 480))))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    return str(full.value)
 
 
 def check_partial(path: Path, message: str) -> None:
@@ -283,21 +248,21 @@ def check_partial(path: Path, message: str) -> None:
         assert same(event_message, picture(START + k, (640, 480)))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_a_file_that_may_not_grow_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"drive.{suffix}"
     check_partial(path, fill(path, limit=12_000_000))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("limit", [3_000, 300_000])
+@rows("suffix", SUFFIXES)
+@rows("limit", [3_000, 300_000])
 def test_nothing_is_kept_that_cannot_be_read(tmp_path: Path, suffix: str, limit: int) -> None:
     path = tmp_path / f"drive.{suffix}"
     assert str(path) in fill(path, limit)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
     mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(tmp_path)]
     if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
@@ -313,9 +278,9 @@ def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
 
 def test_a_type_of_another_definition_is_refused(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "drive.bag", [Event("/odom", START, odometry(START))])
-    right = b"md5sum=cd5e73d190d741a2f92e81eda573aca7"
-    assert right in path.read_bytes()
-    path.write_bytes(path.read_bytes().replace(right, b"md5sum=" + b"0" * 32))
+    right, content = b"md5sum=cd5e73d190d741a2f92e81eda573aca7", path.read_bytes()
+    assert right in content
+    path.write_bytes(content.replace(right, b"md5sum=" + b"0" * 32))
     with open_bag(path) as bag, pytest.raises(DataError, match=r"/odom .*nav_msgs/Odometry"):
         list(bag.events())
 
