@@ -122,6 +122,25 @@ def changed(events: Iterable[Event], topic: str, **changes: Any) -> Iterator[Eve
         yield event
 
 
+def delayed(
+    events: Iterable[Event], topic: str, by_ns: int, *, after_ns: int = 0
+) -> Iterator[Event]:
+    """The events with later stamps in the messages of a topic that arrive after a time."""
+    for event in events:
+        if event.topic == topic and event.time_ns > after_ns:
+            (event,) = changed([event], topic, stamp_ns=event.message.stamp_ns + by_ns)
+        yield event
+
+
+def copies(events: Iterable[Event], topic: str, name: str) -> list[Event]:
+    """The messages of a topic once more, under another name."""
+    return [dataclasses.replace(event, topic=name) for event in events if event.topic == topic]
+
+
+def put_bag(folder: Path, events: Iterable[Event]) -> Path:
+    return write_bag(folder / "drive.bag", events)
+
+
 def write_bag(
     path: Path,
     events: Iterable[Event],

@@ -3,7 +3,7 @@
 """Stereo pairs out of bags: which topics, where the cameras are, how deep, and what is refused."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,13 @@ from bags import (
     TOPICS,
     WALL_M,
     changed,
+    delayed,
     info,
+    put_bag,
     rectified_from_points,
     seen,
     stereo_drive,
+    translation,
     without,
     write_bag,
 )
@@ -38,14 +41,10 @@ from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.messages import Event
 from fusionslam.sensors.synchronizer import SyncConfig
+from rows import rows
 
 STEREO = FusionConfig(source="stereo")
 PAIR = ("left", "right")
-
-
-@pytest.fixture
-def bag(tmp_path: Path) -> Callable[[Iterable[Event]], Path]:
-    return lambda events: write_bag(tmp_path / "drive.bag", events)
 
 
 def distances(points: np.ndarray, camera_from_points: np.ndarray) -> np.ndarray:
@@ -53,7 +52,7 @@ def distances(points: np.ndarray, camera_from_points: np.ndarray) -> np.ndarray:
     return points @ camera_from_points[2, :3] + camera_from_points[2, 3]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_scans_have_both_images_and_the_cameras_have_one_place(tmp_path: Path, suffix: str) -> None:
     dataset = open_dataset(write_bag(tmp_path / f"drive.{suffix}", stereo_drive()))
     assert dataset.sensors == ("points", "left", "right") and dataset.has_stereo
@@ -66,11 +65,11 @@ def test_scans_have_both_images_and_the_cameras_have_one_place(tmp_path: Path, s
     assert dataset.sensor_stamps("right").tolist() == dataset.stamps_ns.tolist()
 
 
-@pytest.mark.parametrize("right_frame", ["camera", RIGHT_FRAME, "nowhere_in_tf"])
+@rows("right_frame", ["camera", RIGHT_FRAME, "nowhere_in_tf"])
 def test_the_wall_is_as_far_as_it_is_whichever_frame_the_right_camera_names(
-    bag: Callable[..., Path], right_frame: str
+    tmp_path: Path, right_frame: str
 ) -> None:
-    frame = open_dataset(bag(stereo_drive(right_frame=right_frame)))[0]
+    frame = open_dataset(put_bag(tmp_path, stereo_drive(right_frame=right_frame)))[0]
     cloud = fuse(frame, STEREO)
     assert len(cloud) > 8000 and cloud.colors is not None
     found = distances(cloud.points, rectified_from_points())
@@ -78,8 +77,8 @@ def test_the_wall_is_as_far_as_it_is_whichever_frame_the_right_camera_names(
     assert np.quantile(np.abs(found - WALL_M), 0.9) < 0.1
 
 
-def test_both_images_are_rectified_by_their_own_calibration(bag: Callable[..., Path]) -> None:
-    images = open_dataset(bag(stereo_drive()))[0].images
+def test_both_images_are_rectified_by_their_own_calibration(tmp_path: Path) -> None:
+    images = open_dataset(put_bag(tmp_path, stereo_drive()))[0].images
     assert difference(images["left"], images["right"]) < 0.2
     assert difference(images["left"], seen("right")) > 0.7
     assert difference(seen("left"), images["right"]) > 0.7
@@ -93,36 +92,29 @@ def difference(left: np.ndarray, right: np.ndarray) -> float:
     return float(np.abs(first - second).mean() / np.abs(first - first.mean()).mean())
 
 
-def test_without_scans_the_left_camera_leads_and_has_the_points(bag: Callable[..., Path]) -> None:
-    dataset = open_dataset(bag(without(stereo_drive(), "/points")))
+def test_without_scans_the_left_camera_leads_and_has_the_points(tmp_path: Path) -> None:
+    dataset = open_dataset(put_bag(tmp_path, without(stereo_drive(), "/points")))
     assert dataset.sensors == PAIR and len(dataset) == 11
     assert dataset.numbers.tolist() == list(range(11)) and dataset.poses is not None
     frame = dataset[4]
     assert frame.stamp_ns == START + 4 * SECOND // 10 and frame.points is None
     np.testing.assert_allclose(frame.robot_from_points, OPTICAL)
     np.testing.assert_allclose(dataset.body_from_points, OPTICAL)
-    turned = rectified_from_points() @ np.linalg.inv(np.linalg.inv(OPTICAL) @ scanner())
+    scanner = translation(-0.1, 0, 0.3)
+    turned = rectified_from_points() @ np.linalg.inv(np.linalg.inv(OPTICAL) @ scanner)
     np.testing.assert_allclose(frame.cameras["left"].rectified_from_points, turned, atol=1e-12)
     robot = fuse(frame, FusionConfig(source="stereo", frame="robot"))
     assert abs(np.median(robot.points[:, 0]) - 0.1 - WALL_M) < 0.05
 
 
-def scanner() -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = -0.1, 0, 0.3
-    return pose
-
-
-def test_pairs_alone_need_no_transforms(bag: Callable[..., Path]) -> None:
+def test_pairs_alone_need_no_transforms(tmp_path: Path) -> None:
     events = [event for event in stereo_drive() if "/stereo" in event.topic]
-    frame = open_dataset(bag(events))[0]
+    frame = open_dataset(put_bag(tmp_path, events))[0]
     assert frame.robot_from_points is None and len(fuse(frame, STEREO)) > 8000
 
 
-def test_pairs_of_a_bag_with_scans_have_their_points_in_the_scans_frame(
-    bag: Callable[..., Path],
-) -> None:
-    path = bag(stereo_drive())
+def test_pairs_of_a_bag_with_scans_have_their_points_in_the_scans_frame(tmp_path: Path) -> None:
+    path = put_bag(tmp_path, stereo_drive())
     pairs, whole = open_dataset(path, sensors=PAIR), open_dataset(path)
     assert len(pairs) == 11 and len(whole) == 3 and pairs.name == whole.name
     first, second = (fuse(dataset[0], STEREO).points for dataset in (pairs, whole))
@@ -130,13 +122,11 @@ def test_pairs_of_a_bag_with_scans_have_their_points_in_the_scans_frame(
     np.testing.assert_allclose(pairs.body_from_points, whole.body_from_points)
 
 
-def test_a_pair_is_taken_at_one_time(
-    bag: Callable[..., Path], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_pair_is_taken_at_one_time(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The right image of the second scan is missing; the next one is near enough for a scan."""
     missing = START + SECOND // 2
     events = [e for e in stereo_drive() if (e.topic, e.time_ns) != (TOPICS["right"], missing)]
-    path = bag(events)
+    path = put_bag(tmp_path, events)
     dataset = open_dataset(path, sync=SyncConfig(max_difference=0.05))
     assert dataset.numbers.tolist() == [0, 2] and dataset.gaps == [1]
     dropped = [record.args[2:] for record in caplog.records]
@@ -151,17 +141,8 @@ def test_a_pair_is_taken_at_one_time(
     assert len(open_dataset(path, sensors=("points", "left"))) == 3
 
 
-def shifted(events: Iterable[Event], by_ns: int) -> Iterable[Event]:
-    for event in events:
-        if event.topic == TOPICS["right"]:
-            (event,) = changed([event], event.topic, stamp_ns=event.message.stamp_ns + by_ns)
-        yield event
-
-
-def test_how_far_the_halves_of_a_pair_may_lie_apart_is_configuration(
-    bag: Callable[..., Path],
-) -> None:
-    path = bag(shifted(stereo_drive(), 20_000_000))
+def test_how_far_the_halves_of_a_pair_may_lie_apart_is_configuration(tmp_path: Path) -> None:
+    path = put_bag(tmp_path, delayed(stereo_drive(), TOPICS["right"], 20_000_000))
     with pytest.raises(DataError, check=has_code("no-pairs", *TOPICS.values())):
         open_dataset(path)
     dataset = open_dataset(path, sync=SyncConfig(stereo_difference=0.03))
@@ -177,8 +158,8 @@ def topics(*names: str) -> dict[str, Topic]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("names", "right", "right_info"),
+@rows(
+    "names, right, right_info",
     [
         (("/left/image", "/left/info", "/right/image", "/right/info"), "/right/image", None),
         (("/a/left/image", "/a/left/info", "/a/right/image"), "/a/right/image", ""),
@@ -203,24 +184,24 @@ def test_a_right_calibration_is_never_taken_for_the_left_one() -> None:
     assert "camera_info" not in chosen and chosen["right_camera_info"] == "/s/right/info"
 
 
-def test_a_pair_of_other_names_can_be_named(bag: Callable[..., Path]) -> None:
+def info_of(path: Path, *options: str) -> str:
+    return " ".join(succeeds("info", path, *options).stdout.split())
+
+
+def test_a_pair_of_other_names_can_be_named(tmp_path: Path) -> None:
     renamed = {TOPICS["right"]: "/infra2/image", INFOS["right"]: "/infra2/camera_info"}
     events = [Event(renamed.get(e.topic, e.topic), e.time_ns, e.message) for e in stereo_drive()]
-    path = bag(events)
+    path = put_bag(tmp_path, events)
     assert open_dataset(path, topics={"left": TOPICS["left"]}).sensors == ("points", "left")
     dataset = open_dataset(path, topics={"right": "/infra2/image"})
     assert dataset.source.roles["right_camera_info"] == "/infra2/camera_info"
     assert len(fuse(dataset[0], STEREO)) > 8000
-    out = " ".join(
-        succeeds(
-            "info", path, "--topic", f"left={TOPICS['left']}", "--topic", "right=/infra2/image"
-        ).stdout.split()
-    )
+    out = info_of(path, "--topic", f"left={TOPICS['left']}", "--topic", "right=/infra2/image")
     assert "right /infra2/image" in out and "baseline 0.400 m" in out
 
 
-def test_the_images_of_one_camera_are_no_pair(bag: Callable[..., Path]) -> None:
-    path, left = bag(stereo_drive()), TOPICS["left"]
+def test_the_images_of_one_camera_are_no_pair(tmp_path: Path) -> None:
+    path, left = put_bag(tmp_path, stereo_drive()), TOPICS["left"]
     with pytest.raises(DataError, check=has_code("no-pair", left)):
         open_dataset(path, topics={"left": left, "right": left})
     # Named as the right one, the left camera is not taken for the left one.
@@ -233,13 +214,14 @@ def of_info(**changes: Any) -> Iterable[Event]:
     return changed(stereo_drive(), INFOS["right"], **changes)
 
 
+NO_CAMERA = {"camera_matrix": np.zeros((3, 3)), "projection": np.zeros((3, 4))}
 NO_BASELINE = {"projection": info("left").projection}
 EXCHANGED = {"projection": info("right").projection * [[1, 1, 1, -1]]}
 OTHER_FOCAL = {"projection": info("right").projection * [[1.1], [1], [1]]}
 
 
-@pytest.mark.parametrize(
-    ("events", "word"),
+@rows(
+    "events, word",
     [
         (without(stereo_drive(), TOPICS["right"]), "'right'"),
         (without(stereo_drive(), INFOS["right"]), TOPICS["right"]),
@@ -247,19 +229,13 @@ OTHER_FOCAL = {"projection": info("right").projection * [[1.1], [1], [1]]}
         (of_info(**EXCHANGED), rf"{INFOS['right']} .*P\[0, 3\] = 80"),
         (of_info(**OTHER_FOCAL), f"{INFOS['left']} and {INFOS['right']}"),
         (of_info(size=(640, 96)), rf"{INFOS['right']} .*640x96"),
-        (
-            of_info(camera_matrix=np.zeros((3, 3)), projection=np.zeros((3, 4))),
-            f"{INFOS['right']} .*K",
-        ),
+        (of_info(**NO_CAMERA), f"{INFOS['right']} .*K"),
     ],
 )
 def test_a_right_camera_that_cannot_be_used_is_named_and_the_left_one_still_works(
-    bag: Callable[..., Path],
-    events: Iterable[Event],
-    word: str,
-    caplog: pytest.LogCaptureFixture,
+    tmp_path: Path, events: Iterable[Event], word: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = bag(events)
+    path = put_bag(tmp_path, events)
     with pytest.raises(DataError, match=word) as error:
         open_dataset(path, sensors=PAIR)
     assert str(path) in str(error.value)
@@ -270,29 +246,31 @@ def test_a_right_camera_that_cannot_be_used_is_named_and_the_left_one_still_work
     assert Recording.at(path).sources() == ("lidar",)
 
 
-def test_a_right_image_of_another_size_is_refused_when_it_is_read(bag: Callable[..., Path]) -> None:
+def test_a_right_image_of_another_size_is_refused_when_it_is_read(tmp_path: Path) -> None:
     small = np.zeros((48, 160, 3), np.uint8)
-    frame = open_dataset(bag(changed(stereo_drive(), TOPICS["right"], image=small)))[0]
+    frame = open_dataset(put_bag(tmp_path, changed(stereo_drive(), TOPICS["right"], image=small)))[
+        0
+    ]
     with pytest.raises(DataError, check=has_code("image-size", TOPICS["right"])):
         fuse(frame, STEREO)
     assert len(fuse(frame)) > 0
 
 
-def test_right_images_alone_are_no_frames(bag: Callable[..., Path]) -> None:
+def test_right_images_alone_are_no_frames(tmp_path: Path) -> None:
     with pytest.raises(DataError, check=has_code("no-pair")):
-        open_dataset(bag(stereo_drive()), sensors=("points", "right"))
+        open_dataset(put_bag(tmp_path, stereo_drive()), sensors=("points", "right"))
 
 
-def test_info_and_bench_know_the_pair(bag: Callable[..., Path]) -> None:
-    path = bag(stereo_drive())
+def test_info_and_bench_know_the_pair(tmp_path: Path) -> None:
+    path = put_bag(tmp_path, stereo_drive())
     assert Recording.at(path).sources() == ("lidar", "stereo")
-    out = " ".join(succeeds("info", path).stdout.split())
+    out = info_of(path)
     assert "stereo baseline 0.400 m" in out and f"right {TOPICS['right']}" in out
     blind = write_bag(path.with_name("blind.bag"), without(stereo_drive(), "/points"))
     assert Recording.at(blind).sources() == ("stereo",)
-    out = " ".join(succeeds("info", blind).stdout.split())
+    out = info_of(blind)
     assert "points of the first stereo pair" in out and "not possible" not in out
     flat = np.full_like(seen("left"), 90)
     dull = changed(without(stereo_drive(), "/points"), TOPICS["left"], image=flat)
-    out = " ".join(succeeds("info", write_bag(path.with_name("dull.bag"), dull)).stdout.split())
+    out = info_of(write_bag(path.with_name("dull.bag"), dull))
     assert "doubtful: the images of the first stereo pair have nothing in common" in out
