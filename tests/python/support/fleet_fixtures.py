@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from artefacts import artefact, copy_artefact
-from fleets import describe_fleet, write_fleet
+from fleets import describe_fleet, describe_with_database, write_fleet
 
 
 @pytest.fixture(scope="session")
@@ -36,3 +36,20 @@ def own_fleet(fleet: Path, tmp_path: Path) -> Path:
 def own_places(described: Path, tmp_path: Path) -> Path:
     """A copy of the results that a test may damage."""
     return copy_artefact(described, tmp_path / "places")
+
+
+@pytest.fixture(scope="session")
+def with_database(fleet: Path) -> Path:
+    """The results with their database, which tests only read."""
+    pytest.importorskip("lancedb", reason="the table of places is an extra")
+
+    def describe(folder: Path) -> None:
+        assert describe_with_database(fleet, folder / "places")[0] == []
+
+    return artefact("fleet-with-database", describe) / "places"
+
+
+@pytest.fixture
+def places(with_database: Path, tmp_path: Path) -> Path:
+    """A copy of the results with their database that a test may change."""
+    return copy_artefact(with_database, tmp_path / "places")

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Made places of a fleet."""
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 
 from fusionslam.fleet.place_database import DatabaseSettings
 from fusionslam.fleet.places import Places
-from fusionslam.storage.arrays import Floats32
+from fusionslam.fleet.segment import write_segment
+from fusionslam.storage.arrays import Floats32, Integers
 
 LENGTH = 16
 SETTINGS = DatabaseSettings("m2dp", LENGTH, config={"source": "cloud"})
@@ -34,3 +38,18 @@ def made_places(session: str, count: int = 20, *, seed: int = 0, **about: str) -
         poses=poses,
         **about,
     )
+
+
+SEGMENT_ROWS = 6000
+NUMBERS = np.delete(np.arange(SEGMENT_ROWS + 500), np.arange(1000, 1500))  # some rows are gone
+VECTORS = np.random.default_rng(3).standard_normal((SEGMENT_ROWS, 64)).astype(np.float32)
+
+
+def made_segment(folder: Path) -> Path:
+    """Write a segment of the vectors above in a folder."""
+
+    def blocks() -> Iterator[tuple[Integers, Floats32]]:
+        for some in np.array_split(np.arange(SEGMENT_ROWS), 7):
+            yield NUMBERS[some], VECTORS[some]
+
+    return write_segment(folder, SEGMENT_ROWS, int(NUMBERS[-1]), blocks, lambda text: None)

@@ -26,6 +26,7 @@ from fusionslam.fleet.work import Failure, Plan, describe_recordings
 from fusionslam.pipelines.describe import PipelineConfig
 from streets import RETURN, WAY, Floats, write_street
 
+MONDAY, TUESDAY, WEDNESDAY = "north/r1/monday", "north/r2/tuesday", "south/r3/wednesday"
 LABELS = Labels(("site", "robot"))
 FRAMES = 27
 """Of ``write_fleet``: 9 of monday, 9 of tuesday, 9 of wednesday."""
@@ -33,9 +34,9 @@ FRAMES = 27
 
 def write_fleet(root: Path) -> Path:
     """Two robots in the north, one in the south: root/SITE/ROBOT/DAY."""
-    write_drive(root / "north/r1/monday", WAY[:9], 0)
-    write_drive(root / "north/r2/tuesday", RETURN, 100)
-    write_drive(root / "south/r3/wednesday", WAY[:9], 200, place=7)
+    write_drive(root / MONDAY, WAY[:9], 0)
+    write_drive(root / TUESDAY, RETURN, 100)
+    write_drive(root / WEDNESDAY, WAY[:9], 200, place=7)
     return root
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from artefacts import artefact
+from artefacts import artefact, copy_artefact
 from fleet_service import add_places, describe_fleet, make_folder, serving
 
 pytest.importorskip("fastapi", reason="the extra fleet is missing")
@@ -28,10 +28,25 @@ def client(fleet: Path) -> Iterator[Any]:
         yield client
 
 
+@pytest.fixture(scope="session")
+def twenty() -> Path:
+    """A folder of twenty places with made vectors; tests only read it."""
+
+    def make(folder: Path) -> None:
+        make_folder(folder / "places")
+        add_places(folder / "places", "monday", robot="red", site="depot", region="north")
+
+    return artefact("service-twenty", make) / "places"
+
+
+@pytest.fixture(scope="module")
+def small(twenty: Path) -> Iterator[Any]:
+    """A client of a service of the twenty places without keys."""
+    with serving(twenty, requests_per_minute=0) as client:
+        yield client
+
+
 @pytest.fixture
-def made(tmp_path: Path) -> Path:
-    """A folder of twenty places with made vectors, which a test may change."""
-    folder = tmp_path / "places"
-    make_folder(folder)
-    add_places(folder, "monday", robot="red", site="depot", region="north")
-    return folder
+def made(twenty: Path, tmp_path: Path) -> Path:
+    """Twenty places that a test may change."""
+    return copy_artefact(twenty, tmp_path / "places")

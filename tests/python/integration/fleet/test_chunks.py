@@ -12,6 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fleets import (
     FRAMES,
+    MONDAY,
+    TUESDAY,
+    WEDNESDAY,
     chunk_files,
     describe_fleet,
     digests,
@@ -33,16 +36,12 @@ from fusionslam.fleet.work import Plan
 from fusionslam.pipelines.describe import PipelineConfig
 from kitti import write_sequence
 from refusals import refuses
+from rows import rows
 from streets import WAY, at, drift
-
-MONDAY = "north/r1/monday"
 
 
 def stored(folder: Path) -> list[StoredChunk]:
     return [StoredChunk.load(path) for path in chunk_files(folder)]
-
-
-# Keys.
 
 
 def test_keys_stay_for_what_decides_nothing(fleet: Path, described: Path) -> None:
@@ -57,24 +56,15 @@ def test_keys_stay_for_what_decides_nothing(fleet: Path, described: Path) -> Non
     assert len({key for keys in expected.values() for key in keys}) == 9
 
 
-@pytest.mark.parametrize(
-    "changes", [{"chunk": 3}, {"keyframe_distance": 1.0}, {"clouds": False}], ids=str
-)
-def test_keys_change_with_settings(
-    fleet: Path, described: Path, changes: dict[str, object]
-) -> None:
-    settings = FleetSettings.load(described)
-    before = set(keys_of(fleet, settings)[MONDAY])
-    assert not before & set(keys_of(fleet, with_fleet(settings, **changes))[MONDAY])
-
-
-def test_keys_change_with_the_version(
+def test_keys_change_with_settings_and_the_version(
     fleet: Path, described: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = FleetSettings.load(described)
-    before = set(keys_of(fleet, settings)[MONDAY])
+    before = {*keys_of(fleet, settings)[MONDAY]}
+    for changes in ({"chunk": 3}, {"keyframe_distance": 1.0}, {"clouds": False}):
+        assert not before & {*keys_of(fleet, with_fleet(settings, **changes))[MONDAY]}
     monkeypatch.setattr(_core, "__version__", "99.0")
-    assert not before & set(keys_of(fleet, settings)[MONDAY])
+    assert not before & {*keys_of(fleet, settings)[MONDAY]}
 
 
 def _touch(drive: Path) -> None:
@@ -100,21 +90,17 @@ def _calibrate(drive: Path) -> None:
     (drive / "calib.yaml").write_text(f"robot_from_points: [{rows}]\n")
 
 
-@pytest.mark.parametrize(
-    "change", [_touch, _replace_scan, _move_poses, _change_odometry, _calibrate]
-)
 def test_keys_change_with_the_input_of_that_recording_alone(
-    own_fleet: Path, described: Path, change: object
+    own_fleet: Path, described: Path
 ) -> None:
     settings = FleetSettings.load(described)
     before = keys_of(own_fleet, settings)
-    change(own_fleet / MONDAY)
-    after = keys_of(own_fleet, settings)
-    assert not set(before.pop(MONDAY)) & set(after.pop(MONDAY))
-    assert before == after
-
-
-# Files.
+    for change in (_touch, _replace_scan, _move_poses, _change_odometry, _calibrate):
+        change(own_fleet / MONDAY)
+        after = keys_of(own_fleet, settings)
+        assert not {*before.pop(MONDAY)} & {*after[MONDAY]}, change
+        assert before.items() <= after.items(), change
+        before = after
 
 
 def test_each_frame_is_in_one_file_once(described: Path) -> None:
@@ -122,7 +108,7 @@ def test_each_frame_is_in_one_file_once(described: Path) -> None:
     for each in stored(described):
         frames.setdefault(str(each.about["session"]), []).extend(each.arrays["frames"].tolist())
     assert {name: sorted(numbers) for name, numbers in frames.items()} == {
-        name: [*range(9)] for name in (MONDAY, "north/r2/tuesday", "south/r3/wednesday")
+        name: [*range(9)] for name in (MONDAY, TUESDAY, WEDNESDAY)
     }
 
 
@@ -157,7 +143,7 @@ def test_clouds_are_those_of_the_places(described: Path) -> None:
     assert all(each.frame.image is not None for each in clouds)
 
 
-@pytest.mark.parametrize("key", ["nothing", "a:b", "a:-1", ""])
+@rows("key", ["nothing", "a:b", "a:-1", ""])
 def test_a_place_of_no_chunk_has_no_cloud(described: Path, key: str) -> None:
     with refuses("no-cloud", key):
         ChunkStore(described, FleetSettings.load(described)).cloud(key)
@@ -180,20 +166,20 @@ def test_frames_that_cannot_be_described_are_left_out_with_reasons(
 
 
 def test_places_are_a_distance_apart_and_one_that_failed_is_none(tmp_path: Path) -> None:
-    way = [at(step, 0, 0) for step in range(8)]
-    drive = write_drive(tmp_path / "fleet/drive", way, 0)
-    plan, settings = plan_of(tmp_path / "fleet", tmp_path / "a", chunk=8, keyframe_distance=2.5)
-    (each,) = plan.recordings[0].chunks(8)
-    describe_chunk(each, settings, tmp_path / "a")
-    arrays = StoredChunk.load(each.path(tmp_path / "a")).arrays
-    assert_array_equal(arrays["frames"][arrays["is_place"]], [0, 3, 6])
-    assert_array_equal(arrays["has_cloud"], arrays["is_place"])
+    drive = write_drive(tmp_path / "fleet/drive", [at(step, 0, 0) for step in range(8)], 0)
+
+    def places() -> list[int]:
+        plan, settings = plan_of(tmp_path / "fleet", tmp_path / "a", chunk=8, keyframe_distance=2.5)
+        (each,) = plan.recordings[0].chunks(8)
+        describe_chunk(each, settings, tmp_path / "a")
+        arrays = StoredChunk.load(each.path(tmp_path / "a")).arrays
+        found: list[int] = arrays["frames"][arrays["is_place"]].tolist()
+        assert_array_equal(arrays["has_cloud"], arrays["is_place"])
+        return found
+
+    assert places() == [0, 3, 6]
     (drive / "clouds/000003.bin").write_bytes(b"12345")
-    plan, settings = plan_of(tmp_path / "fleet", tmp_path / "a", chunk=8, keyframe_distance=2.5)
-    (each,) = plan.recordings[0].chunks(8)
-    describe_chunk(each, settings, tmp_path / "a")
-    arrays = StoredChunk.load(each.path(tmp_path / "a")).arrays
-    assert_array_equal(arrays["frames"][arrays["is_place"]], [0, 4, 7])
+    assert places() == [0, 4, 7]
 
 
 def test_a_turn_on_the_spot_makes_places_too(tmp_path: Path) -> None:
@@ -221,10 +207,7 @@ def test_a_vector_of_zeros_is_no_place(
     assert (list(places.keys), places.frames.tolist()) == ([f"{each.key}:1"], [1])
 
 
-# Damage.
-
-
-@pytest.mark.parametrize("left", [0, 21, 1000, -1])
+@rows("left", [0, 21, 1000, -1])
 def test_a_file_cut_short_is_not_there(described: Path, tmp_path: Path, left: int) -> None:
     whole = chunk_files(described)[0]
     assert is_stored(whole) and not is_stored(tmp_path / "none") and not is_stored(tmp_path)

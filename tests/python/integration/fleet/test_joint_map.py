@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from fleet_service import map_pose_at, write_joint_map
 from fusionslam.fleet.joint_map import JoinedDrive, JointMap
 from fusionslam.storage.arrays import Floats
+from rows import rows
 
 
 def turned(degrees: float, x: float) -> Floats:
@@ -29,8 +30,8 @@ DRIVE = JoinedDrive(
 )
 
 
-@pytest.mark.parametrize(
-    ("frame", "expected"),
+@rows(
+    "frame, expected",
     [
         (10, turned(0, 0)),
         (15, turned(45, 2)),

@@ -21,6 +21,7 @@ from fusionslam.fleet.recordings import Labels, find_recordings
 from fusionslam.fleet.settings import settle_settings
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.storage.arrays import Floats32, Matrix
+from rows import rows
 from streets import WAY, at
 
 
@@ -71,16 +72,15 @@ def locator_of(folder: Path) -> FleetLocator:
     return FleetLocator(Brute(folder), ChunkStore(folder, settings), settings)
 
 
-def errors_of(found: Matrix | None, true: Matrix) -> tuple[float, float]:
-    """Metres and degrees between two poses."""
+def assert_near(found: Matrix | None, true: Matrix) -> None:
     assert found is not None
     off = np.linalg.inv(true) @ found
-    turn = Rotation.from_matrix(off[:3, :3]).magnitude()
-    return float(np.linalg.norm(off[:3, 3])), float(np.degrees(turn))
+    assert np.linalg.norm(off[:3, 3]) < 0.2
+    assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 1
 
 
-@pytest.mark.parametrize(
-    ("pose", "place", "robots", "site"),
+@rows(
+    "pose, place, robots, site",
     [
         (at(-11, 0.4, 12), 12, ("r1", "r2"), "north"),
         (at(2.5, -0.3, 185), 12, ("r1", "r2"), "north"),
@@ -92,9 +92,8 @@ def test_a_scan_from_another_viewpoint_is_found_where_it_is(
 ) -> None:
     found = locator.localize(Cloud(scan_blocks(pose, 9000, place=place)))
     assert found.reason is None and found.place is not None and found.probability > 0.5
-    assert (found.place.site, found.place.robot in robots) == (site, True)
-    metres, degrees = errors_of(found.site_from_robot, pose)
-    assert metres < 0.2 and degrees < 1
+    assert found.place.site == site and found.place.robot in robots
+    assert_near(found.site_from_robot, pose)
     assert found.covariance is not None and (np.linalg.eigvalsh(found.covariance) > 0).all()
 
 
@@ -105,10 +104,7 @@ def test_the_pose_on_the_robot_that_saw_the_place_and_its_time_are_known(
     found = locator.localize(Cloud(scan_blocks(pose, 9001)), where=PlaceFilter(robot="r1"))
     assert found.place is not None and found.place.session == "north/r1/monday"
     assert found.place.stamp_ns == found.place.frame * 10**9
-    metres, degrees = errors_of(
-        found.place_from_robot, np.linalg.inv(WAY[found.place.frame]) @ pose
-    )
-    assert metres < 0.2 and degrees < 1
+    assert_near(found.place_from_robot, np.linalg.inv(WAY[found.place.frame]) @ pose)
 
 
 def test_a_frame_is_found_where_its_robot_is(locator: FleetLocator) -> None:
@@ -116,8 +112,7 @@ def test_a_frame_is_found_where_its_robot_is(locator: FleetLocator) -> None:
     mount = at(0.3, 0, 90, z=0)
     scanner = pose @ mount
     frame = Frame(index=0, points=scan_blocks(scanner, 9002), robot_from_points=mount)
-    metres, degrees = errors_of(locator.localize(frame).site_from_robot, pose)
-    assert metres < 0.2 and degrees < 1
+    assert_near(locator.localize(frame).site_from_robot, pose)
 
 
 def reason_of(found: FleetLocalization) -> str:
@@ -158,13 +153,10 @@ def test_chunks_that_are_gone_or_damaged_prove_nothing_and_the_others_do(
     assert path.name in caplog.text
     for path in chunk_files(own_places):
         path.unlink()
-    assert reason_of(locator_of_files(locator, own_places).localize(cloud)) == "no-cloud"
-
-
-def locator_of_files(locator: FleetLocator, folder: Path) -> FleetLocator:
-    """The same places, with nothing that was read before."""
-    settings = FleetSettings.load(folder)
-    return FleetLocator(locator._search, ChunkStore(folder, settings), settings)
+    # The same places, with nothing that was read before.
+    settings = FleetSettings.load(own_places)
+    locator = FleetLocator(locator._search, ChunkStore(own_places, settings), settings)
+    assert reason_of(locator.localize(cloud)) == "no-cloud"
 
 
 def test_a_place_without_a_pose_gives_none_in_its_site(described: Path) -> None:

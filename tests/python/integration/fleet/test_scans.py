@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cli import error_of, run
 from clouds import scan_blocks
 from error_codes import has_code
-from fleets import describe_with_database
+from fleets import MONDAY, WEDNESDAY
 from fusionslam.datasets import write_cloud
 from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.fleet.folder import FleetFolder
@@ -21,18 +21,12 @@ from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.scans import COLUMNS, list_scans, localize_scans, write_candidates
 from fusionslam.sensors.frame import Cloud
+from rows import rows
 from streets import at
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
 
 POSE = at(2.5, -0.3, 185)
-
-
-@pytest.fixture(scope="module")
-def places(fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scans") / "places"
-    assert describe_with_database(fleet, folder)[0] == []
-    return folder
 
 
 @pytest.fixture
@@ -42,7 +36,7 @@ def scan(tmp_path: Path) -> Path:
 
 
 def test_recordings_without_numbers_are_all_of_their_frames(fleet: Path, scan: Path) -> None:
-    monday, wednesday = fleet / "north/r1/monday", fleet / "south/r3/wednesday"
+    monday, wednesday = fleet / MONDAY, fleet / WEDNESDAY
     found = list_scans([scan, monday, wednesday], (), "cloud")
     assert [each.frame for each in found] == [None, *range(9), *range(9)]
     assert [each.path for each in found[::9]] == [scan, monday, wednesday]
@@ -53,16 +47,16 @@ def test_recordings_without_numbers_are_all_of_their_frames(fleet: Path, scan: P
 
 
 def test_numbers_of_frames_that_are_not_there_are_refused(fleet: Path, scan: Path) -> None:
-    for path in (scan, fleet / "north/r1/monday"):
+    for path in (scan, fleet / MONDAY):
         with pytest.raises(ConfigError, check=has_code("choice", "--frame", "9")):
             list_scans([path], (9,), "cloud")
 
 
 def test_several_scans_are_found_by_one_search_as_each_alone(
-    fleet: Path, places: Path, scan: Path, monkeypatch: pytest.MonkeyPatch
+    fleet: Path, with_database: Path, scan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder, where = FleetFolder.open(places), PlaceFilter(not_session="south/r3/wednesday")
-    scans = list_scans([scan, fleet / "nothing", fleet / "south/r3/wednesday"], (), "cloud")[:4]
+    folder, where = FleetFolder.open(with_database), PlaceFilter(not_session=WEDNESDAY)
+    scans = list_scans([scan, fleet / "nothing", fleet / WEDNESDAY], (), "cloud")[:4]
     searches = []
     plain = PlaceDatabase.query
 
@@ -92,9 +86,9 @@ def test_several_scans_are_found_by_one_search_as_each_alone(
 
 
 def test_the_table_has_all_candidates_and_the_proven_pose(
-    fleet: Path, places: Path, scan: Path, tmp_path: Path
+    fleet: Path, with_database: Path, scan: Path, tmp_path: Path
 ) -> None:
-    folder = FleetFolder.open(places)
+    folder = FleetFolder.open(with_database)
     scans = list_scans([scan, tmp_path / "nothing.ply"], (), "cloud")
     with folder.database() as database:
         found = localize_scans(folder.locator(database), scans, 3)
@@ -120,40 +114,42 @@ def pose_of(row: dict[str, str], begin: str) -> np.ndarray:
 
 
 def test_the_command_ends_with_0_if_any_of_several_scans_is_proven(
-    fleet: Path, places: Path, scan: Path
+    fleet: Path, with_database: Path, scan: Path
 ) -> None:
-    south = fleet / "south/r3/wednesday"
-    asked = ("--frame", 3, "-p", places, "-k", 3, "--site")
-    assert run("fleet", "query", south, fleet / "north/r1/monday", *asked, "north").exit_code == 0
-    assert run("fleet", "query", south, fleet / "north/r1/monday", *asked, "none").exit_code == 1
-    assert run("fleet", "query", scan, scan, "-p", places).exit_code == 0
-    assert run("fleet", "query", scan, "nothing.ply", "-p", places, "--no-pose").exit_code == 1
+    south = fleet / WEDNESDAY
+    asked = ("--frame", 3, "-p", with_database, "-k", 3, "--site")
+    assert run("fleet", "query", south, fleet / MONDAY, *asked, "north").exit_code == 0
+    assert run("fleet", "query", south, fleet / MONDAY, *asked, "none").exit_code == 1
+    assert run("fleet", "query", scan, scan, "-p", with_database).exit_code == 0
+    assert (
+        run("fleet", "query", scan, "nothing.ply", "-p", with_database, "--no-pose").exit_code == 1
+    )
 
 
-@pytest.mark.parametrize(
-    ("options", "field"),
+@rows(
+    "field, options",
     [
-        (("--since", "yesterday"), "--since"),
-        (("--until", "2026-13-01"), "--until"),
-        (("--until", "0001-01-01"), "--until"),
-        (("--since", "9999-12-31T23:59"), "--since"),
-        (("--since", "2026-11-26", "--until", "2026-11-26T00:00Z"), "--until"),
+        ("--since", ["yesterday"]),
+        ("--until", ["2026-13-01"]),
+        ("--until", ["0001-01-01"]),
+        ("--since", ["9999-12-31T23:59"]),
+        ("--until", ["2026-11-26T00:00Z", "--since", "2026-11-26"]),
     ],
 )
 def test_times_that_are_none_are_refused(
-    places: Path, scan: Path, options: tuple[str, ...], field: str
+    with_database: Path, scan: Path, field: str, options: list[str]
 ) -> None:
-    error = error_of(2, "fleet", "query", scan, "-p", places, *options)
+    error = error_of(2, "fleet", "query", scan, "-p", with_database, field, *options)
     assert isinstance(error, ConfigError) and error.fields[0] == field
 
 
-def test_a_time_has_an_offset_or_is_utc(places: Path, fleet: Path, tmp_path: Path) -> None:
+def test_a_time_has_an_offset_or_is_utc(with_database: Path, fleet: Path, tmp_path: Path) -> None:
     for begin, end in [
         ("1970-01-01T00:00:02", "1970-01-01T00:00:05"),
         ("1970-01-01T01:00:02+01:00", "1969-12-31T19:00:05-05:00"),
     ]:
-        monday, path = fleet / "north/r1/monday", tmp_path / "found.csv"
-        asked = ("--no-pose", "--since", begin, "--until", end, "-p", places, "-o", path)
+        monday, path = fleet / MONDAY, tmp_path / "found.csv"
+        asked = ("--no-pose", "--since", begin, "--until", end, "-p", with_database, "-o", path)
         assert run("fleet", "query", monday, "--frame", 4, *asked).exit_code == 0
         with path.open(newline="") as file:
             stamps = {int(row["stamp_ns"]) // 10**9 for row in csv.DictReader(file)}

@@ -16,6 +16,7 @@ from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.pipelines.describe import PipelineConfig
 from refusals import refuses
+from rows import rows
 from streets import WAY
 
 
@@ -43,13 +44,12 @@ def write_room(folder: Path) -> None:
     """Clouds that do not reach far, for which registration has smaller lengths."""
     write_drive(folder, WAY[:2], 0)
     for path in (folder / "clouds").iterdir():
-        (np.fromfile(path, np.float32).reshape(-1, 4) * [0.1, 0.1, 0.1, 1]).astype("f4").tofile(
-            path
-        )
+        points = np.fromfile(path, np.float32).reshape(-1, 4)
+        (points * np.float32([0.1, 0.1, 0.1, 1])).tofile(path)
 
 
-@pytest.mark.parametrize(
-    ("name", "voxel", "chunk", "field"),
+@rows(
+    "name, voxel, chunk, field",
     [
         ("shot", 0.0, 4, "names"),
         ("m2dp", 0.3, 4, "fusion.voxel"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from artefacts import artefact, copy_artefact
 from error_codes import has_code
 from fleets import plan_of, write_drive
 from fusionslam.errors import ConfigError, DataError
@@ -23,16 +24,40 @@ pytest.importorskip("gtsam", reason="maps are an extra")
 
 
 @pytest.fixture(scope="module")
-def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def drives() -> Path:
     """Drives in the order of their names: elsewhere; there and back; back; one that is bad."""
-    root = tmp_path_factory.mktemp("drives")
-    write_drive(root / "yard/r0/a-elsewhere", WAY[:3], 300, place=7)
-    write_drive(root / "yard/r1/b-monday", WAY[:6], 0)
-    write_drive(root / "yard/r2/c-tuesday", RETURN[3:], 100)
-    bad = write_drive(root / "yard/r2/d-bad", WAY[:2], 0)
-    for path in (bad / "clouds").iterdir():
+
+    def write(root: Path) -> None:
+        write_drive(root / "yard/r0/a-elsewhere", WAY[:3], 300, place=7)
+        write_drive(root / "yard/r1/b-monday", WAY[:6], 0)
+        write_drive(root / "yard/r2/c-tuesday", RETURN[3:], 100)
+        damage(write_drive(root / "yard/r2/d-bad", WAY[:2], 0))
+
+    return artefact("site-drives", write)
+
+
+@pytest.fixture(scope="module")
+def joined(drives: Path) -> Path:
+    """Results of all drives: two are joined, two wait."""
+
+    def join(folder: Path) -> None:
+        # Alone, one that no other joins begins the map.
+        first = merge(drives, folder, "a-elsewhere", "d-bad")
+        assert (names(first.added), names(first.left_out)) == ({"a-elsewhere"}, {"d-bad"})
+        # Two that join one another make it begin anew.
+        second = merge(drives, folder)
+        assert (names(second.added), names(second.left_out)) == (BOTH, WAITING)
+        assert sessions_of(folder) == BOTH
+
+    return artefact("site-joined", join)
+
+
+def damage(drive: Path) -> None:
+    for path in (drive / "clouds").iterdir():
         path.write_bytes(b"12345")
-    return root
+
+
+BOTH, WAITING = {"b-monday", "c-tuesday"}, {"a-elsewhere", "d-bad"}
 
 
 def planned(root: Path, folder: Path, *names: str) -> tuple[list[PlannedRecording], FleetSettings]:
@@ -55,41 +80,28 @@ def names(sessions: object) -> set[str]:
     return {each.rpartition("/")[2] for each in sessions}
 
 
-@pytest.mark.slow
-def test_drives_are_joined_as_they_arrive_and_the_others_wait(
-    drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_drives_that_are_joined_stay_and_the_others_wait(
+    drives: Path, joined: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Alone, one that no other joins begins the map.
-    first = merge(drives, tmp_path, "a-elsewhere", "d-bad")
-    assert (names(first.added), names(first.left_out)) == ({"a-elsewhere"}, {"d-bad"})
-    # Two that join one another make it begin anew.
-    second = merge(drives, tmp_path)
-    assert names(second.added) == {"b-monday", "c-tuesday"}
-    assert names(second.left_out) == {"a-elsewhere", "d-bad"}
-    assert sessions_of(tmp_path) == {"b-monday", "c-tuesday"}
-    before = site_map_path(tmp_path, "yard").read_bytes()
+    places = copy_artefact(joined, tmp_path / "places")
+    before = site_map_path(places, "yard").read_bytes()
     with monkeypatch.context() as patched:  # nothing is compared again
         patched.setattr(PlaceMap, "merge", None)
-        third = merge(drives, tmp_path)
-    assert not third.added and names(third.known) == {"b-monday", "c-tuesday"}
-    assert names(third.left_out) == {"a-elsewhere", "d-bad"}
-    assert third.left_out == second.left_out
-    assert site_map_path(tmp_path, "yard").read_bytes() == before
+        again = merge(drives, places)
+        assert merge(drives, places).left_out == again.left_out
+    assert not again.added and names(again.known) == BOTH and names(again.left_out) == WAITING
+    assert site_map_path(places, "yard").read_bytes() == before
     # A drive that is forgotten leaves the joint map, and has none of its own any more.
-    ((monday,), _) = planned(drives, tmp_path, "b-monday")
-    own = {*(tmp_path / MAPS / "yard").glob("*b-monday*.fsmap")}
-    forget_drive(tmp_path, monday.recording)
-    assert sessions_of(tmp_path) == {"c-tuesday"}
-    assert len(own) == 1 and not any(path.exists() for path in own)
-    assert "b-monday" not in record_file(tmp_path).read_text()
+    ((monday,), _) = planned(drives, places, "b-monday")
+    own = [*(places / MAPS / "yard").glob("*b-monday*.fsmap")]
+    forget_drive(places, monday.recording)
+    assert sessions_of(places) == {"c-tuesday"}
+    assert len(own) == 1 and not own[0].exists()
+    assert "b-monday" not in record_file(places).read_text()
 
 
 def record_file(folder: Path) -> Path:
     return site_map_path(folder, "yard").with_suffix("") / "joined.json"
-
-
-JOINT = ""
-"""Name of a joint map of one drive, which is compared as the others are."""
 
 
 def compared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
@@ -104,12 +116,11 @@ def compared(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return calls
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_drive_that_was_refused_is_compared_again_once_something_has_changed(
     drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    root = tmp_path / "drives"
-    shutil.copytree(drives, root)
+    root = copy_artefact(drives, tmp_path / "drives")
     shutil.rmtree(root / "yard/r2/d-bad")
     places, calls = tmp_path / "places", compared(monkeypatch)
     first = merge(root, places, "a-elsewhere", "b-monday")
@@ -119,7 +130,7 @@ def test_a_drive_that_was_refused_is_compared_again_once_something_has_changed(
     assert not calls
     # The joint map is another one.
     second = merge(root, places)
-    assert names(second.added) == {"b-monday", "c-tuesday"} and JOINT in calls
+    assert names(second.added) == BOTH and "" in calls  # a joint map of one drive
     calls.clear()
     assert merge(root, places).left_out == second.left_out and not calls
     # The drive is another one, as its files have other times.
@@ -128,7 +139,7 @@ def test_a_drive_that_was_refused_is_compared_again_once_something_has_changed(
     assert names(third.left_out) == {"a-elsewhere"} and calls == ["a-elsewhere"]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_drive_that_waits_is_mapped_anew_with_another_configuration(
     drives: Path, tmp_path: Path
 ) -> None:
@@ -146,26 +157,23 @@ def test_a_drive_that_waits_is_mapped_anew_with_another_configuration(
 
 @pytest.mark.slow
 def test_a_drive_whose_recording_changed_is_mapped_and_joined_anew(
-    drives: Path, tmp_path: Path
+    drives: Path, joined: Path, tmp_path: Path
 ) -> None:
-    root, places = tmp_path / "drives", tmp_path / "places"
-    for name in ("r1/b-monday", "r2/c-tuesday"):
-        shutil.copytree(drives / "yard" / name, root / "yard" / name)
-    assert names(merge(root, places).added) == {"b-monday", "c-tuesday"}
-    before = keyframes_of(places)
-    shutil.rmtree(root / "yard/r1/b-monday")
-    write_drive(root / "yard/r1/b-monday", WAY[1:6], 50)
-    merged = merge(root, places)
+    root = copy_artefact(drives, tmp_path / "drives")
+    places = copy_artefact(joined, tmp_path / "places")
+    before, changed = keyframes_of(places), root / "yard/r1/b-monday"
+    shutil.rmtree(changed)
+    write_drive(changed, WAY[1:6], 50)
+    merged = merge(root, places, *BOTH)
     assert names(merged.added) == {"b-monday"} and names(merged.known) == {"c-tuesday"}
     assert not merged.left_out
     assert keyframes_of(places) == before | {"b-monday": before["b-monday"] - 1}
     # One that cannot be mapped any more stays as it was.
-    for path in (root / "yard/r1/b-monday/clouds").iterdir():
-        path.write_bytes(b"12345")
+    damage(changed)
     for _ in range(2):
-        merged = merge(root, places)
+        merged = merge(root, places, *BOTH)
         assert names(merged.left_out) == {"b-monday"} and not merged.added
-        assert sessions_of(places) == {"b-monday", "c-tuesday"}
+        assert sessions_of(places) == BOTH
 
 
 def keyframes_of(folder: Path) -> dict[str, int]:
@@ -199,8 +207,8 @@ def test_an_unknown_site_is_refused(drives: Path, tmp_path: Path) -> None:
     assert not (tmp_path / MAPS).exists()
 
 
-@pytest.mark.parametrize("site", ["", "a/b", "../up", ".", "Ünï", "a b", "x" * 300])
-def test_any_name_of_a_site_has_a_file_of_its_own(site: str, tmp_path: Path) -> None:
-    path = site_map_path(tmp_path, site)
-    assert path.parent == tmp_path / MAPS and path.suffix == ".fsmap"
-    assert path != site_map_path(tmp_path, site.replace("/", "_") + "_")
+def test_any_name_of_a_site_has_a_file_of_its_own(tmp_path: Path) -> None:
+    for site in ("", "a/b", "../up", ".", "Ünï", "a b", "x" * 300):
+        path = site_map_path(tmp_path, site)
+        assert path.parent == tmp_path / MAPS and path.suffix == ".fsmap"
+        assert path != site_map_path(tmp_path, site.replace("/", "_") + "_")

@@ -13,7 +13,8 @@ from fusionslam.datasets.pose_files import read_poses_kitti
 pytest.importorskip("gtsam", exc_type=ImportError)
 
 
-@pytest.mark.parametrize("odometry", ["good", "rough"])
+@pytest.mark.slow
+@pytest.mark.parametrize("odometry", [pytest.param("good", marks=pytest.mark.nightly), "rough"])
 def test_true_loops_are_kept_and_false_ones_are_not(test_data: Path, odometry: str) -> None:
     path = read_poses_kitti(test_data / "kitti/poses/00.txt")
     drive = make_drive(path, odometry, 1.0)

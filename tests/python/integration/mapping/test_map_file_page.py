@@ -11,24 +11,15 @@ import numpy as np
 import pytest
 
 from fusionslam.mapping import PlaceMap
+from map_fixtures import FRAMES
 from pages import DOCS, snippets
-from streets import OPTIONS, WAY, frames
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    with PlaceMap.open("site.fsmap", "monday", **OPTIONS) as site:
-        for frame in frames(WAY[:3]):
-            site.add(frame)
-    return tmp_path
-
-
-def test_the_tables_of_the_page_are_those_of_the_file(folder: Path) -> None:
-    database = sqlite3.connect(folder / "site.fsmap")
+def test_the_tables_of_the_page_are_those_of_the_file(short: Path) -> None:
+    database = sqlite3.connect(short)
     tables = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
     stored = {
         (table, column)
@@ -47,15 +38,18 @@ def test_the_tables_of_the_page_are_those_of_the_file(folder: Path) -> None:
     assert f"the version of the format, {version}." in " ".join(text.split())
 
 
-def test_the_programs_of_the_page_read_what_the_map_has(folder: Path) -> None:
+def test_the_programs_of_the_page_read_what_the_map_has(
+    short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(short.parent)
     _, read_poses, read_cloud = snippets("reference/map_file")
     names: dict[str, Any] = {}
     exec(read_poses, names)
     exec(read_cloud, names)
-    with PlaceMap.open("site.fsmap", read_only=True) as site:
+    with PlaceMap.open(short, read_only=True) as site:
         np.testing.assert_array_equal([*names["odometry"].values()], site.odometry("monday"))
         assert names["colors"] is None
         shown = site.cloud(voxel=0.1).points
-        first = frames(WAY[:1])[0].points
+        first = FRAMES[0].points
     assert first is not None and len(shown) >= len(names["points"]) > 100
     np.testing.assert_allclose(np.ptp(names["points"], axis=0), np.ptp(first, axis=0), atol=0.3)

@@ -2,56 +2,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """Two maps become one if they show the same places."""
 
-import shutil
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from artefacts import artefact
 from fusionslam import ConfigError
 from fusionslam.config import merged
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.registration import RegistrationConfig, without_lengths
-from fusionslam.sensors.frame import Frame
+from map_fixtures import FRAMES, build
 from refusals import refuses
-from streets import OPTIONS, RETURN, WAY, frames
+from rows import rows
+from streets import RETURN, WAY, frames
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
+TUESDAY = frames(RETURN, 200, day=1)
 
-def build(path: Path, driven: Sequence[Frame], session: str, **options: Any) -> None:
-    with PlaceMap.open(path, session, **OPTIONS | options) as site:
-        for frame in driven:
-            site.add(frame)
+
+def assert_merged(site: PlaceMap) -> None:
+    truth = np.array([np.linalg.inv(WAY[0]) @ pose for pose in RETURN])
+    off = site.trajectory("tuesday")[1][:, :3, 3] - truth[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() < 0.6
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("map") / "site.fsmap"
-    build(path, frames(WAY), "monday")
-    return path
+def other() -> Path:
+    """A map of the next day, which tests only read."""
+    folder = artefact("next-day", lambda made: build(made / "a.fsmap", TUESDAY, "tuesday"))
+    return folder / "a.fsmap"
 
 
-@pytest.fixture
-def path(built: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(built, tmp_path / "site.fsmap"))
-
-
-def test_two_maps_become_one_that_can_be_undone(path: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.fsmap"
-    build(other, frames(RETURN, 200, day=1), "tuesday")
+@pytest.mark.slow
+def test_two_maps_become_one_that_can_be_undone(path: Path, other: Path) -> None:
     with PlaceMap.open(path) as site:
         before = site.trajectory("monday")[1]
         merge = site.merge(other)
         assert merge.sessions == ("tuesday",) and merge.reason is None
         assert len(merge.believed) >= 3
         assert [each.parts for each in site.sessions] == [(0,), (0,)]
-        truth = [np.linalg.inv(WAY[0]) @ pose for pose in RETURN]
-        off = site.trajectory("tuesday")[1][:, :3, 3] - np.array(truth)[:, :3, 3]
-        assert np.linalg.norm(off, axis=1).max() < 0.6
+        assert_merged(site)
         assert site.check() == []
         with refuses("same-session", "session", "tuesday", error=ConfigError):
             site.merge(other)
@@ -68,42 +61,38 @@ def with_lengths(factor: float) -> RegistrationConfig:
     return merged(config, {name: factor * getattr(config, name) for name in fitted})
 
 
+@pytest.mark.slow
 def test_maps_whose_lengths_are_similar_are_merged(path: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.fsmap"
-    build(other, frames(RETURN, 200, day=1), "tuesday", registration=with_lengths(0.7))
+    build(other, TUESDAY, "tuesday", registration=with_lengths(0.7))
     with PlaceMap.open(path) as site:
         assert len(site.merge(other).believed) >= 3
-        truth = [np.linalg.inv(WAY[0]) @ pose for pose in RETURN]
-        off = site.trajectory("tuesday")[1][:, :3, 3] - np.array(truth)[:, :3, 3]
-        assert np.linalg.norm(off, axis=1).max() < 0.6
+        assert_merged(site)
 
 
-def test_maps_whose_lengths_differ_are_not_merged(path: Path, tmp_path: Path) -> None:
+@rows(
+    "options, fields",
+    [
+        ({"registration": with_lengths(0.4)}, ("registration.voxel", "0.2")),
+        ({"descriptor": "scan_context"}, ("descriptor",)),
+    ],
+)
+def test_maps_of_other_configurations_are_not_merged(
+    path: Path, tmp_path: Path, options: dict[str, object], fields: tuple[str, ...]
+) -> None:
     other = tmp_path / "other.fsmap"
-    build(other, frames(WAY)[:1], "tuesday", registration=with_lengths(0.4))
-    with (
-        PlaceMap.open(path) as site,
-        refuses("other-configuration", "registration.voxel", "0.2", error=ConfigError),
-    ):
+    build(other, FRAMES[:1], "tuesday", **options)
+    refused = refuses("other-configuration", *fields, error=ConfigError)
+    with PlaceMap.open(path) as site, refused:
         site.merge(other)
 
 
+@pytest.mark.slow
 def test_maps_of_different_places_are_not_merged(path: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.fsmap"
-    build(other, frames(RETURN, 200, place=13), "elsewhere")
+    build(other, frames(RETURN[:5], 200, place=13), "elsewhere")
     with PlaceMap.open(path) as site:
         merge = site.merge(other)
         assert merge.sessions == () and not merge.believed
         assert merge.reason is not None and merge.reason.code == "few-merges"
         assert [each.name for each in site.sessions] == ["monday"]
-
-
-def test_maps_of_other_configurations_are_not_merged(path: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.fsmap"
-    with PlaceMap.open(other, "a", **(OPTIONS | {"descriptor": "scan_context"})) as site:
-        site.add(frames(WAY)[0])
-    with (
-        PlaceMap.open(path) as site,
-        refuses("other-configuration", "descriptor", error=ConfigError),
-    ):
-        site.merge(other)

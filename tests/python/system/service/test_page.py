@@ -3,19 +3,20 @@
 """The page of the service, in headless Chromium."""
 
 import hashlib
-import shutil
 import socket
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
+from artefacts import artefact, copy_artefact
 from browser import Page, open_browser
 from fleet_service import FRAMES, KEY, add_places, scan_at, write_joint_map
 from fusionslam.service.config import ServiceConfig
+from rows import rows
 
 
 @pytest.fixture(scope="module")
@@ -25,15 +26,17 @@ def page() -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def joined(fleet: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def joined(fleet: Path) -> Path:
     """The fleet with another two sessions of the yard, and a joint map that has one of them."""
-    folder = tmp_path_factory.mktemp("joined") / "places"
-    shutil.copytree(fleet, folder)
-    for session in ("tuesday", "wednesday"):
-        add_places(folder, session, 6, site="yard")
-    monday = {0: 0, 3: 0}
-    write_joint_map(folder, "yard", {"yard/robot-1/yard-monday": monday, "tuesday": {2: 0, 4: 0}})
-    return folder
+
+    def join(folder: Path) -> None:
+        places = copy_artefact(fleet, folder / "places")
+        for session in ("tuesday", "wednesday"):
+            add_places(places, session, 6, site="yard")
+        drives = {"yard/robot-1/yard-monday": {0: 0, 3: 0}, "tuesday": {2: 0, 4: 0}}
+        write_joint_map(places, "yard", drives)
+
+    return artefact("service-joined", join) / "places"
 
 
 @pytest.fixture(scope="module")
@@ -45,24 +48,30 @@ def urls(fleet: Path, joined: Path) -> Iterator[dict[str, str]]:
     from fusionslam.service.keys import ApiKeys
 
     keys = ApiKeys([hashlib.sha256(KEY.encode()).digest()])
-    started: list[tuple[Any, threading.Thread]] = []
+    served = {"open": (fleet, ApiKeys()), "locked": (fleet, keys), "joined": (joined, ApiKeys())}
     addresses = {}
-    for name, folder, given in (
-        ("open", fleet, ApiKeys()),
-        ("locked", fleet, keys),
-        ("joined", joined, ApiKeys()),
-    ):
-        app = create_app(folder, ServiceConfig(requests_per_minute=0), given)
-        listener = socket.create_server(("127.0.0.1", 0))
-        addresses[name] = f"http://127.0.0.1:{listener.getsockname()[1]}"
-        server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        started.append((server, thread))
-    yield addresses
-    for server, thread in started:
-        server.should_exit = True
-        thread.join()
+    with ExitStack() as stack:
+        for name, (folder, given) in served.items():
+            app = create_app(folder, ServiceConfig(requests_per_minute=0), given)
+            listener = socket.create_server(("127.0.0.1", 0))
+            addresses[name] = f"http://127.0.0.1:{listener.getsockname()[1]}"
+            server = uvicorn.Server(uvicorn.Config(app, log_level="error"))
+            thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+            thread.start()
+            stack.callback(thread.join)
+            stack.callback(setattr, server, "should_exit", True)
+        yield addresses
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    np.save(tmp_path / "scan.npy", scan_at("yard", 1.3))
+    return tmp_path / "scan.npy"
+
+
+def open_map(page: Page, url: str) -> None:
+    page.open(url)
+    page.wait_for("document.querySelector('#map path[data-session]')")
 
 
 def drawn(page: Page, kind: str) -> list[str]:
@@ -71,12 +80,9 @@ def drawn(page: Page, kind: str) -> list[str]:
 
 
 def test_the_page_shows_a_site_and_where_a_scan_was_found(
-    page: Page, urls: dict[str, str], tmp_path: Path
+    page: Page, urls: dict[str, str], scan: Path
 ) -> None:
-    scan = tmp_path / "scan.npy"
-    np.save(scan, scan_at("yard", 1.3))
-    page.open(f"{urls['open']}/sites/yard")
-    page.wait_for("document.querySelector('#map path[data-session]')")
+    open_map(page, f"{urls['open']}/sites/yard")
     assert page.text("h1") == "yard"
     (path,) = drawn(page, "path[data-session]")
     assert path.count("M") == FRAMES and path.startswith("M0 0h0M3 -0.5h0")
@@ -90,13 +96,10 @@ def test_the_page_shows_a_site_and_where_a_scan_was_found(
 
 
 def test_a_joint_map_is_shown_and_a_scan_found_in_it(
-    page: Page, urls: dict[str, str], tmp_path: Path
+    page: Page, urls: dict[str, str], scan: Path
 ) -> None:
     pytest.importorskip("small_gicp", reason="maps are an extra")
-    scan = tmp_path / "scan.npy"
-    np.save(scan, scan_at("yard", 1.3))
-    page.open(f"{urls['joined']}/sites/yard")
-    page.wait_for("document.querySelector('#map path[data-session]')")
+    open_map(page, f"{urls['joined']}/sites/yard")
     shown = drawn(page, "path[data-session]:not([hidden])")
     assert sorted(shown) == ["M100 0h0M98.5 -9h0", "M99 -6h0M98 -12h0"]
     assert "1 session is not joined" in page.text("#map-note")
@@ -122,8 +125,7 @@ def test_a_joint_map_is_shown_and_a_scan_found_in_it(
 def test_a_file_that_is_no_scan_is_named(page: Page, urls: dict[str, str], tmp_path: Path) -> None:
     scan = tmp_path / "scan.ply"
     scan.write_bytes(b"no cloud")
-    page.open(urls["open"])
-    page.wait_for("document.querySelector('#map path[data-session]')")
+    open_map(page, urls["open"])
     assert page.text("h1") == "depot"  # the first site
     page.choose_file("#scan", scan)
     page.run("document.querySelector('#find').click()")
@@ -143,13 +145,12 @@ def test_the_page_asks_for_a_key(page: Page, urls: dict[str, str]) -> None:
     page.messages.clear()
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@rows("dark", [False, True])
 def test_the_page_fits_on_a_phone_light_and_dark(
     page: Page, urls: dict[str, str], dark: bool
 ) -> None:
     page.screen(360, 740, dark=dark)
-    page.open(f"{urls['joined']}/sites/yard")
-    page.wait_for("document.querySelector('#map path[data-session]')")
+    open_map(page, f"{urls['joined']}/sites/yard")
     assert page.run("document.documentElement.scrollWidth") <= 360
     assert page.run("document.querySelector('#find').getBoundingClientRect().height") >= 40
     color = page.run("getComputedStyle(document.body).backgroundColor")

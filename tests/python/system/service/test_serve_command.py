@@ -11,13 +11,16 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from cli import error_of
 from fleet_service import KEY, LENGTH, add_places
+from fusionslam.cli import failures
 from fusionslam.service.config import ServiceConfig
+from rows import rows
+
+PATIENCE_S = 300
 
 
 @contextmanager
@@ -47,92 +50,98 @@ def test_a_process_answers_and_ends_cleanly_on_sigterm(made: Path, tmp_path: Pat
     keys = tmp_path / "keys"
     keys.write_text(f"red {KEY}\n")
     head = {"Authorization": f"Bearer {KEY}"}
-    options = ("--api-keys", keys, "--set", "service.body_timeout_s=2")
-    with served(made, *options) as (process, url), httpx.Client(base_url=url) as client:
+    with (
+        served(made, "--api-keys", keys) as (process, url),
+        httpx.Client(base_url=url, timeout=PATIENCE_S) as client,
+    ):
         assert client.get("/health").json() == {"status": "ready", "places": 23}
         assert client.get("/v1/places").status_code == 401
         query = client.post("/v1/query", json={"vector": [0.0] * LENGTH}, headers=head)
         assert len(query.json()["results"][0]) == 10
         assert client.get("/v1/sites/per%25cent", headers=head).json()["places"] == 3
         assert "server" not in query.headers
-        assert b"408" in answer_to_slow_body(url)
-        assert b"400" in answer_to(url, b"no request at all\r\n\r\n")
+        client.close()
         with begun_query(url) as (line, rest_of_body):
-            threading.Timer(0.2, lambda: process.send_signal(signal.SIGTERM)).start()
-            threading.Timer(0.4, lambda: line.sendall(rest_of_body)).start()
+            process.send_signal(signal.SIGTERM)
+            wait_until_closed(url)
+            line.sendall(rest_of_body)
             assert line.recv(100).startswith(b"HTTP/1.1 200")  # it is finished
-        rest, errors = process.communicate(timeout=30)
+        rest, errors = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, rest, errors) == (0, "ended\n", "")
 
 
-def test_ctrl_c_ends_the_service(made: Path) -> None:
+def wait_until_closed(url: str) -> None:
+    """Until nobody listens any more."""
+    while True:
+        try:
+            connect(url).close()
+        except OSError:
+            return
+
+
+def connect(url: str) -> socket.socket:
+    host, port = url.removeprefix("http://").split(":")
+    return socket.create_connection((host, int(port)), timeout=PATIENCE_S)
+
+
+def test_slow_bodies_are_cut_off_and_ctrl_c_ends_the_service(made: Path) -> None:
     from fusionslam.service.app import create_app
     from fusionslam.service.listening import listen, serve, url_of
 
-    config = ServiceConfig(port=0)
+    httpx = pytest.importorskip("httpx")
+    config, answers = ServiceConfig(port=0, body_timeout_s=0.2), []
+    head = b"POST /v1/locate?format=bin HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99\r\n\r\n"
 
     def interrupt() -> None:
-        wait_for(url)
-        os.kill(os.getpid(), signal.SIGINT)
+        try:
+            answers.append(httpx.get(f"{url}/health", timeout=PATIENCE_S).json()["status"])
+            for data in (head + b"x" * 16, b"no request at all\r\n\r\n"):
+                with connect(url) as line:
+                    line.sendall(data)
+                    answers.append(line.recv(100).split()[1])
+        finally:
+            os.kill(os.getpid(), signal.SIGINT)
 
     with listen(config) as listener:
         url = url_of(listener)
         threading.Thread(target=interrupt).start()
         serve(create_app(made, config), listener)
+    assert answers == ["ready", b"408", b"400"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def wait_for(url: str) -> None:
-    httpx = pytest.importorskip("httpx")
-    assert httpx.get(f"{url}/health", timeout=30).json()["status"] == "ready"
 
 
 @contextmanager
 def begun_query(url: str) -> Iterator[tuple[socket.socket, bytes]]:
     """Yield a connection with a query that was sent in part, and the rest of it."""
-    host, port = url.removeprefix("http://").split(":")
     body = b'{"vector": [' + b",".join([b"0"] * LENGTH) + b"]}"
     head = f"POST /v1/query HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
     head += f"Authorization: Bearer {KEY}\r\nContent-Type: application/json\r\n\r\n"
-    with socket.create_connection((host, int(port)), timeout=20) as line:
+    with connect(url) as line:
         line.sendall(head.encode() + body[:50])
         yield line, body[50:]
 
 
-def answer_to_slow_body(url: str) -> bytes:
-    head = b"POST /v1/describe?format=bin HTTP/1.1\r\nHost: localhost\r\nContent-Length: 160\r\n"
-    return answer_to(url, head + f"Authorization: Bearer {KEY}\r\n\r\n".encode() + b"x" * 16)
-
-
-def answer_to(url: str, data: bytes) -> bytes:
-    """Return how the answer to some bytes begins."""
-    host, port = url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port)), timeout=20) as line:
-        line.sendall(data)
-        return line.recv(100)
-
-
-def test_a_port_in_use_is_named_with_a_cure(made: Path) -> None:
+def test_a_port_in_use_is_named_with_a_cure(twenty: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        error = error_of(2, "serve", made, "--port", port)
+        error = error_of(2, "serve", twenty, "--port", port)
     assert (error.code, error.fields) == ("port-in-use", ("127.0.0.1", str(port)))
 
 
-@pytest.mark.parametrize(
-    ("options", "status", "code"),
+@rows(
+    "code, options",
     [
-        (("--host", "0.0.0.0"), 2, "no-keys"),
-        (("--host", "no.such.host.invalid", "--without-keys"), 2, "no-host"),
-        (("--host", "192.0.2.1", "--without-keys"), 2, "no-host"),
-        (("--api-keys", "nowhere"), 2, "config-file"),
-        (("--set", "service.max_k=0"), 2, "config"),
+        ("no-keys", ("--host", "0.0.0.0")),
+        ("no-host", ("--host", "no.such.host.invalid", "--without-keys")),
+        ("no-host", ("--host", "192.0.2.1", "--without-keys")),
+        ("config-file", ("--api-keys", "nowhere")),
+        ("config", ("--set", "service.max_k=0")),
     ],
 )
 def test_options_that_cannot_be_followed_are_named(
-    made: Path, options: Any, status: int, code: str
+    twenty: Path, code: str, options: tuple[str, ...]
 ) -> None:
-    assert error_of(status, "serve", made, *options).code == code
+    assert error_of(2, "serve", twenty, *options).code == code
 
 
 def test_a_folder_without_places_is_named(tmp_path: Path) -> None:
@@ -141,9 +150,7 @@ def test_a_folder_without_places_is_named(tmp_path: Path) -> None:
         assert str(tmp_path) in str(error)
 
 
-def test_a_missing_extra_is_named(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fusionslam.cli import failures
-
+def test_a_missing_extra_is_named(twenty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(failures, "find_spec", lambda name: None)
-    error = error_of(1, "serve", made)
+    error = error_of(1, "serve", twenty)
     assert (error.code, error.fields) == ("missing-extra", ("fleet",))

@@ -3,22 +3,21 @@
 """Work on a fleet: it goes on where it stopped, and what fails is named and keeps nothing else."""
 
 import json
-import os
 import resource
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from artefacts import copy_artefact
 from fleets import (
     FRAMES,
     LABELS,
+    MONDAY,
+    TUESDAY,
+    WEDNESDAY,
     InProcess,
     chunk_files,
     describe_fleet,
@@ -45,59 +44,7 @@ from fusionslam.fleet.work import (
     save_failures,
 )
 from fusionslam.pipelines.describe import PipelineConfig
-from project import SUPPORT
 from refusals import refuses
-
-DRIVER = """
-import sys
-from pathlib import Path
-sys.path.insert(0, {support!r})
-from fleets import InProcess, describe_fleet
-from fusionslam.fleet.engines.local import LocalEngine
-
-class Telling:
-    def __init__(self, engine):
-        self.engine = engine
-    def run(self, chunks, work):
-        for done in self.engine.run(chunks, work):
-            print("done", flush=True)
-            yield done
-if __name__ == "__main__":
-    engine = LocalEngine(1) if sys.argv[3] == "local" else InProcess()
-    try:
-        describe_fleet(Path(sys.argv[1]), Path(sys.argv[2]), Telling(engine), chunk=1)
-    finally:
-        engine.close()
-"""
-
-
-def start_driver(folder: Path, *words: object) -> "subprocess.Popen[str]":
-    script = folder / "driver.py"
-    script.write_text(DRIVER.format(support=str(SUPPORT)))
-    command = [sys.executable, str(script), *map(str, words)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-
-
-def wait_for_lines(process: "subprocess.Popen[str]", count: int) -> None:
-    assert process.stdout is not None
-    for _ in range(count):
-        assert process.stdout.readline() == "done\n"
-
-
-def workers_of(process: "subprocess.Popen[str]") -> list[int]:
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
-    return [int(pid) for pid in children.split()]
-
-
-def wait_until_gone(pids: list[int]) -> None:
-    end = time.monotonic() + 20
-    while any(Path(f"/proc/{pid}").exists() for pid in pids):
-        assert time.monotonic() < end, "processes are left"
-        time.sleep(0.05)
-
-
-# Going on.
 
 
 def test_a_second_run_does_nothing(fleet: Path, own_places: Path) -> None:
@@ -117,36 +64,6 @@ def test_progress_counts_each_frame_once(fleet: Path, own_places: Path) -> None:
         plan, settings, own_places, InProcess(), progress=lambda *now: said.append(now)
     )
     assert said == sorted(said) and said[-1] == (FRAMES, FRAMES)
-
-
-def test_a_killed_driver_leaves_whole_chunks_and_the_next_one_does_the_rest(
-    fleet: Path, tmp_path: Path
-) -> None:
-    describe_fleet(fleet, tmp_path / "whole", chunk=1)
-    driver = start_driver(tmp_path, fleet, tmp_path / "places", "here")
-    wait_for_lines(driver, round(0.3 * FRAMES))
-    driver.kill()
-    driver.communicate()
-    whole = [path for path in chunk_files(tmp_path / "places") if path.suffix == ".npz"]
-    assert all(StoredChunk.load(path) for path in whole)
-    engine = InProcess()
-    assert describe_fleet(fleet, tmp_path / "places", engine, chunk=1) == []
-    assert len(engine.begun) < 0.75 * FRAMES
-    assert digests(tmp_path / "places") == digests(tmp_path / "whole")
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_no_worker_outlives_its_driver(fleet: Path, tmp_path: Path, number: int) -> None:
-    driver = start_driver(tmp_path, fleet, tmp_path / "places", "local")
-    wait_for_lines(driver, 1)
-    workers = workers_of(driver)
-    assert workers
-    driver.send_signal(number)
-    driver.wait(20)
-    wait_until_gone(workers)
-
-
-# Failures.
 
 
 def fail_for(
@@ -169,23 +86,22 @@ def test_what_fails_is_tried_three_times_and_named_and_the_rest_is_done(
     fleet: Path, described: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def is_bad(chunk: Chunk) -> BaseException | None:
-        if chunk.recording.session == "north/r2/tuesday" and chunk.first == 4:
-            return ZeroDivisionError("a fault")
-        return None
+        bad = (chunk.recording.session, chunk.first) == (TUESDAY, 4)
+        return ZeroDivisionError("a fault") if bad else None
 
     tried = fail_for(monkeypatch, is_bad)
     failures = describe_fleet(fleet, tmp_path / "places")
     reason = "ZeroDivisionError: a fault"
-    assert failures == [Failure("north/r2/tuesday", 4, 4, "crash", reason, tries=3)]
+    assert failures == [Failure(TUESDAY, 4, 4, "crash", reason, tries=3)]
     assert load_failures(tmp_path / "places") == failures
     assert len(tried) == 9 + 2
     whole, part = digests(described), digests(tmp_path / "places")
     assert part.items() <= whole.items() and len(part) == 8
     rows, _ = list_status(tmp_path / "places")
     assert {each.recording.session: (each.done, each.failed) for each in rows} == {
-        "north/r1/monday": (9, 0),
-        "north/r2/tuesday": (5, 4),
-        "south/r3/wednesday": (9, 0),
+        MONDAY: (9, 0),
+        TUESDAY: (5, 4),
+        WEDNESDAY: (9, 0),
     }
     monkeypatch.undo()
     assert describe_fleet(fleet, tmp_path / "places") == []
@@ -210,14 +126,14 @@ def test_what_succeeds_at_the_second_try_is_no_failure(
 def test_a_recording_that_always_fails_does_not_keep_the_others_waiting(
     fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bad = "south/r3/wednesday"
-    tried = fail_for(
-        monkeypatch,
-        lambda chunk: DataError("bad", code="bad") if chunk.recording.session == bad else None,
-    )
+    def is_bad(chunk: Chunk) -> BaseException | None:
+        bad = chunk.recording.session == WEDNESDAY
+        return DataError("bad", code="bad") if bad else None
+
+    tried = fail_for(monkeypatch, is_bad)
     failures = describe_fleet(fleet, tmp_path / "places", chunk=1, tries=100)
     assert [(each.session, each.first, each.code) for each in failures] == [
-        (bad, first, "bad") for first in range(9)
+        (WEDNESDAY, first, "bad") for first in range(9)
     ]
     assert len(tried) == FRAMES + 10
     assert sum(each.tries - 1 for each in failures) == 10
@@ -226,7 +142,7 @@ def test_a_recording_that_always_fails_does_not_keep_the_others_waiting(
 def test_a_missing_calibration_is_named_and_the_others_go_on(kitti: Path, tmp_path: Path) -> None:
     root = tmp_path / "fleet"
     for name in "ab":
-        shutil.copytree(kitti, root / name / "sequences/03")
+        copy_artefact(kitti, root / name / "sequences/03")
     (root / "b/sequences/03/calib.txt").unlink()
     found = find_recordings(root, LABELS)
     config = PipelineConfig(fusion=FusionConfig(source="lidar"))
@@ -266,7 +182,7 @@ def test_bad_frames_are_in_the_list_of_later_runs_until_they_are_good(
     for _ in range(2):
         plan, settings = plan_of(own_fleet, folder)
         (bad,) = describe_recordings(plan, settings, folder, InProcess(), taker=reader)
-        assert (bad.session, bad.first, bad.count) == ("north/r1/monday", 4, 1)
+        assert (bad.session, bad.first, bad.count) == (MONDAY, 4, 1)
         assert "000005.bin" in bad.reason and load_failures(folder) == [bad]
     scan.write_bytes(whole)
     plan, settings = plan_of(own_fleet, folder)
@@ -283,9 +199,6 @@ def test_a_damaged_chunk_that_is_taken_in_is_made_again(fleet: Path, own_places:
     assert describe_recordings(plan, settings, own_places, engine, taker=reader) == []
     assert [each.key for each in engine.begun] == [path.stem] and len(reader.known) == 9
     assert digests(own_places) == expected
-
-
-# No space.
 
 
 @contextmanager
@@ -355,14 +268,9 @@ def test_a_list_of_failures_that_cannot_be_written_stops_nothing(
     assert FAILED in caplog.text
 
 
-# What is stored of it.
-
-
 def test_a_line_that_was_not_completed_is_left_out(tmp_path: Path) -> None:
-    failures = [
-        Failure("a", 0, 4, "bad", "it is bad\n, twice", 3),
-        Failure("b", None, None, "c", ""),
-    ]
+    bad = Failure("a", 0, 4, "bad", "it is bad\n, twice", 3)
+    failures = [bad, Failure("b", None, None, "c", "")]
     save_failures(tmp_path, failures)
     assert load_failures(tmp_path) == failures
     lines = (tmp_path / FAILED).read_text().splitlines()
@@ -397,19 +305,13 @@ def test_recordings_that_are_gone_stay_known_and_others_may_not_take_their_names
     shutil.copytree(own_fleet / "north", moved / "north")
     shutil.rmtree(moved / "north/r1")
     (moved / "north/r5").mkdir()
-    shutil.copytree(own_fleet / "north/r1/monday", moved / "north/r5/friday")
+    shutil.copytree(own_fleet / MONDAY, moved / "north/r5/friday")
     later = Plan.make(moved, find_recordings(moved, LABELS), settings)
     joined = later.joined(earlier)
-    assert [each.recording.session for each in joined.recordings] == [
-        "north/r1/monday",
-        "north/r2/tuesday",
-        "north/r5/friday",
-        "south/r3/wednesday",
-    ]
+    sessions = [each.recording.session for each in joined.recordings]
+    assert sessions == [MONDAY, TUESDAY, "north/r5/friday", WEDNESDAY]
     assert joined.outdated == []
-    assert [(each.session, each.code) for each in joined.failures] == [
-        ("north/r2/tuesday", "same-name")
-    ]
+    assert [(each.session, each.code) for each in joined.failures] == [(TUESDAY, "same-name")]
 
 
 def test_a_recording_that_is_known_by_another_name_is_refused(

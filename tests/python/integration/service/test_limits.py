@@ -5,12 +5,15 @@
 import asyncio
 import hashlib
 import threading
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from error_codes import has_code
 from fleet_service import KEY, LENGTH, serving
 from fusionslam.errors import ConfigError
 from fusionslam.service.config import ServiceConfig
@@ -18,6 +21,7 @@ from fusionslam.service.keys import VARIABLE, ApiKeys
 from fusionslam.service.listening import check_exposure
 from fusionslam.service.place_count import PlaceCount
 from fusionslam.service.places import ServedPlaces
+from rows import rows
 
 OTHER = "another-key-for-tests-9876543210"
 VECTOR = {"vector": [0.0] * LENGTH}
@@ -35,18 +39,22 @@ def bearer(key: str) -> dict[str, str]:
     return {"Authorization": f"Bearer {key}"}
 
 
-@pytest.mark.parametrize("key", [KEY, OTHER])
-def test_a_key_lets_in_whether_it_is_stored_or_its_digest(
-    made: Path, key_file: Path, key: str
-) -> None:
-    with serving(made, ApiKeys.load(key_file)) as client:
-        for path in ("/v1/places", "/v1/sites/depot", "/metrics"):
-            assert client.get(path, headers=bearer(key)).status_code == 200
-        assert client.post("/v1/query", json=VECTOR, headers=bearer(key)).status_code == 200
+@pytest.fixture
+def locked(twenty: Path, key_file: Path) -> Iterator[Any]:
+    """A client of a service with keys."""
+    with serving(twenty, ApiKeys.load(key_file)) as client:
+        yield client
 
 
-@pytest.mark.parametrize(
-    ("headers", "code"),
+@rows("key", [KEY, OTHER])
+def test_a_key_lets_in_whether_it_is_stored_or_its_digest(locked: Any, key: str) -> None:
+    for path in ("/v1/places", "/v1/sites/depot", "/metrics"):
+        assert locked.get(path, headers=bearer(key)).status_code == 200
+    assert locked.post("/v1/query", json=VECTOR, headers=bearer(key)).status_code == 200
+
+
+@rows(
+    "headers, code",
     [
         ({}, "no-key"),
         ({"Authorization": "Bearer "}, "no-key"),
@@ -59,19 +67,15 @@ def test_a_key_lets_in_whether_it_is_stored_or_its_digest(
     ],
 )
 def test_without_a_right_key_nothing_is_told(
-    made: Path, key_file: Path, headers: dict[str, str], code: str
+    twenty: Path, key_file: Path, headers: dict[str, str], code: str
 ) -> None:
-    headers = {name: value.encode("latin-1") for name, value in headers.items()}
-    with serving(made, ApiKeys.load(key_file)) as client:
-        for method, path in (
-            ("GET", "/v1/places"),
-            ("GET", "/v1/sites/nowhere"),
-            ("GET", "/metrics"),
-            ("POST", "/v1/describe?format=x"),
-            ("POST", "/v1/query?k=0"),
-            ("POST", "/v1/locate"),
-        ):
-            answer = client.request(method, path, headers=headers, content=b"x" * 10)
+    given = {name: value.encode("latin-1") for name, value in headers.items()}
+    gets, posts = ("places", "sites/nowhere"), ("describe?format=x", "query?k=0", "locate")
+    asked = [("GET", "/metrics"), *(("GET", f"/v1/{path}") for path in gets)]
+    asked += [("POST", f"/v1/{path}") for path in posts]
+    with serving(twenty, ApiKeys.load(key_file)) as client:  # guesses are counted
+        for method, path in asked:
+            answer = client.request(method, path, headers=given, content=b"x" * 10)
             assert (answer.status_code, answer.json()["code"]) == (401, code)
             assert answer.headers["WWW-Authenticate"] == "Bearer"
         assert client.get("/health").status_code == client.get("/").status_code == 200
@@ -86,8 +90,8 @@ def test_keys_come_from_the_environment_too(
     assert len({keys.find(key) for key in (KEY, OTHER, "e" * 20, "f" * 20)} - {None}) == 4
 
 
-@pytest.mark.parametrize(
-    ("text", "code"),
+@rows(
+    "text, code",
     [
         ("red short", "short-key"),
         (KEY, "bad-key"),
@@ -108,34 +112,34 @@ def test_a_file_without_good_keys_is_refused(
     assert caught.value.code == code and KEY not in str(caught.value)
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.org"])
+@rows("host", ["0.0.0.0", "::", "192.168.1.5", "example.org"])
 def test_other_machines_are_let_in_by_keys_only_unless_that_is_wanted(host: str) -> None:
     config, keys = ServiceConfig(host=host), ApiKeys([b"x" * 32])
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, check=has_code("no-keys")):
         check_exposure(config, ApiKeys(), without_keys=False)
-    assert caught.value.code == "no-keys"
     check_exposure(config, keys, without_keys=False)
     check_exposure(config, ApiKeys(), without_keys=True)
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.8.8.8"])
+@rows("host", ["127.0.0.1", "::1", "localhost", "127.8.8.8"])
 def test_this_machine_needs_no_keys(host: str) -> None:
     check_exposure(ServiceConfig(host=host), ApiKeys(), without_keys=False)
 
 
-def test_pages_of_other_names_cannot_use_a_service_without_keys(made: Path, key_file: Path) -> None:
+def test_pages_of_other_names_cannot_use_a_service_without_keys(small: Any, locked: Any) -> None:
     """A name that its owner lets point to 127.0.0.1 would else get around the browser's rules."""
     named = {"Host": "evil.example"}
-    with serving(made) as client:
-        answer = client.get("/v1/places", headers=named)
-        assert (answer.status_code, answer.json()["code"]) == (421, "wrong-host")
-        assert client.get("/v1/places", headers={"Host": "[::1]:8766"}).status_code == 200
-    with serving(made, ApiKeys.load(key_file)) as client:
-        assert client.get("/v1/places", headers=named | bearer(KEY)).status_code == 200
+    answer = small.get("/v1/places", headers=named)
+    assert (answer.status_code, answer.json()["code"]) == (421, "wrong-host")
+    assert small.get("/v1/places", headers={"Host": "[::1]:8766"}).status_code == 200
+    assert locked.get("/v1/places", headers=named | bearer(KEY)).status_code == 200
 
 
-def test_too_many_requests_are_turned_away_with_a_time(made: Path, key_file: Path) -> None:
-    with serving(made, ApiKeys.load(key_file), requests_per_minute=5) as client:
+def test_too_many_requests_are_turned_away_with_a_time(
+    twenty: Path, key_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time, "time", lambda: 1_000_000.0)  # all of them are of one minute
+    with serving(twenty, ApiKeys.load(key_file), requests_per_minute=5) as client:
         statuses = [client.get("/v1/places", headers=bearer(KEY)).status_code for _ in range(7)]
         late = client.get("/v1/places", headers=bearer(KEY))
         other = client.get("/v1/places", headers=bearer(OTHER))
@@ -148,8 +152,8 @@ def test_too_many_requests_are_turned_away_with_a_time(made: Path, key_file: Pat
     assert guesses == [401] * 5 + [429] * 2
 
 
-def test_a_service_with_too_much_to_do_says_so_at_once(made: Path) -> None:
-    with serving(made, max_waiting=1) as client:
+def test_a_service_with_too_much_to_do_says_so_at_once(twenty: Path) -> None:
+    with serving(twenty, max_waiting=1) as client:
         workers: Any = client.app.state.shared.workers
         with workers.place():
             answers = [client.get("/v1/places"), client.post("/v1/query", json=VECTOR)]
@@ -161,7 +165,7 @@ def test_a_service_with_too_much_to_do_says_so_at_once(made: Path) -> None:
 
 
 def test_health_and_metrics_answer_while_all_workers_are_busy(
-    made: Path, monkeypatch: pytest.MonkeyPatch
+    twenty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun, let_go = threading.Event(), threading.Event()
     query = ServedPlaces.query
@@ -172,7 +176,7 @@ def test_health_and_metrics_answer_while_all_workers_are_busy(
         return query(*args)
 
     monkeypatch.setattr(ServedPlaces, "query", wait)
-    with serving(made, workers=1) as client, ThreadPoolExecutor() as pool:
+    with serving(twenty, workers=1) as client, ThreadPoolExecutor() as pool:
         try:
             busy = pool.submit(client.post, "/v1/query", json=VECTOR)
             begun.wait()
@@ -211,8 +215,8 @@ def test_places_are_counted_once_for_all_who_ask_meanwhile() -> None:
     assert places.counted == 1
 
 
-def test_a_place_is_free_again_after_every_refusal(made: Path) -> None:
-    with serving(made, max_waiting=1, max_request_mb=0.01) as client:
+def test_a_place_is_free_again_after_every_refusal(twenty: Path) -> None:
+    with serving(twenty, max_waiting=1, max_request_mb=0.01) as client:
         for body in (b"", b"xyz", b"x" * 20_000):
             client.post("/v1/describe?format=bin", content=body)
         client.get("/v1/sites/nowhere")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from artefacts import copy_artefact
 from fleet_service import (
     add_places,
     as_npy,
@@ -21,6 +22,7 @@ from fleet_service import (
 )
 from fusionslam.errors import FusionSlamError
 from fusionslam.mapping import PlaceMap
+from rows import rows
 
 MONDAY = {frame: 0 for frame in range(0, 20, 2)}
 
@@ -85,13 +87,14 @@ def test_a_joint_map_is_read_again_only_when_its_file_has_changed(
     assert len(opened) == 3
 
 
-@pytest.mark.parametrize("content", [b"", b"no map", None])
+@rows("content", [b"", b"no map", None])
 def test_a_map_that_cannot_be_read_is_logged_once_and_none(
-    joined: Path, content: bytes | None, caplog: pytest.LogCaptureFixture
+    joined: Path, tmp_path: Path, content: bytes | None, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (path,) = (joined / "maps").glob("*.fsmap")
+    folder = shutil.copytree(joined, tmp_path / "places")
+    (path,) = (folder / "maps").glob("*.fsmap")
     path.write_bytes(path.read_bytes()[:100_000] if content is None else content)
-    with serving(joined) as client, caplog.at_level(logging.WARNING):
+    with serving(folder) as client, caplog.at_level(logging.WARNING):
         assert map_of(client) is None and map_of(client) is None
     (record,) = [each for each in caplog.records if each.name.endswith("joint_maps")]
     assert str(path) in record.getMessage()
@@ -115,8 +118,7 @@ def test_without_the_extra_of_maps_there_are_none_and_the_log_says_so_once(
 
 def test_a_scan_is_located_in_the_joint_map(fleet: Path, tmp_path: Path) -> None:
     pytest.importorskip("small_gicp", reason="maps are an extra")
-    folder = tmp_path / "places"
-    shutil.copytree(fleet, folder)
+    folder = copy_artefact(fleet, tmp_path / "places")
     path = write_joint_map(folder, "yard", {"yard/robot-1/yard-monday": {0: 0, 3: 0}})
     scan = as_npy(scan_at("yard", 1.3))
     with serving(folder) as client:
@@ -137,8 +139,7 @@ def test_a_scan_is_located_in_the_joint_map(fleet: Path, tmp_path: Path) -> None
 def test_a_place_whose_cloud_is_gone_proves_nothing_and_others_do(
     fleet: Path, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "places"
-    shutil.copytree(fleet, folder)
+    folder = copy_artefact(fleet, tmp_path / "places")
     add_places(folder, "tuesday", 3, site="yard")  # of a chunk that is not there
     with serving(folder) as client:
         scan = as_npy(scan_at("yard", 1.3))

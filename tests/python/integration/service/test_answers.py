@@ -1,0 +1,303 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""The service: what it answers to good requests, many at once, while places change."""
+
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+from fleet_service import (
+    FRAMES,
+    LENGTH,
+    add_places,
+    as_npy,
+    make_folder,
+    pose_at,
+    scan_at,
+    serving,
+    vectors_of,
+)
+from fusionslam.datasets import write_cloud
+from fusionslam.descriptors import describe
+from fusionslam.errors import DataError
+from fusionslam.fleet.folder import FleetFolder
+from fusionslam.fleet.place_database import PlaceDatabase
+from fusionslam.fleet.places import PlaceFilter
+from fusionslam.sensors.frame import Cloud
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Cloud:
+    return Cloud(scan_at("yard", 1.3))
+
+
+def test_clouds_are_described_as_the_library_does(client: Any, scan: Cloud, tmp_path: Path) -> None:
+    np.save(tmp_path / "scan.npy", scan.points)
+    for form in ("ply", "pcd", "bin"):
+        write_cloud(tmp_path / f"scan.{form}", scan)
+    expected, whole = describe(scan, "m2dp:robust"), as_npy(scan.points)
+    holes = np.concatenate([scan.points, np.full((50, 3), np.nan, np.float32)])
+    head = {"Content-Type": "application/x-npy"}
+    asked = {
+        path: {"params": {"format": path.suffix[1:]}, "content": path.read_bytes()}
+        for path in tmp_path.iterdir()
+    }
+    asked["nan is left out"] = {"params": {"format": "npy"}, "content": as_npy(holes)}
+    asked["named by its type"] = {"headers": head, "content": whole}
+    for name, request in asked.items():
+        answer = client.post("/v1/describe", **request)
+        assert answer.status_code == 200, name
+        found = answer.json()
+        assert (found["descriptor"], found["length"]) == ("m2dp:robust", LENGTH)
+        assert found["points"] == len(holes if name == "nan is left out" else scan)
+        assert np.array_equal(np.float32(found["vector"]), expected), name
+
+
+def test_a_cloud_finds_places_of_its_site(client: Any, scan: Cloud) -> None:
+    answer = client.post("/v1/query?format=npy&k=3", content=as_npy(scan.points)).json()
+    (found,) = answer["results"]
+    assert [each["site"] for each in found] == ["yard"] * 3
+    distances = [each["distance"] for each in found]
+    assert distances == sorted(distances)
+    assert found[0]["pose"] == pose_at(found[0]["frame"]).tolist()
+
+
+def test_vectors_are_searched_one_by_one_or_together(small: Any) -> None:
+    vectors = vectors_of(sum(b"monday"), 20)
+    one = small.post("/v1/query", json={"vector": vectors[7].tolist()})
+    some = small.post("/v1/query", json={"vectors": vectors[3:6].tolist()})
+    binary = small.post("/v1/query?format=vectors", content=as_npy(vectors[3:6]))
+    assert [found[0]["frame"] for found in one.json()["results"]] == [7]
+    assert [found[0]["frame"] for found in some.json()["results"]] == [3, 4, 5]
+    assert binary.json() == some.json()
+
+
+def test_many_vectors_are_searched_part_by_part(small: Any) -> None:
+    vectors = vectors_of(sum(b"monday"), 20)
+    answer = small.post("/v1/query?k=1", json={"vectors": vectors.tolist() * 5})
+    assert [found[0]["frame"] for found in answer.json()["results"]] == [*range(20)] * 5
+
+
+def test_only_places_that_are_meant_are_found(made: Path) -> None:
+    add_places(made, "tuesday", 10, robot="blue", site="dock")
+    vector = vectors_of(1, 1)[0].tolist()
+    counts = {
+        "site=depot": 20,
+        "site=yard": 0,
+        "robot=blue": 10,
+        "region=north&robot=red": 20,
+        "session=tuesday": 10,
+        "since_ns=5000000000&until_ns=7000000000": 4,
+        "site=it's": 0,
+    }
+    with serving(made) as client:
+        for where, count in counts.items():
+            answer = client.post(f"/v1/query?k=50&{where}", json={"vector": vector})
+            assert len(answer.json()["results"][0]) == count, where
+
+
+def test_a_cloud_is_located_where_it_was_taken(client: Any, scan: Cloud) -> None:
+    answer = client.post("/v1/locate?format=npy&k=4", content=as_npy(scan.points))
+    assert answer.status_code == 200
+    found = answer.json()
+    assert found["place"]["site"] == "yard" and found["reason"] is None
+    assert found["probability"] > 0.9
+    pose = np.array(found["site_from_robot"])
+    assert np.allclose(pose, pose_at(1.3), atol=0.1)
+
+
+def test_a_cloud_of_elsewhere_is_not_proven(client: Any, scan: Cloud) -> None:
+    answer = client.post("/v1/locate?format=npy&site=depot", content=as_npy(scan.points)).json()
+    assert answer["candidates"] and answer["place"] is None and answer["site_from_robot"] is None
+    assert answer["reason"]
+
+
+def test_places_are_counted(client: Any) -> None:
+    counts = client.get("/v1/places").json()
+    assert counts["places"] == 2 * FRAMES and counts["proves"]
+    assert counts["sites"] == {"depot": FRAMES, "yard": FRAMES}
+    assert counts["robots"] == {"robot-1": 2 * FRAMES}
+    assert (counts["descriptor"], counts["length"]) == ("m2dp:robust", LENGTH)
+
+
+def test_positions_of_a_site_are_listed_by_session(made: Path) -> None:
+    add_places(made, "tuesday", 10, site="depot")
+    with serving(made, max_positions=10) as client:
+        site = client.get("/v1/sites/depot").json()
+        whole = client.get("/v1/places").json()
+    assert site["places"] == 30 and site["every"] == 3
+    monday, tuesday = sorted(site["sessions"], key=lambda each: -each["places"])
+    assert monday["places"] == 20 and monday["frames"] == [3, 6, 9, 12, 15, 18]  # 0 has no pose
+    assert monday["positions"][0] == pose_at(3)[:3, 3].tolist()
+    assert tuesday["session"] == "tuesday" and not whole["proves"]
+
+
+def test_a_site_may_have_any_name(made: Path) -> None:
+    names = ["", "a/b", "zwölf <i>", "it's"]
+    for number, site in enumerate(names):
+        add_places(made, f"odd{number}", 5, site=site)
+    with serving(made) as client:
+        for site in names:
+            answer = client.get(f"/v1/sites/{quote(site, safe='')}").json()
+            assert (answer["site"], answer["places"]) == (site, 5)
+            assert client.get(f"/sites/{quote(site, safe='')}").status_code == 200
+
+
+def test_health_and_metrics_tell_what_the_service_does(made: Path) -> None:
+    with serving(made) as client:
+        assert client.get("/health").json() == {"status": "ready", "places": 20}
+        client.get("/v1/sites/nowhere")
+        client.get("/no/such/page")
+        lines = client.get("/metrics").text.splitlines()
+    values = dict(line.rsplit(" ", 1) for line in lines if not line.startswith("#"))
+    assert float(values["fusionslam_places"]) == 20
+    assert float(values["process_resident_memory_bytes"]) > 1e6
+    counted = 'fusionslam_requests_total{method="GET",route="%s",status="%s"}'
+    assert values[counted % ("/v1/sites/{site:path}", 404)] == "1.0"
+    assert values[counted % ("other", 404)] == "1.0"
+    assert values['fusionslam_request_seconds_count{route="/health"}'] == "1.0"
+
+
+def test_the_pages_need_nothing_from_elsewhere(client: Any) -> None:
+    for path in ("/", "/docs", "/page/page.js", "/page/map.js", "/page/page.css"):
+        answer = client.get(path)
+        assert answer.status_code == 200
+        addresses = answer.text.replace("http://www.w3.org/2000/svg", "")
+        assert "http://" not in addresses and "https://" not in addresses
+    assert client.get("/static-offline-docs/swagger-ui-bundle.js").status_code == 200
+
+
+def test_the_interface_lists_every_route_with_its_refusals(client: Any) -> None:
+    listed = client.get("/openapi.json").json()["paths"]
+    assert set(listed) == {
+        *("/v1/describe", "/v1/query", "/v1/locate", "/v1/places", "/v1/sites/{site}"),
+        *("/health", "/metrics"),
+    }
+    assert {"200", "401", "408", "413", "415", "422", "429", "503"} <= set(
+        listed["/v1/query"]["post"]["responses"]
+    )
+    assert "requestBody" in listed["/v1/locate"]["post"]
+
+
+def test_queries_at_the_same_time_get_their_own_answers(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes: list[int] = []
+    query = PlaceDatabase.query
+
+    def note(self: PlaceDatabase, vectors: Any, *rest: Any) -> Any:
+        while not sizes and client.app.state.shared.workers.busy < 10:
+            time.sleep(0.001)  # until others wait for the first one
+        sizes.append(len(vectors))
+        return query(self, vectors, *rest)
+
+    add_places(made, "tuesday", site="dock")
+    vectors = vectors_of(sum(b"monday"), 20)
+    filters = ("", "&site=dock", "&robot=red&until_ns=4000000000")
+
+    with serving(made, workers=1) as client:
+
+        def ask(number: int) -> list[tuple[str, int]]:
+            path = f"/v1/query?k={1 + number % 7}{filters[number % 3]}"
+            answer = client.post(path, json={"vector": vectors[number % 20].tolist()})
+            assert answer.status_code == 200
+            (found,) = answer.json()["results"]
+            return [(each["session"], each["frame"]) for each in found]
+
+        alone = [ask(number) for number in range(60)]
+        monkeypatch.setattr(PlaceDatabase, "query", note)
+        with ThreadPoolExecutor(30) as pool:
+            assert list(pool.map(ask, range(60))) == alone
+    assert sum(sizes) == 60 and max(sizes) > 1
+
+
+def test_an_error_of_a_batch_is_that_of_each_query_and_the_next_is_answered(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = {"vector": [0.0] * LENGTH}
+    with serving(made, workers=1) as client:
+        with monkeypatch.context() as patch:
+            patch.setattr(PlaceDatabase, "query", lambda *_: 1 / 0)
+            with ThreadPoolExecutor(8) as pool:
+                answers = list(pool.map(lambda _: client.post("/v1/query", json=body), range(8)))
+        assert {answer.status_code for answer in answers} == {500}
+        assert client.post("/v1/query", json=body).status_code == 200
+        assert client.app.state.shared.workers.busy == 0
+
+
+def nearest(client: Any, vector: Any) -> dict[str, Any]:
+    answer = client.post("/v1/query?k=1", json={"vector": vector.tolist()})
+    assert answer.status_code == 200, answer.text
+    found: dict[str, Any] = answer.json()["results"][0][0]
+    return found
+
+
+def test_places_that_are_added_are_found_by_the_next_query(made: Path) -> None:
+    with serving(made) as client:
+        vectors = add_places(made, "tuesday", robot="blue", site="dock")
+        found = nearest(client, vectors[11])
+        assert (found["session"], found["frame"]) == ("tuesday", 11)
+        assert client.get("/v1/places").json()["places"] == 40
+        assert client.get("/health").json()["places"] == 40
+
+
+def test_places_of_a_robot_that_is_deleted_are_found_no_more(made: Path) -> None:
+    vectors = add_places(made, "tuesday", robot="blue", site="dock")
+    with serving(made) as client:
+        assert nearest(client, vectors[11])["robot"] == "blue"
+        with FleetFolder.open(made).database(read_only=False) as database:
+            database.delete(PlaceFilter(robot="blue"))
+        assert nearest(client, vectors[11])["robot"] == "red"
+        assert client.get("/v1/sites/dock").status_code == 404
+
+
+def test_a_folder_that_is_gone_is_said_to_be_until_it_is_back(made: Path) -> None:
+    aside, query = made.parent / "aside", {"json": {"vector": [0.0] * LENGTH}}
+    with serving(made) as client:
+        for gone in (".", "database", "fleet.json"):
+            (made / gone).rename(aside)
+            for path in ("/v1/places", "/v1/sites/depot"):
+                answer = client.get(path)
+                assert (answer.status_code, answer.json()["code"]) == (503, "places")
+                assert str(made) not in answer.text
+            answer = client.post("/v1/query", **query)
+            assert answer.status_code == 503 and int(answer.headers["Retry-After"]) > 0
+            health = client.get("/health")
+            assert (health.status_code, health.json()["status"]) == (503, "unavailable")
+            assert client.get("/metrics").status_code == 200
+            aside.rename(made / gone)
+            assert client.get("/health").json() == {"status": "ready", "places": 20}
+
+
+def test_files_that_are_damaged_are_no_error_of_the_client(made: Path) -> None:
+    with serving(made) as client:
+        for path in made.rglob("*.lance"):
+            if path.is_file():
+                path.write_bytes(b"damaged")
+        for path in made.rglob("*.manifest"):
+            path.unlink()
+        answer = client.post("/v1/query", json={"vector": [0.0] * LENGTH})
+        assert (answer.status_code, answer.json()["code"]) == (503, "places")
+
+
+def test_a_folder_that_is_replaced_is_served_instead(made: Path) -> None:
+    with serving(made) as client:
+        assert client.get("/v1/places").json()["sites"] == {"depot": 20}
+        shutil.rmtree(made)
+        make_folder(made)
+        vectors = add_places(made, "friday", 7, site="attic")
+        assert client.get("/v1/places").json()["sites"] == {"attic": 7}
+        assert nearest(client, vectors[3])["session"] == "friday"
+
+
+def test_what_is_no_folder_of_places_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for name in ("empty", "nowhere"):
+        with pytest.raises(DataError), serving(tmp_path / name):
+            pass
