@@ -91,6 +91,26 @@ def drive(places: Sequence[int], gap_s: float = 5.0, poses: bool = True) -> Scen
     )
 
 
+def differing(one: SceneSet, other: SceneSet) -> list[str]:
+    """Names of what differs between two sets."""
+    arrays = ("stamps_ns", "numbers", "empty", "poses")
+    names = [n for n in arrays if not np.array_equal(getattr(one, n), getattr(other, n))]
+    values = ("name", "frame", "scenes", "scene_config", "source")
+    names += [n for n in values if getattr(one, n) != getattr(other, n)]
+    features = {*one.features, *other.features}
+    names += [
+        n
+        for n in features
+        if not np.array_equal(one.features[n], other.features[n], equal_nan=True)
+    ]
+    if one.clouds is None or other.clouds is None:
+        return names + ["clouds"] * (one.clouds is not other.clouds)
+    parts = ("points", "colors", "offsets")
+    return names + [
+        n for n in parts if not np.array_equal(getattr(one.clouds, n), getattr(other.clouds, n))
+    ]
+
+
 LAPS = (0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5, 2, 0)
 
 
