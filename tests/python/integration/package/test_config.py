@@ -22,20 +22,15 @@ from fusionslam.pipelines.methods import find_method
 from fusionslam.sim.catalogue import check_world
 from fusionslam.sim.robot import robot_named
 from fusionslam.views.recognisers import find_recogniser
+from rows import rows
 
 SECTIONS: list[tuple[type[Any], type[Section]]] = [
     (M2dpConfig, type(DescriptorConfig().m2dp)),
     (StereoConfig, StereoSection),
     (GroundPlaneConfig, PlaneSection),
 ]
-CORE_OPTIONS = [
-    pytest.param(core, section, option, id=f"{core.__name__}.{option['name']}")
-    for core, section in SECTIONS
-    for option in core.options()
-]
-CORE_NUMBERS = [
-    parameter for parameter in CORE_OPTIONS if parameter.values[2]["kind"] in ("int", "float")
-]
+CORE_OPTIONS = [(core, section, option) for core, section in SECTIONS for option in core.options()]
+NUMBERS = ("int", "float")
 
 
 # The core's options and the sections made of them
@@ -50,31 +45,18 @@ def test_problems_are_told_without_the_words_of_pydantic() -> None:
         assert "Input" not in message and "type=" not in message and "pydantic" not in message
 
 
-@pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)
-def test_every_option_of_the_core_is_described(
+@rows("core, section, option", CORE_OPTIONS)
+def test_an_option_of_a_section_has_default_help_and_unit_of_the_core(
     core: type[Any], section: type[Section], option: dict[str, Any]
 ) -> None:
+    name = option["name"]
     assert option["help"] and not option["help"].endswith(".")
-    assert option["default"] == getattr(core(), option["name"])
+    assert option["default"] == getattr(core(), name)
     if option["kind"] == "choice":
         assert option["default"] in option["choices"]
     elif option["kind"] != "bool":
         assert option["minimum"] <= option["default"] <= option["maximum"]
-
-
-@pytest.mark.parametrize(("core", "section"), SECTIONS)
-def test_a_section_has_the_options_of_the_core_once_and_in_order(
-    core: type[Any], section: type[Section]
-) -> None:
-    names = [option["name"] for option in core.options()]
-    assert list(section.model_fields) == names and len(set(names)) == len(names)
-
-
-@pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)
-def test_a_section_has_the_defaults_help_and_units_of_the_core(
-    core: type[Any], section: type[Section], option: dict[str, Any]
-) -> None:
-    name = option["name"]
+        assert math.isfinite(option["minimum"]) and math.isfinite(option["maximum"])
     definition = section.model_fields[name]
     # where there are presets, values come from these and none is set by default; some of the
     # ground's depend on the frame, and say so
@@ -87,48 +69,33 @@ def test_a_section_has_the_defaults_help_and_units_of_the_core(
     assert definition.json_schema_extra == {"unit": option["unit"]}
 
 
-@pytest.mark.parametrize(("core", "section", "option"), CORE_NUMBERS)
-def test_values_out_of_range_are_refused_by_the_core_and_by_the_section(
-    core: type[Any], section: type[Section], option: dict[str, Any]
+@rows("core, section", SECTIONS)
+def test_a_section_has_the_options_of_the_core_once_and_in_order(
+    core: type[Any], section: type[Section]
 ) -> None:
-    name, step = option["name"], 1 if option["kind"] == "int" else 0.5
-    kind = int if option["kind"] == "int" else float
-    for value in (option["minimum"] - step, option["maximum"] + step):
-        bad = kind(value)
-        if value in (option["minimum"], option["maximum"]):  # no number beyond this limit
-            continue
-        with pytest.raises(ConfigError, match=rf"\.{name} "):
-            core(**{name: bad})
-        with pytest.raises(ConfigError, match=name):
-            merged(section(), {name: bad})
+    names = [option["name"] for option in core.options()]
+    assert list(section.model_fields) == names and len(set(names)) == len(names)
+    with pytest.raises(ConfigError, match=r"'azimuth_count'.* \w+, \w+"):
+        core(azimuth_count=3)
 
 
-@pytest.mark.parametrize(("core", "section", "option"), CORE_OPTIONS)
-def test_values_of_another_type_are_refused_by_the_core_and_by_the_section(
+@rows("core, section, option", CORE_OPTIONS)
+def test_wrong_values_are_refused_by_the_core_and_by_the_section(
     core: type[Any], section: type[Section], option: dict[str, Any]
 ) -> None:
     name = option["name"]
-    for bad in ("certainly", [1], {"a": 1}):
+    wrong: list[Any] = ["certainly", [1], {"a": 1}]
+    if option["kind"] in NUMBERS:
+        kind, step = (int, 1) if option["kind"] == "int" else (float, 0.5)
+        limits = (option["minimum"], option["maximum"])
+        beyond = (kind(limits[0] - step), kind(limits[1] + step))
+        # Where a step changes nothing, no number is beyond this limit.
+        wrong += [True, *(value for value in beyond if value not in limits)]
+    for value in wrong:
         with pytest.raises(ConfigError, match=name):
-            core(**{name: bad})
+            core(**{name: value})
         with pytest.raises(ConfigError, match=name):
-            merged(section(), {name: bad})
-
-
-@pytest.mark.parametrize(("core", "section", "option"), CORE_NUMBERS)
-def test_a_truth_value_is_no_number(
-    core: type[Any], section: type[Section], option: dict[str, Any]
-) -> None:
-    with pytest.raises(ConfigError, match=option["name"]):
-        core(**{option["name"]: True})
-    with pytest.raises(ConfigError, match=option["name"]):
-        merged(section(), {option["name"]: True})
-
-
-@pytest.mark.parametrize("core", [core for core, _ in SECTIONS])
-def test_the_core_names_an_unknown_option(core: type[Any]) -> None:
-    with pytest.raises(ConfigError, match=r"'azimuth_count'.* \w+, \w+"):
-        core(azimuth_count=3)
+            merged(section(), {name: value})
 
 
 def test_keyword_arguments_set_single_values() -> None:
@@ -171,18 +138,22 @@ def test_unknown_presets_and_choices_name_those_there_are() -> None:
         StereoConfig(method="magic")
 
 
-def test_the_nearest_name_is_offered_whatever_registry_refuses_one() -> None:
-    refusals: list[tuple[Callable[[str], object], str, str]] = [
+@rows(
+    "find, wrong, near",
+    [
         (find_descriptor, "cm2pd", "cm2dp"),
         (find_recogniser, "alignmet", "alignment"),
         (find_method, "two_stage", "two_stages"),
         (find_protocol, "revisits", "revisit"),
         (check_world, "hous", "house"),
         (robot_named, "turtlebot3_waffle", "turtlebot3_waffle_pi"),
-    ]
-    for find, wrong, near in refusals:
-        with pytest.raises(FusionSlamError, match=f"'{near}'"):
-            find(wrong)
+    ],
+)
+def test_the_nearest_name_is_offered_whatever_registry_refuses_one(
+    find: Callable[[str], object], wrong: str, near: str
+) -> None:
+    with pytest.raises(FusionSlamError, match=f"'{near}'"):
+        find(wrong)
 
 
 # The whole configuration
@@ -242,13 +213,10 @@ def test_settings_change_what_they_name_in_order() -> None:
     assert config.descriptors.normal_radius is None
 
 
-@pytest.mark.parametrize("text", ["2.5e-1", "25e-2", ".25E0", "2.5e-01", "0.25"])
+@rows("text", ["2.5e-1", "25e-2", ".25E0", "2.5e-01", "0.25"])
 def test_powers_of_ten_are_numbers_as_people_write_them(tmp_path: Path, text: str) -> None:
-    assert with_settings(PipelineConfig(), [f"fusion.voxel={text}"]).fusion.voxel == 0.25
-    (tmp_path / "config.yaml").write_text(f"fusion:\n  voxel: {text}\n")
-    assert with_file(PipelineConfig(), tmp_path / "config.yaml").fusion.voxel == 0.25
-    with pytest.raises(ConfigError, match=r"fusion\.up .*'25e'"):
-        with_settings(PipelineConfig(), ["fusion.up=25e"])
+    assert from_setting(f"fusion.voxel={text}", tmp_path).fusion.voxel == 0.25
+    assert from_file(f"fusion:\n  voxel: {text}\n", tmp_path).fusion.voxel == 0.25
 
 
 def test_the_original_is_never_changed() -> None:
@@ -259,47 +227,51 @@ def test_the_original_is_never_changed() -> None:
         config.fusion.voxel = 3.0
 
 
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ("fusion.voxle=1", "'fusion.voxle'.*'voxel'"),
-        ("fusoin.voxel=1", "'fusoin'.*'fusion'"),
-        ("descriptors.m2dp.ring=1", "'descriptors.m2dp.ring'.*'rings'"),
-        ("fusion.stereo.metod=bm", "'fusion.stereo.metod'.*'method'"),
-        ("quux=1", "'quux'.* fusion, descriptors"),
-        ("fusion.voxel=-1", "fusion.voxel .*-1.*0"),
-        ("fusion.voxel=.nan", "fusion.voxel .*nan"),
-        ("fusion.voxel=tall", "fusion.voxel .*'tall'"),
-        ("fusion.source=radar", "fusion.source .*'radar'.*'lidar', 'stereo' or 'cloud'"),
-        ("fusion.stereo.block_size=1.5", "fusion.stereo.block_size .*1.5"),
-        ("fusion.stereo.median_blur=7", "fusion.stereo.median_blur .*7"),
-        ("loop_closure.window=true", "loop_closure.window .*True"),
-        ("loop_closure.threshold=.inf", "loop_closure.threshold .*inf"),
-        ("fusion=3", "fusion .*3.* source, interpolation"),
-        ("fusion.voxel", "fusion.voxel.*stage.key=value"),
-        ("fusion.voxel=[1", "fusion.voxel=.*YAML"),
-    ],
-)
-def test_a_wrong_setting_names_its_key_and_what_was_expected(setting: str, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        with_settings(PipelineConfig(), [setting])
+def from_setting(setting: str, _: Path) -> PipelineConfig:
+    return with_settings(PipelineConfig(), [setting])
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
+def from_file(text: str, folder: Path) -> PipelineConfig:
+    (folder / "wrong.yaml").write_text(text)
+    return with_file(PipelineConfig(), folder / "wrong.yaml")
+
+
+@rows(
+    "make, text, message",
     [
-        ("fusion: {voxle: 1}", "'fusion.voxle'.*'voxel'"),
-        ("- fusion\n- voxel\n", "wrong.yaml.* list"),
-        ("fusion: [1, 2]", r"fusion .*\[1, 2\]"),
-        ("fusion: {voxel: 1", "wrong.yaml.*line 1"),
-        ("3: 4", "'3'"),
+        (from_setting, "fusion.voxle=1", "'fusion.voxle'.*'voxel'"),
+        (from_setting, "fusoin.voxel=1", "'fusoin'.*'fusion'"),
+        (from_setting, "descriptors.m2dp.ring=1", "'descriptors.m2dp.ring'.*'rings'"),
+        (from_setting, "fusion.stereo.metod=bm", "'fusion.stereo.metod'.*'method'"),
+        (from_setting, "quux=1", "'quux'.* fusion, descriptors"),
+        (from_setting, "fusion.voxel=-1", "fusion.voxel .*-1.*0"),
+        (from_setting, "fusion.voxel=.nan", "fusion.voxel .*nan"),
+        (from_setting, "fusion.voxel=tall", "fusion.voxel .*'tall'"),
+        (
+            from_setting,
+            "fusion.source=radar",
+            "fusion.source .*'radar'.*'lidar', 'stereo' or 'cloud'",
+        ),
+        (from_setting, "fusion.stereo.block_size=1.5", "fusion.stereo.block_size .*1.5"),
+        (from_setting, "fusion.stereo.median_blur=7", "fusion.stereo.median_blur .*7"),
+        (from_setting, "loop_closure.window=true", "loop_closure.window .*True"),
+        (from_setting, "loop_closure.threshold=.inf", "loop_closure.threshold .*inf"),
+        (from_setting, "fusion=3", "fusion .*3.* source, interpolation"),
+        (from_setting, "fusion.voxel", "fusion.voxel.*stage.key=value"),
+        (from_setting, "fusion.voxel=[1", "fusion.voxel=.*YAML"),
+        (from_setting, "fusion.up=25e", r"fusion\.up .*'25e'"),
+        (from_file, "fusion: {voxle: 1}", "'fusion.voxle'.*'voxel'"),
+        (from_file, "- fusion\n- voxel\n", "wrong.yaml.* list"),
+        (from_file, "fusion: [1, 2]", r"fusion .*\[1, 2\]"),
+        (from_file, "fusion: {voxel: 1", "wrong.yaml.*line 1"),
+        (from_file, "3: 4", "'3'"),
     ],
 )
-def test_a_wrong_file_names_its_key_or_itself(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "wrong.yaml"
-    path.write_text(text)
+def test_a_wrong_setting_or_file_names_its_key_and_what_was_expected(
+    make: Callable[[str, Path], PipelineConfig], text: str, message: str, tmp_path: Path
+) -> None:
     with pytest.raises(ConfigError, match=message):
-        with_file(PipelineConfig(), path)
+        make(text, tmp_path)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -320,15 +292,8 @@ def test_a_changed_value_reaches_the_core() -> None:
     assert len(given) == 64 + 4 * 16
 
 
-def test_limits_are_finite_where_they_are_shown() -> None:
-    for core, _ in SECTIONS:
-        for option in core.options():
-            if "minimum" in option:
-                assert math.isfinite(option["minimum"]) and math.isfinite(option["maximum"])
-
-
-@pytest.mark.parametrize(
-    ("make", "code", "fields", "near"),
+@rows(
+    "make, code, fields, near",
     [
         (lambda: FusionConfig(voxl=0.2), "unknown-key", ("voxl",), "'voxel'"),
         (lambda: FusionConfig(source="sterio"), "config", ("source",), "'stereo'?"),
@@ -350,7 +315,7 @@ def test_a_section_made_in_python_refuses_wrong_values_with_our_error(
     assert "pydantic" not in str(error.value)
 
 
-@pytest.mark.parametrize("value", [2**63, -(2**63) - 1, 10**400], ids=["2^63", "-2^63-1", "10^400"])
+@rows("value", [2**63, -(2**63) - 1, 10**400])
 def test_integers_beyond_64_bits_are_refused(value: int) -> None:
     with pytest.raises(ConfigError):
         fusionslam.LoopConfig(window=value)

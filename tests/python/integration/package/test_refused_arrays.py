@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Arrays: what is refused and how."""
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,12 @@ from arrays import (
     Call,
 )
 from fusionslam import DataError, ShapeError
+from rows import rows
 
 WRONG_POINTS: dict[str, Any] = {
     "flat": POINTS.ravel(),
     "with a fourth column": np.zeros((10, 4), np.float32),
+    "without a third column": np.zeros((10, 2), np.float32),
     "transposed": POINTS.T,
     "of three dimensions": POINTS[None],
     "of integers": POINTS.astype(np.int32),
@@ -70,56 +73,61 @@ WRONG_MATRICES: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("kind", WRONG_POINTS)
-@pytest.mark.parametrize("call", POINT_CALLS)
-def test_wrong_points_are_refused_by_name(call: str, kind: str) -> None:
-    with pytest.raises(ShapeError, match=r"^points "):
-        POINT_CALLS[call](WRONG_POINTS[kind])
+WRONG_DESCRIPTORS: dict[str, Any] = {
+    "a table": DESCRIPTORS,
+    "of integers": np.arange(8),
+    "of another length": np.zeros(7, np.float32),
+    "None": None,
+}
+WRONG_TABLES: dict[str, Any] = {
+    "flat": DESCRIPTORS[0],
+    "of integers": np.ones((3, 3), int),
+    "without columns": np.zeros((3, 0), np.float32),
+}
+WRONG_DISPARITIES: dict[str, Any] = {
+    "of another width": np.zeros((48, 63), np.float32),
+    "flat": np.zeros(48 * 64, np.float32),
+    "of integers": np.zeros((48, 64), int),
+    "None": None,
+}
+INDEX = fusionslam.DescriptorIndex(8)
 
 
-@pytest.mark.parametrize("kind", WRONG_COLORS)
-@pytest.mark.parametrize("call", COLOR_CALLS)
-def test_wrong_colours_are_refused_by_name(call: str, kind: str) -> None:
-    with pytest.raises(ShapeError, match=r"^colors "):
-        COLOR_CALLS[call](WRONG_COLORS[kind])
-
-
-@pytest.mark.parametrize("kind", WRONG_IMAGES)
-@pytest.mark.parametrize("call", IMAGE_CALLS)
-def test_wrong_images_are_refused(call: str, kind: str) -> None:
-    with pytest.raises(ShapeError, match=r"^(image|left|right) "):
-        IMAGE_CALLS[call](WRONG_IMAGES[kind])
-
-
-@pytest.mark.parametrize("kind", WRONG_MATRICES)
-@pytest.mark.parametrize("call", MATRIX_CALLS)
-def test_wrong_matrices_are_refused(call: str, kind: str) -> None:
-    with pytest.raises(ShapeError, match=r"^(matrix|projection|left_projection) "):
-        MATRIX_CALLS[call](WRONG_MATRICES[kind])
-
-
-@pytest.mark.parametrize(
-    "disparity",
-    [np.zeros((48, 63), np.float32), np.zeros(48 * 64, np.float32), np.zeros((48, 64), int), None],
+@rows(
+    "calls, wrong, says",
+    [
+        (POINT_CALLS, WRONG_POINTS, r"^points "),
+        (COLOR_CALLS, WRONG_COLORS, r"^colors "),
+        (IMAGE_CALLS, WRONG_IMAGES, r"^(image|left|right) "),
+        (MATRIX_CALLS, WRONG_MATRICES, r"^(matrix|projection|left_projection) "),
+        (
+            {
+                "cloud_from_disparity": lambda disparity: fusionslam.cloud_from_disparity(
+                    disparity, IMAGE, PROJECTION, RIGHT_PROJECTION
+                )
+            },
+            WRONG_DISPARITIES,
+            r"^disparity ",
+        ),
+        ({"add": INDEX.add, "query": INDEX.query}, WRONG_DESCRIPTORS, r"^descriptor "),
+        (
+            {"nearest_causal": lambda table: fusionslam.nearest_causal(table, window=0)},
+            WRONG_TABLES,
+            None,
+        ),
+    ],
 )
-def test_a_disparity_of_another_shape_or_kind_is_refused_by_name(disparity: Any) -> None:
-    with pytest.raises(ShapeError, match=r"^disparity "):
-        fusionslam.cloud_from_disparity(disparity, IMAGE, PROJECTION, RIGHT_PROJECTION)
-
-
-@pytest.mark.parametrize("given", [DESCRIPTORS, np.arange(8), np.zeros(7, np.float32), None])
-def test_wrong_descriptors_are_refused_and_nothing_is_added(given: Any) -> None:
-    index = fusionslam.DescriptorIndex(8)
-    for call in (index.add, index.query):
-        with pytest.raises(ShapeError, match=r"^descriptor "):
-            call(given)
-    assert len(index) == 0
-
-
-@pytest.mark.parametrize("given", [DESCRIPTORS[0], np.ones((3, 3), int), np.zeros((3, 0), "f4")])
-def test_wrong_tables_of_descriptors_are_refused(given: Any) -> None:
-    with pytest.raises(ShapeError):
-        fusionslam.nearest_causal(given, window=0)
+def test_arrays_of_another_shape_or_kind_are_refused_by_name(
+    calls: dict[str, Call], wrong: dict[str, Any], says: str | None
+) -> None:
+    for (name, call), (kind, given) in product(calls.items(), wrong.items()):
+        try:
+            with pytest.raises(ShapeError, match=says):
+                call(given)
+        except BaseException as problem:
+            problem.add_note(f"{name} of what is {kind}")
+            raise
+    assert len(INDEX) == 0
 
 
 DESCRIBE: dict[str, Call] = {
@@ -145,18 +153,20 @@ UNUSABLE: dict[str, np.ndarray] = {
 }
 
 
-@pytest.mark.parametrize("kind", UNUSABLE)
-@pytest.mark.parametrize("call", DESCRIBE)
+@rows("call, kind", product(DESCRIBE, UNUSABLE))
 def test_a_cloud_that_cannot_be_described_says_why(call: str, kind: str) -> None:
     with pytest.raises(DataError, match=r"\bpoints?\b") as error:
         DESCRIBE[call](UNUSABLE[kind].astype(np.float32))
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "call", [name for name in DESCRIBE if "shot" not in name and "upright" not in name]
+@rows(
+    "call, scale",
+    product(
+        [name for name in DESCRIBE if "shot" not in name and "upright" not in name],
+        [1e-3, 1.0, 1e3],
+    ),
 )
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_collinear_points_have_no_principal_axes(call: str, scale: float) -> None:
     with pytest.raises(DataError, match=r"\bline\b"):
         DESCRIBE[call]((LINE * scale).astype(np.float32))
@@ -170,7 +180,7 @@ def test_shot_of_collinear_points_says_why_or_is_finite() -> None:
             assert "line" in str(error)
 
 
-@pytest.mark.parametrize("call", DESCRIBE)
+@rows("call", DESCRIBE)
 def test_coplanar_points_can_be_described(call: str) -> None:
     flat = POINTS * np.array([1, 1, 0], np.float32) + np.array([0, 0, 2], np.float32)
     tilted = (flat @ np.linalg.qr(RNG.normal(size=(3, 3)))[0]).astype(np.float32)
@@ -184,10 +194,13 @@ def test_four_points_are_enough_for_m2dp() -> None:
         assert np.isfinite(fusionslam.m2dp(corners, preset=preset)).all()
 
 
-@pytest.mark.parametrize(
-    "call", [name for name in POINT_CALLS if name not in (*DESCRIBE, "drop_invalid")]
+@rows(
+    "call, value",
+    product(
+        [name for name in POINT_CALLS if name not in (*DESCRIBE, "drop_invalid")],
+        [np.nan, np.inf, -np.inf],
+    ),
 )
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_points_that_are_not_finite_are_refused_by_number(call: str, value: float) -> None:
     spoilt = POINTS.copy()
     spoilt[7, 1] = value

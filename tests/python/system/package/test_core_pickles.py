@@ -7,6 +7,7 @@ import multiprocessing
 import pickle
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from arrays import SECOND, filled
 from fusionslam import _core
 from fusionslam.errors import FusionSlamError
+from rows import rows
 from scenes import many_scenes, place
 
 CLOUD = place(1)
@@ -126,7 +128,7 @@ def test_every_class_of_the_core_is_tried() -> None:
     assert classes == set(OBJECTS)
 
 
-@pytest.mark.parametrize("name", OBJECTS)
+@rows("name", OBJECTS)
 def test_an_object_comes_back_as_it_was(name: str) -> None:
     make, values_of = OBJECTS[name]
     original = make()
@@ -152,8 +154,7 @@ WITH_STATES = [
 ]
 
 
-@pytest.mark.parametrize("name", WITH_STATES)
-@pytest.mark.parametrize("number", range(len(WRONG)))
+@rows("name, number", product(WITH_STATES, range(len(WRONG))))
 def test_a_wrong_state_is_a_typed_error(name: str, number: int) -> None:
     kind = getattr(_core, name)
     fresh = kind.__new__(kind)

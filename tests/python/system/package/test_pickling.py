@@ -51,6 +51,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from kitti import odometry, raw_drive
 from recordings import write_drive
+from rows import rows
 from scenes import LAPS, MeanColor, painted, place, two_stages
 from scenes import drive as scenes_of
 
@@ -76,7 +77,7 @@ def sections(section: Section) -> Iterator[Section]:
 ALL_SECTIONS = [*sections(SystemConfig()), FusionConfig(frame="robot"), OdometryConfig(scale=1.1)]
 
 
-@pytest.mark.parametrize("config", ALL_SECTIONS, ids=lambda config: type(config).__name__)
+@rows("config", ALL_SECTIONS)
 def test_configurations_are_sent(config: Section) -> None:
     assert sent(config) == config and type(sent(config)) is type(config)
 
@@ -100,10 +101,13 @@ def all_errors(kind: type[FusionSlamError] = FusionSlamError) -> set[type[Fusion
     return {kind}.union(*(all_errors(each) for each in kind.__subclasses__()))
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@rows("error", ERRORS)
 def test_errors_come_back(error: FusionSlamError) -> None:
     back = sent(error)
     assert type(back) is type(error) and str(back) == str(error) and vars(back) == vars(error)
+
+
+def test_every_class_of_errors_is_tried() -> None:
     own = {each for each in all_errors() if each.__module__.startswith("fusionslam.")}
     assert own == {type(each) for each in ERRORS}
 
@@ -117,15 +121,15 @@ def test_an_error_of_another_process_is_the_error_itself(worker: ProcessPoolExec
     assert vars(there.value) == vars(here.value) and str(there.value) == str(here.value)
 
 
-MATCHERS: dict[str, dict[str, Any]] = {
-    "alignment": {},
-    "several": {"policy": "several", "store_below": 1.0},
-    "objects": {"method": "objects"},
-    "cm2dp": {"method": "cm2dp", "max_views": 3},
-}
-
-
-@pytest.mark.parametrize("values", MATCHERS.values(), ids=MATCHERS)
+@rows(
+    "values",
+    [
+        {},
+        {"policy": "several", "store_below": 1.0},
+        {"method": "objects"},
+        {"method": "cm2dp", "max_views": 3},
+    ],
+)
 def test_a_matcher_takes_its_views_along(values: dict[str, Any]) -> None:
     one = ViewMatcher(ViewMatcherConfig(**values))
     run_views(scenes_of(LAPS), one)
@@ -160,9 +164,9 @@ def test_another_process_recognises_places(worker: ProcessPoolExecutor) -> None:
     assert found == one.process(place(1, 7)) and not found.is_new
 
 
-@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+@rows("preset", ["robust", "openratslam"])
 def test_a_map_is_continued_elsewhere(preset: str) -> None:
-    events = circle_events(1.3)
+    events = circle_events(1.1)
     one = RatSlam(preset=preset)
     take(one, events[:200])
     other = sent(one)
@@ -179,7 +183,7 @@ def test_a_map_is_continued_in_another_process(worker: ProcessPoolExecutor) -> N
 
 
 def test_an_online_map_is_continued_elsewhere_with_the_events_that_wait() -> None:
-    messages = replace_sightings(circle_events(1.3))
+    messages = replace_sightings(circle_events(1.1))
     one = OnlineRatSlam()
     process_all(one, [object(), *messages[:200]])
     other = sent(one)
@@ -188,7 +192,7 @@ def test_an_online_map_is_continued_elsewhere_with_the_events_that_wait() -> Non
     assert same(everything(other.slam), everything(one.slam))
 
 
-@pytest.mark.parametrize("name", ["alignment", "objects", "visual_templates"])
+@rows("name", ["alignment", "objects", "visual_templates"])
 def test_view_sources_are_sent(name: str) -> None:
     source = build_view_source(name)
     rng = np.random.default_rng(1)
@@ -239,7 +243,7 @@ def content(frame: Frame) -> dict[str, Any]:
     return {**plain, "cameras": cameras, "index": frame.index, "stamp_ns": frame.stamp_ns}
 
 
-@pytest.mark.parametrize("kind", ["kitti-odometry", "kitti-raw", "ranges", "rosbag1", "mcap"])
+@rows("kind", ["kitti-odometry", "kitti-raw", "ranges", "rosbag1", "mcap"])
 def test_recordings_and_their_frames_are_sent(
     tmp_path: Path, worker: ProcessPoolExecutor, kind: str
 ) -> None:

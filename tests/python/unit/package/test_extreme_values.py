@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import fusionslam
 from arrays import COLORS, POINTS, PROJECTION
 from fusionslam.errors import DataError, ShapeError
+from rows import rows
 
 
 def repeated(*shape: int) -> NDArray[np.uint8]:
@@ -49,12 +50,13 @@ IMAGES: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", IMAGES)
+@rows("name", IMAGES)
 def test_images_beyond_what_is_counted_in_are_refused(name: str) -> None:
     with pytest.raises((ShapeError, DataError)):
         IMAGES[name]()
 
 
+@pytest.mark.nightly
 def test_the_last_pixel_of_a_very_wide_image_is_read() -> None:
     width = 800_000_000  # three bytes each are more than an int
     image = np.zeros((1, width, 3), np.uint8)  # memory is taken where it is touched
@@ -75,7 +77,7 @@ SHOT: dict[str, Callable[[Any], Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", SHOT)
+@rows("name", SHOT)
 def test_shot_of_any_scale_is_that_of_metres_or_refused(name: str) -> None:
     expected = SHOT[name](POINTS)
     fits = []

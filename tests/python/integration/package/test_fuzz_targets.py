@@ -16,9 +16,18 @@ from fuzz.worker_counts import Counts
 TARGETS = all_targets()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", TARGETS)
 def test_hostile_input_is_refused_or_harmless(name: str) -> None:
     assert short_run(TARGETS[name], 30) >= 10
+
+
+@pytest.mark.parametrize("group", sorted({name.partition("/")[0] for name in TARGETS}))
+def test_some_hostile_inputs_are_refused_or_harmless(group: str) -> None:
+    for name, target in TARGETS.items():
+        # A seed of place maps takes as long as those of all others.
+        if name.startswith(f"{group}/") and name != "damaged/place_map":
+            assert short_run(target, 3) >= 1, name
 
 
 def test_every_former_finding_belongs_to_a_target() -> None:

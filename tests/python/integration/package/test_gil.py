@@ -7,10 +7,10 @@ import threading
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 
 import fusionslam
 from arrays import LEFT, RNG
+from rows import rows
 
 
 def let_others_run(call: Callable[[], object], tries: int) -> bool:
@@ -57,7 +57,7 @@ LONG_CALLS: dict[str, Callable[[], object]] = {
 }
 
 
-@pytest.mark.parametrize("call", LONG_CALLS)
+@rows("call", LONG_CALLS)
 def test_other_threads_run_during_a_long_call(call: str) -> None:
     assert let_others_run(LONG_CALLS[call], tries=1000)
 

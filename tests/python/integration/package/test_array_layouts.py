@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 import fusionslam
 from arrays import (
@@ -21,7 +20,9 @@ from arrays import (
     POINT_CALLS,
     POINTS,
     PROJECTION,
+    Call,
 )
+from rows import rows
 
 
 def same(a: Any, b: Any) -> bool:
@@ -43,6 +44,11 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return locked
 
 
+def unaligned(array: np.ndarray) -> np.ndarray:
+    shifted = np.frombuffer(b"x" + array.tobytes(), np.uint8)[1:]
+    return shifted.view(array.dtype).reshape(array.shape)
+
+
 def reversed_rows(array: np.ndarray) -> np.ndarray:
     return array[::-1].copy()[::-1]
 
@@ -52,6 +58,7 @@ LAYOUTS: dict[str, Callable[[np.ndarray], Any]] = {
     "strided": strided,
     "read-only": read_only,
     "of negative stride": reversed_rows,
+    "not aligned": unaligned,
 }
 FLOAT_LAYOUTS = LAYOUTS | {
     "float64": lambda array: array.astype(np.float64),
@@ -61,47 +68,45 @@ FLOAT_LAYOUTS = LAYOUTS | {
 }
 
 
-@pytest.mark.parametrize("layout", FLOAT_LAYOUTS)
-@pytest.mark.parametrize("call", POINT_CALLS)
-def test_points_in_another_layout_give_the_same_answer(call: str, layout: str) -> None:
-    given = FLOAT_LAYOUTS[layout](POINTS)
-    assert same(POINT_CALLS[call](given), POINT_CALLS[call](POINTS))
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("call", COLOR_CALLS)
-def test_colours_in_another_layout_give_the_same_answer(call: str, layout: str) -> None:
-    assert same(COLOR_CALLS[call](LAYOUTS[layout](COLORS)), COLOR_CALLS[call](COLORS))
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_images_in_another_layout_give_the_same_answer(layout: str) -> None:
-    assert same(IMAGE_CALLS["colorize"](LAYOUTS[layout](IMAGE)), IMAGE_CALLS["colorize"](IMAGE))
-    right = np.roll(LEFT, -7, axis=1)
-    given = fusionslam.stereo_disparity(LAYOUTS[layout](LEFT), LAYOUTS[layout](right))
-    assert same(given, fusionslam.stereo_disparity(LEFT, right))
-
-
-@pytest.mark.parametrize("layout", FLOAT_LAYOUTS)
-def test_matrices_in_another_layout_give_the_same_answer(layout: str) -> None:
-    given = FLOAT_LAYOUTS[layout](PROJECTION)
-    assert same(MATRIX_CALLS["colorize"](given), MATRIX_CALLS["colorize"](PROJECTION))
-
-
-@pytest.mark.parametrize("layout", FLOAT_LAYOUTS)
-def test_descriptors_in_another_layout_give_the_same_answer(layout: str) -> None:
-    given = FLOAT_LAYOUTS[layout](DESCRIPTORS)
-    assert same(
-        fusionslam.nearest_causal(given, window=3, k=2),
-        fusionslam.nearest_causal(DESCRIPTORS, window=3, k=2),
+def all_descriptors(table: Any) -> Any:
+    """What an index and tables find of descriptors."""
+    index = fusionslam.DescriptorIndex(8)
+    found = []
+    for row in table:
+        found.append(index.query(row, k=3))
+        index.add(row)
+    return (
+        *found,
+        fusionslam.nearest_causal(table, window=3, k=2),
+        fusionslam.nearest(table, DESCRIPTORS),
+        fusionslam.nearest(DESCRIPTORS, table),
     )
-    for table in (fusionslam.nearest(given, DESCRIPTORS), fusionslam.nearest(DESCRIPTORS, given)):
-        assert same(table, fusionslam.nearest(DESCRIPTORS, DESCRIPTORS))
-    plain, other = fusionslam.DescriptorIndex(8), fusionslam.DescriptorIndex(8)
-    for row, given_row in zip(DESCRIPTORS, given, strict=True):
-        assert same(other.query(given_row, k=3), plain.query(row, k=3))
-        plain.add(row)
-        other.add(given_row)
+
+
+STEREO = {
+    "stereo": lambda left: fusionslam.stereo_disparity(left, np.roll(LEFT, -7, axis=1)),
+    "right": lambda left: fusionslam.stereo_disparity(np.roll(LEFT, 7, axis=1), left),
+}
+
+
+@rows(
+    "calls, array, layouts",
+    [
+        (POINT_CALLS, POINTS, FLOAT_LAYOUTS),
+        (COLOR_CALLS, COLORS, LAYOUTS),
+        ({"colorize": IMAGE_CALLS["colorize"]}, IMAGE, LAYOUTS),
+        (STEREO, LEFT, LAYOUTS),
+        ({"colorize": MATRIX_CALLS["colorize"]}, PROJECTION, FLOAT_LAYOUTS),
+        ({"descriptors": all_descriptors}, DESCRIPTORS, FLOAT_LAYOUTS),
+    ],
+)
+def test_arrays_in_another_layout_give_the_same_answer(
+    calls: dict[str, Call], array: np.ndarray, layouts: dict[str, Callable[[np.ndarray], Any]]
+) -> None:
+    for name, call in calls.items():
+        expected = call(array)
+        for layout, given in layouts.items():
+            assert same(call(given(array)), expected), f"{name} of what is {layout}"
 
 
 def numpy_bytes_during(call: Callable[[], object]) -> int:

@@ -12,6 +12,7 @@ import pytest
 import fusionslam
 from fusionslam import views
 from fusionslam.storage.files import delay_interrupts
+from rows import rows
 from scenes import random_scene
 
 
@@ -46,6 +47,8 @@ LONG: dict[str, Callable[[], object]] = {
     "cm2dp": lambda: fusionslam.cm2dp(CLOUD, COLORS, color_space="lab"),
     "cloud_resolution": lambda: fusionslam.cloud_resolution(CLOUD),
     "estimate_normals": lambda: fusionslam.estimate_normals(CLOUD, radius=0.1),
+    "estimate_normals, all neighbours": lambda: fusionslam.estimate_normals(CLOUD, radius=1e6),
+    "estimate_normals, threads": lambda: fusionslam.estimate_normals(CLOUD, radius=0.1, threads=3),
     "cshot": lambda: fusionslam.cshot(CLOUD, COLORS, normal_radius=0.1),
     "colorize": lambda: [fusionslam.colorize(CLOUD, IMAGE, PROJECTION) for _ in range(20)],
     "voxel_downsample": lambda: fusionslam.voxel_downsample(CLOUD, size=0.01),
@@ -56,7 +59,7 @@ LONG: dict[str, Callable[[], object]] = {
 }
 
 
-@pytest.mark.parametrize("name", LONG)
+@rows("name", LONG)
 def test_a_signal_ends_a_long_call(name: str) -> None:
     with pytest.raises(Alarm):  # which may ring before the call, on a busy machine
         signal.setitimer(signal.ITIMER_REAL, 0.02)
@@ -70,12 +73,6 @@ def test_after_an_interrupt_the_same_call_works() -> None:
     few = TABLE[:50]
     expected = np.argmin(np.linalg.norm(few[:-1] - few[-1], axis=1))
     assert fusionslam.nearest_causal(few, window=0, k=1)[0][-1, 0] == expected
-
-
-def test_threads_of_a_call_end_with_it_too() -> None:
-    with pytest.raises(Alarm):  # which may ring before the call, on a busy machine
-        signal.setitimer(signal.ITIMER_REAL, 0.02)
-        fusionslam.estimate_normals(CLOUD, radius=0.1, threads=3)
 
 
 def test_what_others_write_is_not_cut_in_the_middle() -> None:
