@@ -3,6 +3,7 @@
 """The map that the demo ends with."""
 
 import importlib.util
+import json
 import re
 from pathlib import Path
 
@@ -18,6 +19,7 @@ pytest.importorskip("matplotlib", reason="pages are an extra")
 SETTINGS = [word for setting in TINY_TOWN for word in ("--set", setting)]
 
 
+@pytest.mark.slow
 def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
     pytest.importorskip("small_gicp")
     pytest.importorskip("gtsam")
@@ -33,9 +35,15 @@ def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
         config = site.config
     assert session.name == "demo" and config["mapping"]["keyframe_distance"] == 5.0
 
+    stored = json.loads((tmp_path / "run.json").read_text())["configs"]
+    assert (stored["stereo"]["fusion"]["voxel"], stored["lidar"]["fusion"]["voxel"]) == (0.2, 0)
+
     before = (tmp_path / "map.fsmap").read_bytes()
-    succeeds("demo", "-o", tmp_path, *SETTINGS)
+    driven = (tmp_path / "drive/sim.json").stat().st_mtime_ns
+    again = succeeds("demo", "-o", tmp_path, *SETTINGS)
+    assert last_line(again) == last_line(first)
     assert (tmp_path / "map.fsmap").read_bytes() == before
+    assert (tmp_path / "drive/sim.json").stat().st_mtime_ns == driven
     succeeds("report", tmp_path)
     assert '<a href="map.html">' in (tmp_path / "report.html").read_text()
 

@@ -19,6 +19,7 @@ from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.map_files import read_map
 from fusionslam.sim.recordings import EMBEDDED, embedded_config, recording_config, resolve_config
 from fusionslam.sim.world import World
+from rows import rows
 from worlds import hall, straight
 
 SMALL = (
@@ -36,8 +37,8 @@ def replace_warehouse(monkeypatch: pytest.MonkeyPatch, make: object) -> None:
     monkeypatch.setitem(catalogue.MADE, "warehouse", Entry(entry.settings, make, entry.robot))
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
+@rows(
+    "words, message",
     [
         (("-o", "FILE/out.bag"), "file is a file, expected a folder"),
         (("-o", "FILE/out"), "file is a file, expected a folder"),
@@ -49,6 +50,7 @@ def replace_warehouse(monkeypatch: pytest.MonkeyPatch, make: object) -> None:
         (("-o", "OUT", "--save-trajectory", "FILE/way.csv"), "file is a file, expected a folder"),
         (("-o", "OUT", "--seconds", "0"), "seconds is 0.0"),
         (("-o", "OUT", "--robot", "husky"), "robot 'husky'"),
+        (("-o", "OUT", "--obstacles", "-1"), "--obstacles"),
         ((), "--output is missing: expected a bag or a folder"),
     ],
 )
@@ -61,11 +63,12 @@ def test_cheap_checks_come_before_the_world_is_made(
     places = {name.upper(): str(tmp_path / name) for name in ("file", "full", "out")}
     for name, path in places.items():
         words = tuple(word.replace(name, path) for word in words)
-    usage = words == () or "--seconds" in words or "--robot" in words
+    usage = words == () or {"--seconds", "--robot", "--obstacles"} & {*words}
     assert message in fails(2 if usage else 1, "sim", "warehouse", *words)
+    assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("world", sorted(MADE))
+@rows("world", sorted(MADE))
 def test_what_print_config_prints_is_read_by_config(tmp_path: Path, world: str) -> None:
     words = ("--seed", "3", "--obstacles", "2", "--set", "robot.radius_m=0.3")
     text = succeeds("sim", world, "--print-config", *words).stdout
@@ -88,10 +91,8 @@ def test_options_win_over_the_file(tmp_path: Path) -> None:
 
 def test_worlds_from_files_print_a_configuration_and_have_no_settings(tmp_path: Path) -> None:
     (tmp_path / "one.glb").write_bytes(b"")
-    (tmp_path / "all.yaml").write_text(
-        succeeds("sim", tmp_path / "one.glb", "--print-config").stdout
-    )
     words = ("sim", tmp_path / "one.glb", "--print-config")
+    (tmp_path / "all.yaml").write_text(succeeds(*words).stdout)
     succeeds(*words, "--config", tmp_path / "all.yaml")
     line = fails(2, *words, "--set", "world.seed=7")
     assert line == "error: --set world.seed=7: worlds from files have no settings"
@@ -146,6 +147,13 @@ def test_a_drive_faster_than_the_robot_is_driven_with_a_warning(
         words = ("-o", out, *SMALL, "--trajectory", tmp_path / "way.csv")
         said = " ".join(succeeds("sim", "warehouse", *words).stderr.split())
         assert ("the drive is faster than the robot: 5.00 m/s at 0.00 s" in said) == warned
+
+
+def test_a_world_that_is_no_world_is_named_and_leaves_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "bad.world").write_text("no xml")
+    for world in ("bad.world", "none.world"):
+        assert world in fails(1, "sim", tmp_path / world, "-o", tmp_path / "out")
+        assert not (tmp_path / "out").exists()
 
 
 def test_what_a_world_lacks_is_told_with_the_option_that_skips_it(tmp_path: Path) -> None:

@@ -2,11 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command that simulates: every output, every option, and what is wrong with the input."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +10,6 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
-import fusionslam
 from cli import error_of, fails, succeeds
 from error_codes import has_code
 from fusionslam.config import merged
@@ -27,9 +21,9 @@ from fusionslam.sim import catalogue, simulator
 from fusionslam.sim import folder_writer as folder
 from fusionslam.sim.catalogue import Entry
 from fusionslam.sim.folder_writer import folder_writer
-from fusionslam.sim.robot import base_from, base_from_camera, robot_named
+from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
-from fusionslam.sim.world import World
+from rows import rows
 from worlds import hall, straight
 
 QUICK = (
@@ -43,11 +37,15 @@ QUICK = (
 def small_world(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hall in place of the warehouse, which takes longer to make."""
     entry = catalogue.MADE["warehouse"]
-    monkeypatch.setitem(catalogue.MADE, "warehouse", Entry(entry.settings, small, entry.robot))
+    hall_of = Entry(entry.settings, lambda settings: hall(), entry.robot)
+    monkeypatch.setitem(catalogue.MADE, "warehouse", hall_of)
 
 
-def small(settings: object) -> World:
-    return hall()
+def small_robot(**lidar: float) -> RobotConfig:
+    """The robot as QUICK sets its camera."""
+    camera = {"width": 64, "height": 48}
+    changes = {"cameras": {"camera": camera}, "lidars": {"velodyne": lidar}}
+    return merged(robot_named("turtlebot3_waffle_pi"), changes)
 
 
 @pytest.fixture
@@ -67,18 +65,14 @@ def files_of(out: Path) -> dict[str, bytes]:
     return {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
-@pytest.mark.parametrize("name", ["out.bag", "out.mcap", "out.db3"])
+@rows("name", ["out.bag", "out.mcap", "out.db3"])
 def test_a_bag_holds_what_was_simulated(tmp_path: Path, way: Path, name: str) -> None:
     pytest.importorskip("rosbags", reason="bags are an extra")
     png = ("--set", "robot.cameras.camera.stored=png")
     result = succeeds("sim", "warehouse", "-o", tmp_path / name, "--trajectory", way, *QUICK, *png)
     written = events_of(tmp_path / name)
     assert result.stdout.strip() == f"{tmp_path / name}: {len(written)} messages"
-    robot = robot_named("turtlebot3_waffle_pi")
-    camera = {"width": 64, "height": 48, "stored": "png"}
-    robot = merged(
-        robot, {"cameras": {"camera": camera}, "lidars": {"velodyne": {"rate_hz": 10.0}}}
-    )
+    robot = merged(small_robot(rate_hz=10.0), {"cameras": {"camera": {"stored": "png"}}})
     config = SimulationConfig(seconds=0.6)
     made = {(e.topic, e.time_ns): e.message for e in simulate(hall(), robot, straight(), config)}
     assert {(e.topic, e.time_ns) for e in written} == set(made)
@@ -132,9 +126,7 @@ def test_a_folder_renders_only_the_pictures_that_its_scans_need(
     said = succeeds("sim", "warehouse", "-o", tmp_path / "out", *words).stdout
     assert said == f"{tmp_path / 'out'}: 5 frames\n" and len(rendered) == 5
     monkeypatch.undo()
-    camera = {"width": 64, "height": 48}
-    changes = {"cameras": {"camera": camera}, "lidars": {"velodyne": {"rate_hz": 7.0}}}
-    robot = merged(robot_named("turtlebot3_waffle_pi"), changes)
+    robot = small_robot(rate_hz=7.0)
     with folder_writer(tmp_path / "all", robot) as writer:
         for event in simulate(hall(), robot, straight(), SimulationConfig(seconds=0.6)):
             writer.write(event)
@@ -143,13 +135,11 @@ def test_a_folder_renders_only_the_pictures_that_its_scans_need(
 
 def test_the_car_writes_a_stereo_folder(tmp_path: Path, way: Path) -> None:
     out = tmp_path / "out"
-    small = [f"robot.cameras.{side}.{key}" for side in ("left", "right") for key in ("width=64",)]
+    small = ["robot.cameras.left.width=64", "robot.cameras.right.width=64"]
     small += ["robot.radius_m=0.3", "robot.lidars.velodyne.rings=4"]
-    words = [word for setting in small for word in ("--set", setting)]
-    succeeds(
-        *("sim", "warehouse", "--robot", "car", "-o", out, "--trajectory", way),
-        *("--seconds", "0.2", "--jobs", "1", *words),
-    )
+    settings = [word for setting in small for word in ("--set", setting)]
+    words = ("--robot", "car", "--trajectory", way, "--seconds", "0.2", "--jobs", "1", *settings)
+    succeeds("sim", "warehouse", "-o", out, *words)
     dataset = open_dataset(out)
     assert dataset.has_points and dataset.has_stereo
     assert dataset.cameras["right"].projection[0, 3] == pytest.approx(-359.0 * 0.54)
@@ -186,14 +176,6 @@ def test_a_file_configures_what_the_options_do_not(tmp_path: Path, way: Path) ->
     ]
 
 
-@pytest.mark.parametrize(
-    ("code", "words"), [(1, ("warehous",)), (2, ("warehouse", "--obstacles", "-1"))]
-)
-def test_a_mistake_leaves_no_folder(tmp_path: Path, code: int, words: tuple[str, ...]) -> None:
-    fails(code, "sim", *words, "-o", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_trajectory_through_a_wall_is_told_with_time_and_place(tmp_path: Path) -> None:
     (tmp_path / "bad.csv").write_text("t,x,y,yaw\n0,-4,0,0\n20,4,0,0\n")
     out = tmp_path / "out.bag"
@@ -201,12 +183,6 @@ def test_a_trajectory_through_a_wall_is_told_with_time_and_place(tmp_path: Path)
     assert error.code == "blocked"
     assert error.fields[0].startswith("14.") and error.fields[1].startswith("1.")
     assert not out.exists()
-
-
-def test_a_world_that_is_no_world_is_told(tmp_path: Path) -> None:
-    (tmp_path / "bad.world").write_text("no xml")
-    line = fails(1, "sim", tmp_path / "bad.world", "-o", tmp_path / "out")
-    assert "bad.world" in line
 
 
 def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path, way: Path) -> None:
@@ -233,8 +209,7 @@ def test_a_folder_of_a_robot_without_lidar_is_refused(tmp_path: Path) -> None:
 
 
 def test_frames_written_before_an_error_are_kept(tmp_path: Path) -> None:
-    small = {"width": 64, "height": 48, "rate_hz": 2.0}
-    robot = merged(robot_named("turtlebot3_waffle_pi"), {"cameras": {"camera": small}})
+    robot = merged(small_robot(), {"cameras": {"camera": {"rate_hz": 2.0}}})
     events = simulate(hall(), robot, straight())
     with (
         pytest.raises(DataError, match="stop"),
@@ -247,7 +222,9 @@ def test_frames_written_before_an_error_are_kept(tmp_path: Path) -> None:
     assert len(open_dataset(tmp_path / "out")) == 2
 
 
-def test_half_a_frame_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_a_frame_is_not_kept(
+    tmp_path: Path, way: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = folder._write
 
     def full(path: Path, data: bytes) -> None:
@@ -256,34 +233,6 @@ def test_half_a_frame_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         whole(path, data)
 
     monkeypatch.setattr(folder, "_write", full)
-    write_trajectory(tmp_path / "way.csv", straight())
-    words = ("--trajectory", tmp_path / "way.csv", *QUICK)
-    line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", *words)
+    line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", "--trajectory", way, *QUICK)
     assert "000002.png: No space left on device" in line
     assert len(open_dataset(tmp_path / "out")) == 2
-
-
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.nightly)]
-)
-def test_a_recording_that_is_stopped_keeps_what_is_whole(
-    tmp_path: Path, number: signal.Signals
-) -> None:
-    pytest.importorskip("rosbags", reason="bags are an extra")
-    code = "from fusionslam.__main__ import main; main()"
-    words = ("sim", "house", "-o", str(tmp_path / "out.bag"), "--set", "plan.length_m=20")
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *words],
-        env=os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    while not any(path.stat().st_size > 1e6 for path in tmp_path.glob(".out.bag.*/*")):
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(number)
-    _, said = process.communicate()
-    assert process.returncode == 130
-    assert "out.bag is not complete" in said
-    assert [path.name for path in tmp_path.iterdir()] == ["out.partial.bag"]
-    assert any(isinstance(event.message, Scan) for event in events_of(tmp_path / "out.partial.bag"))

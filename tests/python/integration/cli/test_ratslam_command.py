@@ -3,15 +3,13 @@
 """The command line: ratslam, what it writes, going on, and what it says to mistakes."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bags import drive, write_bag
+from artefacts import artefact
+from bags import drive, without, write_bag
 from cli import error_of, fails, last_line, run, succeeds
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -20,6 +18,7 @@ from fusionslam.ratslam import GivenView, Look, Motion, OnlineRatSlam, RatSlam
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import save_archive
 from recordings import write_drive
+from rows import rows
 
 WRITTEN = (
     "dead_reckoning.txt",
@@ -41,16 +40,15 @@ TEMPLATES = tuple(
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_drive(tmp_path_factory.mktemp("drive") / "drive.npz")
+def recording() -> Path:
+    return artefact("cli-drive", lambda folder: write_drive(folder / "drive.npz")) / "drive.npz"
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag() -> Path:
     pytest.importorskip("rosbags")
-    path = tmp_path_factory.mktemp("bag") / "drive.bag"
-    write_bag(path, drive(4.0))
-    return path
+    made = artefact("cli-bag", lambda folder: write_bag(folder / "drive.bag", drive(4.0)))
+    return made / "drive.bag"
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -58,25 +56,20 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix != ".npz"}
 
 
-def test_a_recording_becomes_a_map_and_its_figures(recording: Path, tmp_path: Path) -> None:
-    words = ("ratslam", recording, "--views", "objects", *QUICK)
-    result = succeeds(*words, "-o", tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(WRITTEN)
-    assert "drive: views objects robust, odometry truth, preset robust" in result.stdout
-    assert last_line(result) == str(tmp_path / "out/map.json")
-    run_of = RatSlamRun.load(tmp_path / "out/run.npz")
-    figures = json.loads((tmp_path / "out/map.json").read_text())
+@pytest.mark.slow
+def test_a_recording_becomes_a_map_its_figures_and_a_page(recording: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    result = succeeds("ratslam", recording, "--views", "objects", "-o", tmp_path, "--jobs", "1")
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {*WRITTEN, "ratslam.html"} <= names and last_line(result).endswith("ratslam.html")
+    page = (tmp_path / "ratslam.html").read_text()
+    assert "objects robust" in page and "fusionslam" in page
+    run_of = RatSlamRun.load(tmp_path / "run.npz")
+    figures = json.loads((tmp_path / "map.json").read_text())
     assert len(figures["nodes"]) == len(run_of.nodes) > 5
 
 
-def test_the_page_is_written_unless_nobody_wants_it(recording: Path, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    result = succeeds("ratslam", recording, "--views", "objects", "-o", tmp_path, "--jobs", "1")
-    assert last_line(result) == str(tmp_path / "ratslam.html")
-    page = (tmp_path / "ratslam.html").read_text()
-    assert "objects robust" in page and "fusionslam" in page
-
-
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_bytes_and_another_one_does_not(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -89,8 +82,18 @@ def test_the_same_seed_writes_the_same_bytes_and_another_one_does_not(
     assert one["trajectory.txt"] != other["trajectory.txt"]
 
 
-@pytest.mark.parametrize("views", ["alignment", "objects", "two_stages", "cm2dp"])
-@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+@pytest.mark.parametrize(
+    ("views", "preset"),
+    [
+        ("cm2dp", "openratslam"),
+        ("two_stages", "robust"),
+        *(
+            pytest.param(views, preset, marks=pytest.mark.nightly)
+            for views in ("alignment", "objects")
+            for preset in ("robust", "openratslam")
+        ),
+    ],
+)
 def test_every_way_to_recognise_places_makes_a_map(
     recording: Path, tmp_path: Path, views: str, preset: str
 ) -> None:
@@ -103,7 +106,7 @@ def test_every_way_to_recognise_places_makes_a_map(
     assert made.view_ids.max() > 3
 
 
-@pytest.mark.parametrize("odometry", ["topic", "visual"])
+@rows("odometry", ["topic", "visual"])
 def test_a_bag_is_mapped_by_its_images(bag: Path, tmp_path: Path, odometry: str) -> None:
     words = ("--views", "visual_templates", "--odometry", odometry, *TEMPLATES)
     succeeds("ratslam", bag, *words, "-o", tmp_path, *QUICK)
@@ -118,43 +121,34 @@ def test_a_bag_is_mapped_by_its_images(bag: Path, tmp_path: Path, odometry: str)
 
 
 def test_what_is_set_of_drift_counts_with_a_camera_alone_too(bag: Path, tmp_path: Path) -> None:
-    words = (
-        "--views",
-        "visual_templates",
-        "--odometry",
-        "visual",
-        "--set",
-        "ratslam.map.drift_m=0.11",
-    )
+    words = ("--views", "visual_templates", "--odometry", "visual")
+    words += ("--set", "ratslam.map.drift_m=0.11")
     succeeds("ratslam", bag, *words, *TEMPLATES, "-o", tmp_path, *QUICK)
     config = RatSlamRun.load(tmp_path / "run.npz").config["map"]
     assert config["drift_m"] == 0.11 and config["drift_heading"] == 0.03
 
 
-def test_a_recording_without_odometry_and_truth_says_so(tmp_path: Path) -> None:
+@rows("lacking", [("/odom",), ("/odom", "/camera/image")])
+def test_without_odometry_and_truth_that_by_images_is_advised_where_there_are_images(
+    lacking: tuple[str, ...], tmp_path: Path
+) -> None:
     pytest.importorskip("rosbags")
-    write_bag(tmp_path / "still.bag", [one for one in drive(1.0) if one.topic != "/odom"])
+    write_bag(tmp_path / "still.bag", [one for one in drive(1.0) if one.topic not in lacking])
     error = error_of(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
-    assert error.code == "no-motion" and "--odometry visual" in str(error)
-
-
-def test_odometry_by_images_is_not_advised_without_images(tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
-    events = [one for one in drive(1.0) if one.topic not in ("/odom", "/camera/image")]
-    write_bag(tmp_path / "still.bag", events)
-    error = error_of(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
-    assert error.code == "no-motion" and "--odometry visual" not in str(error)
+    assert error.code == "no-motion"
+    assert ("--odometry visual" in str(error)) == ("/camera/image" not in lacking)
 
 
 def test_a_recording_of_images_alone_is_told_to_use_visual_templates(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    write_bag(tmp_path / "seen.bag", [one for one in drive(1.0) if one.topic != "/points"])
+    write_bag(tmp_path / "seen.bag", without(drive(1.0), "/points"))
     words = ("ratslam", tmp_path / "seen.bag", "-o", tmp_path / "out", *QUICK)
     error = error_of(1, *words)
     assert error.code == "no-clouds" and "--views visual_templates" in str(error)
     succeeds(*words, "--views", "visual_templates", *TEMPLATES)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,36 +176,13 @@ def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
     assert error_of(1, *again).code == "nothing-later"
 
 
-def test_a_real_ctrl_c_keeps_what_there_is(recording: Path, tmp_path: Path) -> None:
-    # The process interrupts itself at a step, as a key would, but at a known time.
-    code = (
-        "import os, signal, sys\n"
-        "from fusionslam.pipelines import maps as runs\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "keep, done = runs.RunRecorder._keep, []\n"
-        "def kept(self, step):\n"
-        "    done.append(step)\n"
-        "    if len(done) == 300: os.kill(os.getpid(), signal.SIGINT)\n"
-        "    keep(self, step)\n"
-        "runs.RunRecorder._keep = kept\n"
-        "from fusionslam.cli import app\n"
-        "app(sys.argv[1:])\n"
-    )
-    words = ("ratslam", recording, "--views", "objects", "-o", tmp_path, *QUICK)
-    command = [sys.executable, "-c", code, *map(str, words)]
-    found = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False)
-    assert found.returncode == 130, found.stderr
-    assert "--resume" in found.stderr and "Traceback" not in found.stderr
-    assert len(RatSlamRun.load(tmp_path / "run.npz")) == 300
-    assert RatSlam.load(tmp_path / "state.npz").seen_ns[0] is not None
+def interrupted(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_ctrl_c_after_the_last_step_keeps_map_and_state(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
     monkeypatch.setattr("fusionslam.evaluation.maps.judge.judge_map", interrupted)
     out, state = tmp_path / "out", tmp_path / "state.npz"
     result = run("ratslam", recording, "--views", "objects", "-o", out, "--save", state, *QUICK)
@@ -225,17 +196,14 @@ def test_ctrl_c_after_the_last_step_keeps_map_and_state(
 def test_ctrl_c_before_the_first_step_writes_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(RunRecorder, "step", interrupted)
     result = run("ratslam", recording, "--views", "objects", "-o", tmp_path / "out", *QUICK)
     assert result.exit_code == 130
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("code", "words"),
+@rows(
+    "code, words",
     [(2, ("--views", "none")), (2, ("--seed", "-1")), (1, ("--odometry", "topic"))],
 )
 def test_a_mistake_leaves_no_folder(
@@ -248,13 +216,9 @@ def test_a_mistake_leaves_no_folder(
 def test_a_state_says_how_its_map_is_made(recording: Path, tmp_path: Path) -> None:
     words = ("ratslam", recording, "-o", tmp_path / "out", *QUICK)
     succeeds(*words, "--views", "objects", "--save", tmp_path / "s.npz")
-    for more in (
-        ("--views", "cm2dp"),
-        ("--preset", "openratslam"),
-        ("--set", "views.preset=author"),
-    ):
-        error = error_of(2, *words, "--resume", tmp_path / "s.npz", *more)
-        assert error.code == "set-by-state"
+    other = (("--views", "cm2dp"), ("--preset", "openratslam"), ("--set", "views.preset=author"))
+    for more in other:
+        assert error_of(2, *words, "--resume", tmp_path / "s.npz", *more).code == "set-by-state"
 
 
 def test_a_file_that_is_no_state_is_refused_by_what_it_is(
@@ -262,15 +226,17 @@ def test_a_file_that_is_no_state_is_refused_by_what_it_is(
 ) -> None:
     save_archive(tmp_path / "run.npz", "fusionslam.ratslam_run.1", {}, {})
     (tmp_path / "text.npz").write_text("no archive")
-    expected = {
-        recording: ("no-state", "ranges"),
-        bag: ("no-state", "rosbag1"),
-        tmp_path / "run.npz": ("no-state", "fusionslam.ratslam_run.1"),
+    (tmp_path / "site.fsmap").write_bytes(b"SQLite format 3\0" + bytes(100))
+    kinds = {
+        recording: "ranges",
+        bag: "rosbag1",
+        tmp_path / "run.npz": "fusionslam.ratslam_run.1",
+        tmp_path / "site.fsmap": "map",
     }
     words = ("ratslam", recording, "-o", tmp_path / "out", *QUICK)
-    for path, (code, kind) in expected.items():
+    for path, kind in kinds.items():
         error = error_of(1, *words, "--resume", path)
-        assert (error.code, error.fields) == (code, (str(path), kind))
+        assert (error.code, error.fields) == ("no-state", (str(path), kind))
     for name in ("text.npz", "missing.npz"):
         assert name in fails(1, *words, "--resume", tmp_path / name)
     assert not (tmp_path / "out").exists()
@@ -293,10 +259,7 @@ def test_an_output_that_is_a_file_is_said_before_anything_is_done(
 ) -> None:
     (tmp_path / "file").write_text("kept")
 
-    def never(*_: object) -> None:
-        raise AssertionError("mapped first")
-
-    monkeypatch.setattr(RunRecorder, "step", never)
+    monkeypatch.setattr(RunRecorder, "step", pytest.fail)
     # Nothing can be made in /proc, whoever asks.
     outputs = [tmp_path / "file", Path("/dev/null"), Path("/proc")]
     for folder in [*outputs, *(output / "below" for output in outputs)]:
@@ -312,13 +275,6 @@ def test_data_that_is_refused_leaves_no_folder_behind_but_those_that_were_there(
     for output in (tmp_path / "there", tmp_path / "there/new/newer", tmp_path / "new"):
         assert "nowhere.npz" in fails(1, "ratslam", tmp_path / "nowhere.npz", "-o", output, *QUICK)
         assert [one.name for one in tmp_path.rglob("*")] == ["there"]
-
-
-def test_a_map_of_places_is_no_state(recording: Path, tmp_path: Path) -> None:
-    path = tmp_path / "site.fsmap"
-    path.write_bytes(b"SQLite format 3\0" + bytes(100))
-    error = error_of(1, "ratslam", recording, "-o", tmp_path / "out", *QUICK, "--resume", path)
-    assert (error.code, error.fields) == ("no-state", (str(path), "map"))
 
 
 def test_scans_without_motion_name_odometry_by_lidar(tmp_path: Path) -> None:

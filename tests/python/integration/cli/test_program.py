@@ -3,9 +3,7 @@
 """The program around the commands: version, help, completion, names of choices."""
 
 import ast
-import os
 import re
-import subprocess
 import sys
 from importlib import import_module
 from importlib.metadata import version
@@ -18,28 +16,20 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import fusionslam
-from cli import NO_WINDOW, error_of, fails, run, succeeds
+from cli import error_of, fails, run, succeeds
 from fusionslam.cli import app
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress_lines
 from fusionslam.help_texts import counted
+from rows import rows
 from scenes import LAPS, drive, write_recording
-
-PROGRAM = "from fusionslam.__main__ import main; main()"
-ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
 
 
 def test_the_version_is_that_of_the_package() -> None:
     assert succeeds("--version").stdout == f"fusionslam {version('fusionslam')}\n"
 
 
-def test_the_module_runs_as_the_program_does() -> None:
-    words = [sys.executable, "-m", "fusionslam", "--version"]
-    result = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, check=True)
-    assert result.stdout == succeeds("--version").stdout
-
-
-@pytest.mark.parametrize("words", [(), ("describe",), ("bench", "views"), ("views", "match")])
+@rows("words", [(), ("describe",), ("bench", "views"), ("views", "match")])
 def test_help_has_three_spellings(words: tuple[str, ...]) -> None:
     text = succeeds(*words, "--help").stdout
     assert " ".join(("fusionslam", *words)) in text.replace("root", "fusionslam")
@@ -67,9 +57,9 @@ def complete(shell: str, line: str) -> list[str]:
     return result.stdout.replace('"', " ").split()
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shells_complete_commands_options_and_choices(shell: str) -> None:
-    for line, offered in (
+@rows(
+    "line, offered",
+    [
         ("fusionslam des", "describe"),
         ("fusionslam ratslam --odom", "--odometry"),
         ("fusionslam ratslam --odometry vi", "visual"),
@@ -79,24 +69,11 @@ def test_shells_complete_commands_options_and_choices(shell: str) -> None:
         ("fusionslam config loop", "loop_closure"),
         ("fusionslam ros run data", "data_fusion"),
         ("fusionslam ros launch ba", "bag"),
-    ):
-        assert offered in complete(shell, line), line
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_completion_of_a_shell_can_be_shown_and_installed(shell: str, tmp_path: Path) -> None:
-    # So that typer takes the name of the shell as a value, for shells that are not installed.
-    untold = ENVIRONMENT | {
-        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
-        "HOME": str(tmp_path),
-    }
-    words = [sys.executable, "-c", PROGRAM]
-    shown = subprocess.run(
-        [*words, "--show-completion", shell], env=untold, capture_output=True, text=True, check=True
-    )
-    assert f"_FUSIONSLAM_COMPLETE=complete_{shell}" in shown.stdout
-    subprocess.run([*words, "--install-completion", shell], env=untold, check=True)
-    assert any("fusionslam" in path.name for path in tmp_path.rglob("*") if path.is_file())
+    ],
+)
+def test_shells_complete_commands_options_and_choices(line: str, offered: str) -> None:
+    for shell in ("bash", "zsh", "fish"):
+        assert offered in complete(shell, line), shell
 
 
 def test_without_a_terminal_steps_begin_with_a_line_and_long_ones_repeat_it() -> None:
@@ -166,12 +143,13 @@ def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
         )
 
 
-@pytest.mark.parametrize(
-    ("words", "option", "file"),
+@pytest.mark.slow
+@rows(
+    "words, option, file",
     [
-        (("bench", "KITTI", "-d", "m2dp", *NO_WINDOW), ("--no-report",), "metrics.json"),
+        (("bench", "KITTI", "-d", "m2dp", "--verify", "none"), ("--no-report",), "metrics.json"),
         (("views", "match", "SCENES"), ("--no-report",), "matches.csv"),
-        (("ratslam", "RANGES"), ("--no-report",), "map.json"),
+        (("ratslam", "RANGES", "--views", "m2dp"), ("--no-report",), "map.json"),
         (("bench", "views", "SCENES", "-m", "objects"), ("--no-report",), "views.md"),
         (("calib-check", "KITTI"), ("--pictures", "0"), "calib_check.json"),
     ],
@@ -198,7 +176,7 @@ def test_without_the_extra_report_a_command_names_the_option_that_does_without_i
     assert "matplotlib" not in result.stderr and "jinja2" not in result.stderr
 
 
-@pytest.mark.parametrize(
+@rows(
     "name",
     ["benchmarks.accuracy.bag_depth", "benchmarks.ros.__main__", "benchmarks.speed.simulation"],
 )
@@ -211,8 +189,8 @@ def test_benchmarks_help_instead_of_computing(
     assert ended.value.code == 0 and "usage: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("count", "noun", "text"),
+@rows(
+    "count, noun, text",
     [(1, "frame", "1 frame"), (0, "frame", "0 frames"), (1200, "query", "1,200 queries")],
 )
 def test_counts_agree_with_their_nouns(count: int, noun: str, text: str) -> None:

@@ -2,30 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: what it says when it cannot do what is asked."""
 
-import os
-import subprocess
-import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import fusionslam
-from cli import (
-    FRAMES,
-    error_of,
-    fails,
-    run,
-    succeeds,
-)
+from cli import FRAMES, error_of, fails, run, succeeds
 from fusionslam.datasets import write_cloud
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.sensors.frame import Cloud
 from recordings import write_drive
+from rows import rows
+
+REPLACING = (
+    ("ratslam", "DATA", "--no-report", "--save"),
+    ("sim", "house", "-o", "OUT", "--save-trajectory"),
+    ("sim", "house", "-o", "OUT", "--save-map"),
+    ("odometry", "DATA", "-o"),
+    ("tune", "DATA", "-o"),
+)
+"""Commands, to be followed by the name of a file."""
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
+@rows(
+    "words, expected",
     [
         (("info", "DATA", "--bogus"), "No such option: --bogus"),
         (("--bogus",), "No such option: --bogus"),
@@ -39,16 +40,13 @@ from recordings import write_drive
         (("fuse", "DATA", "--output="), "Invalid value for --output"),
         (("info", ""), "Invalid value for an argument"),
     ],
-    ids=lambda value: str(value)[:30],
 )
 def test_a_wrong_use_is_one_line_too(kitti: Path, words: tuple[str, ...], expected: str) -> None:
     line = fails(2, *(str(kitti) if word == "DATA" else word for word in words))
     assert expected in line and "--help" in line
 
 
-@pytest.mark.parametrize(
-    ("command", "option"), [("loops", "--source"), ("views match", "--source"), ("calib-check", "")]
-)
+@rows("command, option", [("loops", "--source"), ("views match", "--source"), ("calib-check", "")])
 def test_an_error_names_the_option_that_cures_it_if_the_command_has_it(
     command: str, option: str, tmp_path: Path
 ) -> None:
@@ -65,7 +63,7 @@ def test_poses_shorter_than_the_recording_are_refused(kitti: Path, tmp_path: Pat
     assert truth.name in fails(1, "eval", tmp_path / "out", "--gt", truth)
 
 
-@pytest.mark.parametrize("command", ["describe", "loops", "bench", "fuse"])
+@rows("command", ["describe", "loops", "bench", "fuse"])
 def test_an_output_that_cannot_be_written_is_named(
     kitti: Path, tmp_path: Path, command: str
 ) -> None:
@@ -77,18 +75,10 @@ def test_an_output_that_cannot_be_written_is_named(
     assert file.read_text() == "kept"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("odometry", "DATA", "-o"),
-        ("tune", "DATA", "-o"),
-        ("ratslam", "DATA", "--no-report", "--save"),
-        ("sim", "house", "-o", "OUT", "--save-trajectory"),
-        ("sim", "house", "-o", "OUT", "--save-map"),
-    ],
-    ids=lambda words: f"{words[0]} {words[-1]}",
+@rows(
+    "words, target",
+    [*product(REPLACING, ("drive.npz", "site.fsmap")), (REPLACING[0], "other.mcap")],
 )
-@pytest.mark.parametrize("target", ["drive.npz", "site.fsmap", "other.mcap"])
 def test_no_command_replaces_a_recording_or_a_map(
     tmp_path: Path, words: tuple[str, ...], target: str
 ) -> None:
@@ -122,9 +112,6 @@ def test_results_of_other_data_are_not_mixed_or_replaced(
     out = tmp_path / "out"
     succeeds("describe", kitti, "-d", "m2dp", "-o", out)
     assert error_of(1, "describe", recording, "-d", "m2dp", "-o", out).code == "other-results"
-    succeeds("fuse", kitti, "-o", tmp_path / "clouds")
-    words = ("-o", tmp_path / "clouds", "--set", "fusion.voxel=1")
-    assert error_of(1, "fuse", kitti, *words).code == "other-results"
 
 
 def test_a_truncated_scan_is_named_and_nothing_finished_is_lost(
@@ -158,33 +145,32 @@ def test_info_names_the_commands_that_leave_gaps_out_on_request(recording: Path)
         assert "--skip-gaps" in succeeds(*command.split(), "--help").stdout
 
 
-@pytest.mark.parametrize("command", ["info", "loops", "bench", "describe", "fuse", "views record"])
 def test_scans_without_their_place_are_refused_unless_stereo_is_asked_for(
-    recording: Path, tmp_path: Path, command: str
+    recording: Path, tmp_path: Path
 ) -> None:
     calib = recording / "calib.txt"
     lines = calib.read_text().splitlines(keepends=True)
     calib.write_text("".join(line for line in lines if not line.startswith("Tr")))
-    words = (*command.split(), recording)
-    out = (
-        () if command == "info" else ("-o", tmp_path / ("out.npz" if "views" in command else "out"))
-    )
-    error = error_of(1, *words, *out)
-    assert (error.code, error.fields) == ("calibration-key", (str(calib), "Tr"))
-    if command == "views record":
-        succeeds(*words, *out, "--source", "stereo", "--set", "fusion.frame=scan")
+    for command in ("info", "loops", "bench", "describe", "fuse", "views record"):
+        out = tmp_path / ("out.npz" if command == "views record" else "out")
+        output = () if command == "info" else ("-o", out)
+        error = error_of(1, *command.split(), recording, *output)
+        assert (error.code, error.fields) == ("calibration-key", (str(calib), "Tr")), command
+    stereo = ("--source", "stereo", "--set", "fusion.frame=scan")
+    succeeds("views", "record", recording, "-o", tmp_path / "out.npz", *stereo)
 
 
-@pytest.mark.parametrize("command", ["info", "describe", "bench"])
 def test_without_calibration_scans_serve_and_the_file_is_named(
-    recording: Path, tmp_path: Path, command: str
+    recording: Path, tmp_path: Path
 ) -> None:
+    out = ("-d", "m2dp", "-o", tmp_path / "out")
+    commands = (("info", recording), ("describe", recording, *out))
     (recording / "calib.txt").unlink()
-    output = () if command == "info" else ("-d", "m2dp", "-o", tmp_path / "out")
-    result = succeeds(command, recording, *output)
-    assert "calib.txt" in "".join(result.stderr.split())
+    for words in (*commands, ("bench", recording, *out, "--no-report")):
+        assert "calib.txt" in "".join(succeeds(*words).stderr.split())
     (recording / "calib.txt").write_text("P0: 1 2 3\n")
-    assert "calib.txt" in fails(1, command, recording, *output)
+    for words in (*commands, ("bench", recording, *out)):
+        assert "calib.txt" in fails(1, *words)
 
 
 def test_without_colours_only_the_descriptors_that_need_none_are_made(tmp_path: Path) -> None:
@@ -192,7 +178,7 @@ def test_without_colours_only_the_descriptors_that_need_none_are_made(tmp_path: 
     for number in range(3):
         points = rng.uniform(-9, 9, (300, 3)).astype(np.float32)
         write_cloud(tmp_path / f"data/clouds/{number:06d}.bin", Cloud(points))
-    result = succeeds("bench", tmp_path / "data", "-o", tmp_path / "out")
+    result = succeeds("bench", tmp_path / "data", "-o", tmp_path / "out", "--no-report")
     assert "left out cm2dp, cshot" in " ".join(result.stderr.split())
     made = sorted(path.name for path in (tmp_path / "out/descriptors").glob("*.npz"))
     plain = ("bev_spectrum", "m2dp", "scan_context", "shot")
@@ -206,21 +192,3 @@ def test_errors_that_nobody_foresaw_keep_their_traceback(
     monkeypatch.setattr(pipeline, "fuse", lambda *_: 1 / 0)
     result = run("describe", kitti, "-d", "m2dp", "-o", tmp_path)
     assert isinstance(result.exception, ZeroDivisionError)
-
-
-@pytest.mark.parametrize(
-    ("words", "expected", "heavy"),
-    [(["--help"], "describe", ["numpy", "pydantic"]), (["bench", "--help"], "--jobs", ["numpy"])],
-)
-def test_help_loads_nothing_heavy(words: list[str], expected: str, heavy: list[str]) -> None:
-    check = (
-        "import sys\nfrom fusionslam.cli import app\n"
-        f"app({words!r}, standalone_mode=False)\n"
-        f"sys.exit(', '.join({{*{heavy}, 'yaml', 'PIL', 'fusionslam._core'}} & set(sys.modules)))"
-    )
-    environment = os.environ | {"PYTHONPATH": str(Path(fusionslam.__file__).parents[1])}
-    done = subprocess.run(
-        [sys.executable, "-c", check], env=environment, capture_output=True, text=True
-    )
-    assert expected in done.stdout
-    assert done.stderr.strip() == ""
