@@ -21,10 +21,12 @@ from bags import (
     without,
 )
 from bags import TOPICS as TOPICS_OF_PAIR
+from cli import fails
 from fusionslam.errors import ConfigError
 from fusionslam.ros.ros2.advice import ADVICE
 from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms
 from robots import TOPICS, check_events, faults, finding, problems
+from ros_master import needs_ros
 
 ELSEWHERE = {**TOPICS, "left": "/camera/rgb/image_raw", "camera_info": "/camera/rgb/camera_info"}
 CLOUD = {"/points": "sensor_msgs/PointCloud2"}
@@ -347,3 +349,11 @@ def test_an_argument_that_is_no_remapping_is_refused_before_anything_is_asked() 
     with pytest.raises(ConfigError, match="odom=/wheels") as refused:
         connect(["odom=/wheels"]).__enter__()
     assert refused.value.code == "no-remapping"
+
+
+@needs_ros
+def test_no_master_is_an_error_that_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    for address in ("http://127.0.0.1:9", "here", "http://127.0.0.1:a"):
+        monkeypatch.setenv("ROS_MASTER_URI", address)
+        line = fails(1, "ros", "check")
+        assert f" {address} (" in line and "roscore" in line

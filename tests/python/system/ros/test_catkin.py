@@ -15,6 +15,7 @@ from ros_master import RosWorld, needs_ros, wait_until
 
 pytestmark = [
     needs_ros,
+    pytest.mark.nightly,
     pytest.mark.skipif(
         shutil.which("catkin_make") is None,
         reason="catkin is not installed: make ros installs it",
@@ -58,7 +59,7 @@ def sums(environment: dict[str, str]) -> tuple[Path, list[str]]:
     return Path(path), found
 
 
-@pytest.mark.parametrize("space", [pytest.param("devel", marks=pytest.mark.nightly), "install"])
+@pytest.mark.parametrize("space", ["devel", "install"])
 def test_messages_and_services_of_catkin_are_those_that_came_with_pip(
     space: str, workspace: Path
 ) -> None:

@@ -17,7 +17,7 @@ from fusionslam.mapping import PlaceMap
 from place_maps import assert_same_map
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
-pytestmark = needs_ros
+pytestmark = [needs_ros, pytest.mark.nightly]
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
@@ -75,7 +75,6 @@ def count_keyframes(path: Path) -> int:
         return len(site)
 
 
-@pytest.mark.nightly
 def test_the_map_of_two_drives_is_that_of_the_command(
     played_bag: PlayedBag, tmp_path: Path
 ) -> None:
@@ -122,7 +121,6 @@ def test_a_map_outlives_a_killed_node_and_goes_on(played_bag: PlayedBag, tmp_pat
     assert numbers[: len(frames)].tolist() == frames.tolist() and np.all(np.diff(numbers) > 0)
 
 
-@pytest.mark.nightly
 def test_a_robot_that_starts_elsewhere_is_found_on_the_map(
     played_bag: PlayedBag, tmp_path: Path
 ) -> None:

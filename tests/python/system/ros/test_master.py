@@ -14,7 +14,7 @@ from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.sensors.messages import Scan
 from ros_master import Listener, RosWorld, needs_ros, wait_until
 
-pytestmark = needs_ros
+pytestmark = [needs_ros, pytest.mark.nightly]
 
 TOPICS = (
     "velodyne_points:=/points",
@@ -103,17 +103,3 @@ def test_time_may_be_simulated_stand_still_and_begin_anew(bag: Path, tmp_path: P
         assert stamps(clouds) == 2 * STAMPS
         assert world.end(fusion) == 0
         assert "Traceback" not in world.log("data_fusion")
-
-
-def test_worlds_that_want_the_same_port_have_a_master_each(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folders = tmp_path / "one", tmp_path / "other"
-    for folder in folders:
-        folder.mkdir()
-    with RosWorld(folders[0]) as one:
-        ports = iter([one.port, world_of_ros._free_port()])
-        monkeypatch.setattr(world_of_ros, "_free_port", lambda: next(ports))
-        with RosWorld(folders[1]) as other:
-            assert other.port != one.port
-            assert one.core.poll() is None and other.core.poll() is None

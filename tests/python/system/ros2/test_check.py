@@ -15,8 +15,9 @@ from benchmarks.ros.ros2_world import JAZZY, Ros2World, fusionslam, lacking
 from benchmarks.ros.world import wait_until
 from fusionslam.sensors.messages import Event
 from robot_checks import AS_LAUNCHED, REMAPPINGS, Result, check_live, new_bag
+from rows import rows
 
-pytestmark = pytest.mark.skipif(bool(lacking), reason=lacking)
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(lacking), reason=lacking)]
 
 PYTHON = str(JAZZY / "bin" / "python")
 PUBLISH = """
@@ -126,8 +127,8 @@ def test_no_robot_and_sim_time_without_a_clock_are_named(world: Ros2World) -> No
     assert found.problems["graph"] == "no-topics" and found.problems["clock"] == "no-clock"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "advice"),
+@rows(
+    "arguments, advice",
     [
         (("-p", "fusion.sorce:=stereo"), "did you mean 'source'"),
         (("-p", "online.wait:=soon"), "online.wait"),

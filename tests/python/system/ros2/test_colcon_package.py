@@ -1,15 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The packages of colcon say what the project says; what they install starts the nodes.
+"""What the package of colcon installs starts the nodes.
 
 CMake builds fusionslam_ros2 with the ament of the wheels, as colcon does on a machine with ROS 2.
 """
 
 import os
-import re
 import subprocess
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -20,17 +18,7 @@ from launch_stand_in import launch, use_stand_in
 from project import PROJECT
 
 PACKAGE = PROJECT / "ros2" / "fusionslam_ros2"
-needs_ros2 = pytest.mark.skipif(bool(lacking), reason=lacking)
-
-
-@pytest.mark.parametrize(
-    "path", sorted(PROJECT.glob("ros2/*/package.xml")), ids=lambda p: p.parts[-2]
-)
-def test_packages_have_the_name_of_their_folder_and_the_version_of_the_project(path: Path) -> None:
-    project = re.search(r"VERSION (\d+\.\d+\.\d+)", (PROJECT / "CMakeLists.txt").read_text())
-    package = ElementTree.parse(path).getroot()
-    assert package.get("format") == "3" and package.findtext("name") == path.parent.name
-    assert project and package.findtext("version") == project[1]
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(lacking), reason=lacking)]
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +42,6 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return prefix
 
 
-@needs_ros2
 def test_the_package_installs_nodes_launch_files_and_pictures(installed: Path) -> None:
     programs = [*(installed / "lib" / "fusionslam_ros2").iterdir()]
     assert {each.name for each in programs} == {*NODES, "bag_player"}
@@ -66,7 +53,6 @@ def test_the_package_installs_nodes_launch_files_and_pictures(installed: Path) -
     assert module.read_text() == (PACKAGE / "fusionslam_ros2" / "nodes.py").read_text()
 
 
-@needs_ros2
 def test_installed_nodes_run_with_what_a_launch_file_gives_them(
     installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

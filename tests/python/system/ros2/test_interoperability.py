@@ -23,7 +23,7 @@ from live_results import CONNECTIONS
 from project import SUPPORT
 from ros_master import PlayedBag
 
-pytestmark = pytest.mark.skipif(bool(lacking), reason=lacking)
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(lacking), reason=lacking)]
 
 OURS = (
     "/current_scene_description",
@@ -84,7 +84,6 @@ def assert_same_bytes(data: bytes, type_name: str) -> None:
         assert write(bytes(changed)) == wanted
 
 
-@pytest.mark.nightly
 def test_another_distribution_reads_the_clouds(played_bag: PlayedBag, tmp_path: Path) -> None:
     with Ros2World(tmp_path) as world:
         own, peer = Ros2Listener(world, ("/rgb_cloud",)), PeerListener(world, ("/rgb_cloud",))

@@ -9,15 +9,14 @@ from typing import Any
 
 import pytest
 
-from benchmarks.ros.ros2_world import JAZZY, PUBLISHER, Ros2World, lacking
+from benchmarks.ros.ros2_world import JAZZY, Ros2World, lacking
 from benchmarks.ros.world import wait_until
-from cli import fails
 from fusionslam.config import unit_of, walk
-from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.ros.nodes.data_fusion import DataFusion
 from ros_master import PlayedBag
+from rows import rows
 
-needs_ros2 = pytest.mark.skipif(bool(lacking), reason=lacking)
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(lacking), reason=lacking)]
 
 BEGIN = """
 import json, sys, time
@@ -64,36 +63,6 @@ while True:
     publisher.publish(kind())
     rclpy.spin_once(node, timeout_sec=0.1)
 """
-LATE = """
-sys.path.insert(0, sys.argv[1])
-import publisher
-from geometry_msgs.msg import TransformStamped
-from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import Header
-from tf2_msgs.msg import TFMessage
-messages = {publisher.SCANS: publisher.cloud(2000), publisher.IMAGES: publisher.image(),
-            publisher.INFO: publisher.calibration()}
-publishers = {topic: node.create_publisher(type(message), topic, 50)
-              for topic, message in messages.items()}
-kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-transforms = node.create_publisher(TFMessage, "/tf_static", kept)
-while any(each.get_subscription_count() < 1 for each in (*publishers.values(), transforms)):
-    time.sleep(0.1)
-for number in range(12):
-    if number == 6:
-        link = TransformStamped(header=Header(frame_id="scanner"), child_frame_id="optical")
-        transforms.publish(TFMessage(transforms=[link]))
-    for topic, message in messages.items():
-        frame = "scanner" if topic == publisher.SCANS else "optical"
-        message.header = Header(stamp=rclpy.time.Time(seconds=100 + 0.2 * number).to_msg(),
-                                frame_id=frame)
-        for _ in range(2 if topic == publisher.SCANS else 1):
-            publishers[topic].publish(message)
-    time.sleep(0.2)
-for each in (*publishers.values(), transforms):
-    each.wait_for_all_acked(Duration(seconds=30))
-"""
 
 
 def run(world: Ros2World, name: str, code: str, *arguments: str) -> Any:
@@ -108,12 +77,6 @@ def answer(world: Ros2World, code: str, *arguments: str) -> Any:
     return json.loads(world.log("ask").splitlines()[-1])
 
 
-def test_without_ros_2_the_commands_say_how_to_get_it() -> None:
-    for words in (("run", "data_fusion"), ("play", "drive.bag"), ("check",)):
-        assert "make ros2" in fails(2 if words[0] == "run" else 1, "ros2", *words)
-
-
-@needs_ros2
 def test_parameters_are_described_and_cannot_be_set(tmp_path: Path) -> None:
     values = {key: definition for key, _, definition in walk(DataFusion.defaults)}
     with Ros2World(tmp_path) as world:
@@ -127,9 +90,8 @@ def test_parameters_are_described_and_cannot_be_set(tmp_path: Path) -> None:
         assert not unit or f"[{unit}]" in found["descriptions"][key]
 
 
-@needs_ros2
-@pytest.mark.parametrize(
-    ("argument", "words"),
+@rows(
+    "argument, words",
     [
         ("_fusion.voxl:=0.1", "unknown parameter 'fusion.voxl'; did you mean 'voxel'"),
         ("_fusion.voxel:=-1.0", "fusion.voxel"),
@@ -145,18 +107,8 @@ def test_wrong_parameters_are_refused(argument: str, words: str, tmp_path: Path)
     assert words in text and "Traceback" not in text and "~" not in text
 
 
-@needs_ros2
-def test_arguments_of_ros_1_are_refused(tmp_path: Path) -> None:
-    with Ros2World(tmp_path) as world:
-        command = [str(JAZZY / "bin/python"), "-m", "fusionslam", "ros2", "run", "data_fusion"]
-        process = world.run("node", [*command, "_fusion/voxel:=1"])
-        assert process.wait(timeout=300) == 2
-        assert "--ros-args -p" in world.log("node")
-
-
-@needs_ros2
-@pytest.mark.parametrize(
-    ("options", "words"),
+@rows(
+    "options, words",
     [
         (("--topic", "/x"), "has no topic /x: expected"),
         (("--start", "99"), "none of the topics has a message from 99 s on"),
@@ -172,7 +124,6 @@ def test_a_bag_that_cannot_be_played_as_asked_says_why(
         assert words in world.log("rosbag") and "Traceback" not in world.log("rosbag")
 
 
-@needs_ros2
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
     with Ros2World(tmp_path) as world:
         run(world, "wrong", PUBLISH, "String", "RELIABLE")
@@ -181,7 +132,6 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
         assert "expected sensor_msgs/PointCloud2" in world.log("data_fusion")
 
 
-@needs_ros2
 def test_a_best_effort_scanner_is_heard_and_a_second_one_is_named(tmp_path: Path) -> None:
     with Ros2World(tmp_path) as world:
         node = world.node("data_fusion")
@@ -194,83 +144,9 @@ def test_a_best_effort_scanner_is_heard_and_a_second_one_is_named(tmp_path: Path
         assert world.end(node, signal.SIGTERM) == 0
 
 
-@needs_ros2
-def test_a_node_asks_for_less_when_a_publisher_offers_less(tmp_path: Path) -> None:
-    with Ros2World(tmp_path) as world:
-        world.node("data_fusion")
-        first = run(world, "first", PUBLISH, "PointCloud2", "RELIABLE")
-        wait_until(lambda: "points: reliable" in world.log("data_fusion"), "the first")
-        world.end(first)
-        run(world, "second", PUBLISH, "PointCloud2", "BEST_EFFORT")
-        wait_until(lambda: "points: best effort" in world.log("data_fusion"), "the second")
-
-
-@needs_ros2
-def test_views_go_on_after_their_node_was_killed(played_bag: PlayedBag, tmp_path: Path) -> None:
-    keep = "_memory.file:=views.npz"
-    with Ros2World(tmp_path) as world:
-        listener = world.listen("/LocalView/Template")
-        matching = world.node("lv_matching", keep)
-        world.node("lv_builder")
-        world.node("data_fusion", *played_bag.sensors)
-        heard = {"lv_builder": "/rgb_cloud", "lv_matching": "/current_scene_description"}
-        world.connect(**heard)
-        listener.wait_for("/LocalView/Template")
-        world.play(played_bag.path, "--rate", "8", "--stop", "10")
-        listener.settle()
-        before = listener.messages()["/LocalView/Template"]
-        world.end(matching, signal.SIGKILL)
-        matching = world.node("lv_matching", keep)
-        world.play(played_bag.path, "--rate", "8", "--start", "10")
-        listener.settle()
-        assert world.end(matching) == 0
-        after = listener.messages()["/LocalView/Template"]
-    assert len(after) > len(before) > 5
-    stamps = [stamp_of(each.header.stamp) for each in after]
-    assert stamps == sorted(stamps)
-    new = [each.current_id for each in after if each.is_new]
-    assert new == list(range(len(new)))
-
-
-@needs_ros2
 def test_services_answer_with_the_reason(tmp_path: Path) -> None:
     with Ros2World(tmp_path) as world:
         node = world.node("mapper", "_map.file:=site.fsmap")
         found, code, reason, solved = answer(world, LOCALIZE)
         assert not found and code == "no-frame" and "sensors" in reason and solved
         assert world.end(node) == 0
-
-
-@pytest.mark.nightly
-@needs_ros2
-def test_a_bag_that_is_played_again_gives_all_clouds_again(
-    played_bag: PlayedBag, tmp_path: Path
-) -> None:
-    with Ros2World(tmp_path) as world:
-        listener = world.listen("/rgb_cloud")
-        world.node("data_fusion", *played_bag.sensors, "_online.wait:=60.0", "_node.queue:=1000")
-        listener.wait_for("/rgb_cloud")
-        for _ in range(2):
-            world.play(played_bag.path, "--rate", "8")
-            listener.settle()
-        stamps = [stamp_of(each.header.stamp) for each in listener.messages()["/rgb_cloud"]]
-        assert "the clock went back" in world.log("data_fusion")
-    assert len(stamps) == 2 * played_bag.scans
-    assert stamps[: played_bag.scans] == stamps[played_bag.scans :]
-
-
-@needs_ros2
-def test_scans_wait_for_late_transforms_and_count_once(tmp_path: Path) -> None:
-    with Ros2World(tmp_path) as world:
-        listener = world.listen("/rgb_cloud")
-        frames = ("_online.robot_frame:=scanner", "_fusion.frame:=scan", "_online.wait:=60.0")
-        # A driver that a busy machine holds up is silent, after which scans do not wait any longer.
-        world.node("data_fusion", *frames, "_node.idle:=1000.0")
-        listener.wait_for("/rgb_cloud")
-        driver = run(world, "driver", LATE, str(PUBLISHER.parent))
-        assert driver.wait(timeout=300) == 0, world.log("driver")
-        wait_until(lambda: listener.count() >= 12, "all clouds")
-        listener.settle()
-        stamps = [stamp_of(each.header.stamp) for each in listener.messages()["/rgb_cloud"]]
-        assert "is its driver running twice" in world.log("data_fusion")
-    assert len(stamps) == 12 and stamps == sorted(set(stamps))
