@@ -128,7 +128,8 @@ def delayed(
     """The events with later stamps in the messages of a topic that arrive after a time."""
     for event in events:
         if event.topic == topic and event.time_ns > after_ns:
-            (event,) = changed([event], topic, stamp_ns=event.message.stamp_ns + by_ns)
+            message: Any = event.message
+            (event,) = changed([event], topic, stamp_ns=message.stamp_ns + by_ns)
         yield event
 
 

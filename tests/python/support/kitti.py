@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fusionslam.datasets import (
-    write_cloud,
-)
+from fusionslam.datasets import write_cloud
 from fusionslam.sensors.frame import Cloud
 
 CALIB = (
@@ -54,9 +52,9 @@ P3 = "700 0 2 -330 0 700 1.5 0.1 0 0 1 0.003"
 TR = "0 -1 0 0.1 0 0 -1 0.2 1 0 0 0.3"
 ODOMETRY_CALIB = f"P0: {P2}\nP1: {P3}\nP2: {P2}\nP3: {P3}\nTr: {TR}\n"
 POSE_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
-RNG = np.random.default_rng(7)
-POINTS = RNG.normal(size=(20, 3)).astype(np.float32)
-COLORS = RNG.integers(0, 256, (20, 3), dtype=np.uint8)
+_RNG = np.random.default_rng(7)
+POINTS = _RNG.normal(size=(20, 3)).astype(np.float32)
+COLORS = _RNG.integers(0, 256, (20, 3), dtype=np.uint8)
 
 
 def put_scan(path: Path) -> None:
@@ -75,6 +73,11 @@ def put_text(path: Path, text: str) -> None:
     path.write_text(text)
 
 
+def pose_lines(count: int, step: int = 1) -> str:
+    """KITTI's poses, that many metres along x from each to the next."""
+    return "".join(POSE_LINE.format(step * number) for number in range(count))
+
+
 def odometry(root: Path, numbers: Iterable[int] = range(6)) -> Path:
     """A small sequence 03 of colour stereo pairs and scans."""
     sequence = root / "sequences" / "03"
@@ -84,7 +87,7 @@ def odometry(root: Path, numbers: Iterable[int] = range(6)) -> Path:
         put_image(sequence / f"image_3/{number:06d}.png")
     put_text(sequence / "calib.txt", ODOMETRY_CALIB)
     put_text(sequence / "times.txt", "".join(f"{0.1 * n:e}\n" for n in range(6)))
-    put_text(root / "poses" / "03.txt", "".join(POSE_LINE.format(n) for n in range(6)))
+    put_text(root / "poses" / "03.txt", pose_lines(6))
     return sequence
 
 

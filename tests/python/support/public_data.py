@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kitti import CALIB, POINTS, POSE_LINE, put_image, put_scan, put_text, raw_drive
+from kitti import CALIB, POINTS, pose_lines, put_image, put_scan, put_text, raw_drive
 
 IMU_TO_VELO = "R: 0 -1 0 1 0 0 0 0 1\nT: -0.8 0.3 -0.8\n"
 KITTI_360_DRIVE = "2013_05_28_drive_0003_sync"
@@ -55,8 +55,8 @@ def semantic_kitti(root: Path) -> Path:
         np.full(len(POINTS), 40, "<u4").tofile(label)
     put_text(sequence / "calib.txt", CALIB)
     put_text(sequence / "times.txt", "".join(f"{0.1 * n:e}\n" for n in range(3)))
-    put_text(sequence / "poses.txt", "".join(POSE_LINE.format(2 * n) for n in range(3)))
-    put_text(root / "dataset/poses/03.txt", "".join(POSE_LINE.format(n) for n in range(3)))
+    put_text(sequence / "poses.txt", pose_lines(3, 2))
+    put_text(root / "dataset/poses/03.txt", pose_lines(3))
     return sequence
 
 

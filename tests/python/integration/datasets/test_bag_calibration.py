@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
+from rows import rows
+
 pytest.importorskip("rosbags", reason="bags are an extra")
 
 from bags import START, drive, static, without, write_bag
@@ -38,7 +40,7 @@ def camera(tmp_path: Path) -> Camera:
     return open_dataset(write_bag(tmp_path / "whole.bag", drive()))[0].cameras["left"]
 
 
-@pytest.mark.parametrize("missing", ["/tf_static", "/camera/camera_info"])
+@rows("missing", ["/tf_static", "/camera/camera_info"])
 def test_a_calibration_stands_for_what_a_bag_lacks(
     tmp_path: Path, camera: Camera, missing: str
 ) -> None:
@@ -76,8 +78,8 @@ def test_info_says_that_the_place_of_the_camera_is_from_the_calibration(
     assert seen["fusion"].startswith("possible")
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
+@rows(
+    "changes, message",
     [
         ({"size": None}, "left .*size"),
         ({"size": [640, 480]}, "640x480"),
@@ -132,7 +134,7 @@ def test_a_scanner_that_tf_links_to_something_else_is_named(tmp_path: Path) -> N
         open_dataset(bag, sensors=("points",), calibration=file)
 
 
-@pytest.mark.parametrize("missing", ["/tf_static", "/camera/camera_info"])
+@rows("missing", ["/tf_static", "/camera/camera_info"])
 def test_scans_serve_where_the_camera_is_not_calibrated_and_the_cure_is_named(
     tmp_path: Path, missing: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -17,6 +17,7 @@ from fusionslam.datasets.calibration import read_calib_yaml
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.storage import files
+from rows import rows
 
 
 def pcd(path: Path, extra: int, fields: int = 1) -> Path:
@@ -31,7 +32,7 @@ def pcd(path: Path, extra: int, fields: int = 1) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("extra", "fields"), [(900_000_000, 1), (20_000, 1), (1, 20_000)])
+@rows("extra, fields", [(900_000_000, 1), (20_000, 1), (1, 20_000)])
 def test_a_pcd_point_of_too_many_numbers_is_refused(
     tmp_path: Path, extra: int, fields: int
 ) -> None:
@@ -57,7 +58,7 @@ def png(path: Path, width: int, height: int) -> Path:
 
 
 @pytest.mark.filterwarnings("ignore:Image size")
-@pytest.mark.parametrize("side", [9_500, 13_000, 30_000, 2**31 - 1])
+@rows("side", [9_500, 13_000, 30_000, 2**31 - 1])
 def test_an_image_of_too_many_pixels_is_refused(tmp_path: Path, side: int) -> None:
     path = png(tmp_path / "a.png", side, side)
     with pytest.raises(DataError, check=has_code("damaged-file", path)):
@@ -80,7 +81,7 @@ YAML: dict[str, str] = {
 }
 
 
-@pytest.mark.parametrize("content", YAML)
+@rows("content", YAML)
 def test_yaml_beyond_settings_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "a.yaml"
     path.write_text(YAML[content])
@@ -90,7 +91,7 @@ def test_yaml_beyond_settings_is_refused(tmp_path: Path, content: str) -> None:
         read_calib_yaml(path)
 
 
-@pytest.mark.parametrize("value", ["[" * 100_000, "2001-99-99", "&x [*x]", "9" * 5000])
+@rows("value", ["[" * 100_000, "2001-99-99", "&x [*x]", "9" * 5000])
 def test_a_setting_that_is_no_yaml_is_refused(value: str) -> None:
     with pytest.raises(ConfigError, match=r"fusion\.voxel"):
         with_settings(PipelineConfig(), [f"fusion.voxel={value}"])

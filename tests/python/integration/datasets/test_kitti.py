@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from error_codes import has_code
@@ -14,13 +15,24 @@ from fusionslam.datasets import open_dataset, write_poses_tum
 from fusionslam.errors import DataError
 from fusionslam.pipelines.first_frame import first_cloud
 from fusionslam.pipelines.recording import Recording
-from kitti import P2, P3, POSE_LINE, TR, folder, odometry, put_image, put_scan, put_text, raw_drive
+from kitti import (
+    P2,
+    P3,
+    POSE_LINE,
+    TR,
+    folder,
+    odometry,
+    pose_lines,
+    put_image,
+    put_scan,
+    put_text,
+    raw_drive,
+)
 from refusals import refuses
+from rows import rows
 
 
 def test_scans_of_kitti_00_come_with_their_numbers_times_and_poses(test_data: Path) -> None:
-    from scipy.spatial import cKDTree
-
     root = test_data / "kitti"
     dataset = open_dataset(root, sequence="00", sensors=("points",), gaps="skip")
     times = np.loadtxt(root / "times/times_00.txt")
@@ -32,11 +44,10 @@ def test_scans_of_kitti_00_come_with_their_numbers_times_and_poses(test_data: Pa
     raw = np.fromfile(root / "sequences/00/velodyne/000199.bin", np.float32).reshape(-1, 4)
     assert np.array_equal(dataset[-1].points, raw[:, :3])
     # Consecutive scans overlap: body_from_points joins scanner and camera 0, which has the poses.
-    transforms = [dataset[i].pose @ dataset.body_from_points for i in (2, 3)]
-    worlds = [
-        dataset[i].points @ transform[:3, :3].T + transform[:3, 3]
-        for i, transform in zip((2, 3), transforms, strict=True)
-    ]
+    worlds = []
+    for frame in (dataset[2], dataset[3]):
+        transform = frame.pose @ dataset.body_from_points
+        worlds.append(frame.points @ transform[:3, :3].T + transform[:3, 3])
     distances, _ = cKDTree(worlds[0]).query(worlds[1][::20])
     assert np.median(distances) < 0.1
 
@@ -106,17 +117,14 @@ def test_the_raw_calibration_joins_rectification_and_scanner(tmp_path: Path) -> 
 
 def test_a_sequence_is_opened_from_its_folder_and_from_the_root(tmp_path: Path) -> None:
     sequence = odometry(tmp_path)
-    for dataset in (
-        open_dataset(sequence),
-        open_dataset(tmp_path),
-        open_dataset(tmp_path, sequence="3"),
-    ):
+    for path, named in ((sequence, None), (tmp_path, None), (tmp_path, "3")):
+        dataset = open_dataset(path, sequence=named)
         assert dataset.root == sequence and len(dataset) == 6
         assert dataset.poses[5, 0, 3] == 5 and dataset.stamps_ns[5] == 500_000_000
         assert [frame.index for frame in dataset] == list(range(6))
 
 
-@pytest.mark.parametrize("direct", [True, False])
+@rows("direct", [True, False])
 def test_a_linked_sequence_has_the_poses_and_times_beside_the_link(
     tmp_path: Path, direct: bool
 ) -> None:
@@ -129,37 +137,30 @@ def test_a_linked_sequence_has_the_poses_and_times_beside_the_link(
     linked.symlink_to(stored, target_is_directory=True)
     data = linked if direct else tmp_path / "linked"
     assert open_dataset(data).poses[5, 0, 3] == 5  # those of the sequence that is linked to
-    put_text(tmp_path / "linked/poses/06.txt", "".join(POSE_LINE.format(2 * n) for n in range(6)))
+    put_text(tmp_path / "linked/poses/06.txt", pose_lines(6, 2))
     put_text(tmp_path / "linked/times/times_06.txt", "".join(f"{n}\n" for n in range(6)))
     dataset = open_dataset(data)
     assert dataset.name == "KITTI odometry 06" and dataset.poses[5, 0, 3] == 10
     assert dataset.stamps_ns[5] == 5_000_000_000
+    drive = raw_drive(tmp_path / "day")  # whose calibration is that of its day
+    (tmp_path / "mine").symlink_to(drive, target_is_directory=True)
+    assert open_dataset(tmp_path / "mine").cameras["left"].size == (4, 3)
 
 
-def test_a_link_to_a_drive_finds_the_calibration_of_its_day(tmp_path: Path) -> None:
-    drive = raw_drive(tmp_path / "day")
-    link = tmp_path / "mine"
-    link.symlink_to(drive, target_is_directory=True)
-    assert open_dataset(link).cameras["left"].size == (4, 3)
-
-
-def test_another_file_of_poses_may_be_given(tmp_path: Path) -> None:
-    sequence = odometry(tmp_path)
-    stamps = np.arange(6) * 100_000_000
-    write_poses_tum(tmp_path / "mine.txt", stamps + 3_000_000, np.tile(np.eye(4), (6, 1, 1)))
-    assert np.array_equal(open_dataset(sequence, poses=tmp_path / "mine.txt").poses[5], np.eye(4))
-
-
-def test_a_frame_after_the_last_pose_of_a_slower_truth_is_left_out(tmp_path: Path) -> None:
-    sequence = odometry(tmp_path)
-    stamps = open_dataset(sequence).stamps_ns[::2]
-    write_poses_tum(tmp_path / "mine.txt", stamps, np.tile(np.eye(4), (3, 1, 1)))
-    dataset = open_dataset(sequence, poses=tmp_path / "mine.txt")
+def test_another_file_of_poses_may_be_given_and_frames_after_its_end_are_left_out(
+    tmp_path: Path,
+) -> None:
+    sequence, mine, stood = odometry(tmp_path), tmp_path / "mine.txt", np.tile(np.eye(4), (6, 1, 1))
+    stamps = open_dataset(sequence).stamps_ns
+    write_poses_tum(mine, stamps + 3_000_000, stood)
+    assert np.array_equal(open_dataset(sequence, poses=mine).poses[5], np.eye(4))
+    write_poses_tum(mine, stamps[::2], stood[::2])  # a slower truth
+    dataset = open_dataset(sequence, poses=mine)
     assert dataset.numbers.tolist() == [0, 1, 2, 3, 4] and np.isfinite(dataset.poses).all()
     assert [frame.number for frame in dataset] == dataset.numbers.tolist()
 
 
-@pytest.mark.parametrize("make", [odometry, raw_drive])
+@rows("make", [odometry, raw_drive])
 def test_poses_by_time_need_a_recording_with_times(
     make: Callable[[Path], Path], tmp_path: Path
 ) -> None:
@@ -186,26 +187,20 @@ def test_a_sequence_without_times_runs_at_10_hz_and_says_so(
     assert str(sequence / "times.txt") in caplog.text
 
 
-def test_scans_alone_need_no_calibration(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    sequence = odometry(tmp_path)
-    (sequence / "calib.txt").unlink()
-    assert open_dataset(sequence, sensors=["points"]).body_from_points is None
-    assert not caplog.records
-
-
 def test_a_sequence_without_calibration_gives_its_scans_and_says_so(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     sequence = odometry(tmp_path)
-    (sequence / "calib.txt").unlink()
+    calib = sequence / "calib.txt"
+    calib.unlink()
+    assert open_dataset(sequence, sensors=["points"]).body_from_points is None
+    assert not caplog.records  # scans alone need none
     dataset = open_dataset(sequence)
     assert (dataset.cameras, dataset.body_from_points) == ({}, None)
-    assert [str(sequence / "calib.txt") in record.getMessage() for record in caplog.records] == [
-        True
-    ]
+    assert [str(calib) in text for text in caplog.messages] == [True]
     assert Recording.at(sequence).sources() == ("cloud",)
     assert first_cloud(dataset).status == "not possible"
-    put_text(sequence / "calib.txt", "P2: 1 2 3\n")
+    put_text(calib, "P2: 1 2 3\n")
     with pytest.raises(DataError, match=r"calib\.txt"):
         open_dataset(sequence)
 
@@ -223,7 +218,7 @@ def test_published_raw_drives_lie_under_their_date_and_have_exact_times(tmp_path
         open_dataset(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"])
+@rows("name", ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"])
 def test_a_raw_drive_without_calibration_gives_its_scans_and_names_both_places(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str
 ) -> None:
@@ -242,11 +237,8 @@ def test_object_frames_have_their_own_calibration_and_no_gaps_between_numbers(
     for number, focal in ((3, 700), (8, 800)):
         put_scan(root / f"velodyne/{number:06d}.bin")
         put_image(root / f"image_2/{number:06d}.png")
-        put_text(
-            root / f"calib/{number:06d}.txt",
-            f"P2: {P2.replace('700', str(focal))}\nR0_rect: 1 0 0 0 1 0 0 0 1\n"
-            f"Tr_velo_to_cam: {TR}\n",
-        )
+        text = f"P2: {P2.replace('700', str(focal))}\nR0_rect: 1 0 0 0 1 0 0 0 1\n"
+        put_text(root / f"calib/{number:06d}.txt", f"{text}Tr_velo_to_cam: {TR}\n")
     dataset = open_dataset(tmp_path)
     assert dataset.numbers.tolist() == [3, 8] and dataset.gaps == []
     assert [frame.cameras["left"].projection[0, 0] for frame in dataset] == [700, 800]
@@ -266,32 +258,27 @@ def test_a_gap_in_the_middle_is_an_error_unless_it_may_be_skipped(
     assert dataset.numbers.tolist() == [0, 1, 4, 5] and dataset.gaps == [2, 3]
     assert dataset.poses[:, 0, 3].tolist() == [0, 1, 4, 5]
     assert "velodyne/000002.bin" in caplog.text
+    whole = odometry(tmp_path / "whole")
+    hole = whole / "image_3/000005.png"
+    hole.unlink()  # a gap only for those who need it
+    with pytest.raises(DataError, check=has_code("gaps", hole, 1)):
+        open_dataset(whole)
+    assert len(open_dataset(whole, sensors=("points", "left"))) == 6
 
 
-def test_a_hole_in_one_sensor_is_a_gap_only_for_those_who_need_it(tmp_path: Path) -> None:
-    sequence = odometry(tmp_path)
-    (sequence / "image_3/000005.png").unlink()
-    with pytest.raises(DataError, check=has_code("gaps", sequence / "image_3/000005.png", 1)):
-        open_dataset(sequence)
-    assert len(open_dataset(sequence, sensors=("points", "left"))) == 6
-
-
-def test_sensors_that_never_meet_leave_no_frame(tmp_path: Path) -> None:
-    folder(tmp_path)
+def test_sensors_that_never_meet_and_names_that_do_not_count_are_refused(tmp_path: Path) -> None:
+    apart = folder(tmp_path / "apart")
     for number in (0, 1, 2):
-        (tmp_path / f"images/00{number}.png").rename(tmp_path / f"images/00{number + 3}.png")
+        (apart / f"images/00{number}.png").rename(apart / f"images/00{number + 3}.png")
     with pytest.raises(DataError, check=has_code("no-frames", "points", "left")):
-        open_dataset(tmp_path, gaps="skip")
-
-
-def test_names_that_do_not_count_frames_are_no_endless_gap(tmp_path: Path) -> None:
+        open_dataset(apart, gaps="skip")
     for name in ("0000000001", "1317354879229752000"):
-        put_scan(tmp_path / f"velodyne/{name}.bin")
+        put_scan(tmp_path / f"uncounted/velodyne/{name}.bin")
     with pytest.raises(DataError, check=has_code("no-frame-numbers")):
-        open_dataset(tmp_path, gaps="skip")
+        open_dataset(tmp_path / "uncounted", gaps="skip")
 
 
-@pytest.mark.parametrize("make", [odometry, raw_drive, folder])
+@rows("make", [odometry, raw_drive, folder])
 def test_poses_of_another_drive_are_refused_by_their_number(
     make: Callable[[Path], Path], tmp_path: Path
 ) -> None:
@@ -300,10 +287,10 @@ def test_poses_of_another_drive_are_refused_by_their_number(
     if make is folder:
         put_text(root / "times.txt", "".join(f"{n}\n" for n in range(count)))
     given = tmp_path / "other.txt"
-    put_text(given, "".join(POSE_LINE.format(n) for n in range(9)))
+    put_text(given, pose_lines(9))
     with refuses("other-drive", str(given), "9", str(count)):
         open_dataset(root, poses=given)
-    put_text(given, "".join(POSE_LINE.format(n) for n in range(count)))
+    put_text(given, pose_lines(count))
     assert len(open_dataset(root, poses=given)) == count
 
 
@@ -311,9 +298,9 @@ def test_poses_fit_the_frames_that_are_here_or_all_that_were_recorded(tmp_path: 
     odometry(tmp_path, range(4))
     given = tmp_path / "given.txt"
     for lines in (4, 6):  # times.txt has 6
-        put_text(given, "".join(POSE_LINE.format(n) for n in range(lines)))
+        put_text(given, pose_lines(lines))
         assert open_dataset(tmp_path, poses=given).poses[:, 0, 3].tolist() == [0, 1, 2, 3]
-    put_text(given, "".join(POSE_LINE.format(n) for n in range(5)))
+    put_text(given, pose_lines(5))
     with refuses("other-drive", str(given), "5", "6"):
         open_dataset(tmp_path, poses=given)
 
@@ -322,22 +309,20 @@ def test_lines_beyond_the_frames_are_said_where_nothing_tells_whose_they_are(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     sequence = odometry(tmp_path)
-    put_text(tmp_path / "poses/03.txt", "".join(POSE_LINE.format(n) for n in range(9)))
+    put_text(tmp_path / "poses/03.txt", pose_lines(9))
     assert open_dataset(tmp_path).poses[:, 0, 3].tolist() == [0, 1, 2, 3, 4, 5]
-    assert [record.args[1] for record in caplog.records] == [9]  # beside the data, not named
     (sequence / "times.txt").unlink()
-    caplog.clear()
     open_dataset(tmp_path, poses=tmp_path / "poses/03.txt")
-    assert [record.args[1] for record in caplog.records if len(record.args) > 1] == [9]
+    # Beside the data, not named; and named.
+    assert [record.args[1] for record in caplog.records if len(record.args) > 1] == [9, 9]
 
 
 def test_scans_without_tr_are_an_error_and_not_left_out_for_stereo(tmp_path: Path) -> None:
     calib = odometry(tmp_path) / "calib.txt"
-    lines = calib.read_text().splitlines()
-    put_text(calib, "".join(f"{line}\n" for line in lines if not line.startswith("Tr")))
+    put_text(calib, calib.read_text().replace("Tr:", "No:"))
     recording = Recording.at(calib.parent)
     for act in (recording.open, recording.sources):
-        with pytest.raises(DataError, check=has_code("calibration-key", str(calib), "Tr")) as error:
+        with pytest.raises(DataError, check=has_code("calibration-key", calib, "Tr")) as error:
             act()
     assert "--source stereo" in str(error.value)
     assert recording.open("stereo").sensors == ("left", "right")

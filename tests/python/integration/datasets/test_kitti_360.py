@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The readers of KITTI-360 and SemanticKITTI, against made folders of their layouts."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from cli import succeeds
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.pose_files import read_poses_kitti
-from kitti import POINTS, POSE_LINE, put_text
+from kitti import POINTS, pose_lines, put_text
 from public_data import KITTI_360_DRIVE, PERSPECTIVE, kitti_360, semantic_kitti
 from refusals import refuses
+from rows import rows
 
 
 def test_labels_beside_the_scans_are_no_trouble_and_the_poses_there_come_first(
@@ -32,7 +34,7 @@ def test_labels_beside_the_scans_are_no_trouble_and_the_poses_there_come_first(
     assert kitti.name == "KITTI odometry 03" and kitti.poses[2, 0, 3] == 2
 
 
-@pytest.mark.parametrize(
+@rows(
     "place",
     [".", "data_3d_raw", f"data_3d_raw/{KITTI_360_DRIVE}", f"data_2d_raw/{KITTI_360_DRIVE}"],
 )
@@ -41,6 +43,8 @@ def test_a_drive_is_opened_from_any_of_its_folders(tmp_path: Path, place: str) -
     assert (dataset.kind, dataset.name) == ("kitti-360", f"KITTI-360 {KITTI_360_DRIVE}")
     assert dataset.sensors == ("points", "left", "right") and dataset.recorded == 6
     assert dataset.numbers.tolist() == [1, 2, 4]
+    exact = np.datetime64("2013-05-28T08:46:02.904481000", "ns").astype(np.int64)
+    assert dataset.stamps_ns[0] == exact
 
 
 def test_a_drive_is_chosen_by_its_name_or_number(tmp_path: Path) -> None:
@@ -95,6 +99,8 @@ def test_poses_are_of_the_imu_turned_upright_and_place_the_scanner(tmp_path: Pat
     """The car faces east in a world of east, north, up; the scanner is above the IMU."""
     dataset = open_dataset(kitti_360(tmp_path))
     assert dataset.numbers[2] == 4 and not dataset.body_is_camera
+    text = succeeds("info", tmp_path).stdout
+    assert "kitti-360" in text and f"{KITTI_360_DRIVE}/poses.txt" in " ".join(text.split())
     expected = np.eye(4)
     expected[:3, 3] = 1004, 2000, 116
     np.testing.assert_allclose(dataset.poses[2], expected, atol=1e-12)
@@ -104,21 +110,7 @@ def test_poses_are_of_the_imu_turned_upright_and_place_the_scanner(tmp_path: Pat
     np.testing.assert_allclose(dataset.body_from_points[:3, :3], np.eye(3), atol=1e-12)
 
 
-def test_stamps_are_those_of_the_scans(tmp_path: Path) -> None:
-    exact = np.datetime64("2013-05-28T08:46:02.904481000", "ns").astype(np.int64)
-    assert open_dataset(kitti_360(tmp_path)).stamps_ns[0] == exact
-
-
-def test_a_drive_of_images_alone_opens(tmp_path: Path) -> None:
-    import shutil
-
-    shutil.rmtree(kitti_360(tmp_path) / "data_3d_raw")
-    dataset = open_dataset(tmp_path, without_pose="keep")
-    assert dataset.sensors == ("left", "right") and len(dataset) == 6
-    assert dataset.root.parent.name == "data_2d_raw"
-
-
-@pytest.mark.parametrize("name", ["perspective.txt", "calib_cam_to_velo.txt"])
+@rows("name", ["perspective.txt", "calib_cam_to_velo.txt"])
 def test_without_calibration_the_scans_are_there_and_the_log_names_the_file(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str
 ) -> None:
@@ -128,28 +120,28 @@ def test_without_calibration_the_scans_are_there_and_the_log_names_the_file(
     assert name in caplog.text
 
 
-def test_without_the_place_of_the_imu_the_scanner_is_nowhere(tmp_path: Path) -> None:
-    (kitti_360(tmp_path) / "calibration/calib_cam_to_pose.txt").unlink()
-    dataset = open_dataset(tmp_path)
-    assert dataset.body_from_points is None and set(dataset.cameras) == {"left", "right"}
-
-
-def test_a_drive_without_poses_opens(tmp_path: Path) -> None:
-    (kitti_360(tmp_path) / "data_poses" / KITTI_360_DRIVE / "poses.txt").unlink()
-    dataset = open_dataset(tmp_path)
-    assert dataset.poses is None and len(dataset) == 6
-
-
-def test_a_drive_none_of_whose_frames_has_a_pose_has_no_poses(
+def test_what_a_drive_lacks_it_does_without(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    dataset = open_dataset(kitti_360(tmp_path, posed=(17,)))
+    placed = kitti_360(tmp_path / "placed")
+    (placed / "calibration/calib_cam_to_pose.txt").unlink()
+    dataset = open_dataset(placed)
+    assert dataset.body_from_points is None and set(dataset.cameras) == {"left", "right"}
+    (placed / "data_poses" / KITTI_360_DRIVE / "poses.txt").unlink()
+    dataset = open_dataset(placed)
+    assert dataset.poses is None and len(dataset) == 6
+    caplog.clear()
+    dataset = open_dataset(kitti_360(tmp_path, posed=(17,)))  # of none of its frames
     assert dataset.poses is None and len(dataset) == 6
     assert any(record.args[1:] == (6,) for record in caplog.records if record.args)
+    shutil.rmtree(tmp_path / "data_3d_raw")
+    dataset = open_dataset(tmp_path)
+    assert dataset.sensors == ("left", "right") and len(dataset) == 6
+    assert dataset.root.parent.name == "data_2d_raw"
 
 
 def test_other_poses_may_be_given(tmp_path: Path) -> None:
-    put_text(tmp_path / "mine.txt", "".join(POSE_LINE.format(3 * n) for n in range(6)))
+    put_text(tmp_path / "mine.txt", pose_lines(6, 3))
     dataset = open_dataset(kitti_360(tmp_path / "data"), poses=tmp_path / "mine.txt")
     assert np.array_equal(dataset.poses, read_poses_kitti(tmp_path / "mine.txt"))
 
@@ -157,8 +149,8 @@ def test_other_poses_may_be_given(tmp_path: Path) -> None:
 GOOD = "1 1 0 0 5 0 -1 0 7 0 0 -1 9\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "line"),
+@rows(
+    "text, code, line",
     [
         (GOOD + "2 1 0 0 5 0 1 0", "damaged-file", "2"),
         ("# drive\n\n" + GOOD + "2 1 0 0 five 0 -1 0 7 0 0 -1 9\n", "damaged-file", "4"),
@@ -192,20 +184,13 @@ def test_damaged_calibrations_are_named(tmp_path: Path) -> None:
         open_dataset(tmp_path)
 
 
-def test_stamps_that_end_early_are_refused(tmp_path: Path) -> None:
-    path = kitti_360(tmp_path) / "data_3d_raw" / KITTI_360_DRIVE / "velodyne_points/timestamps.txt"
-    put_text(path, "".join(path.read_text().splitlines(keepends=True)[:3]))
-    with refuses("too-short", str(path), "6"):
-        open_dataset(tmp_path)
-
-
-def test_a_missing_scan_is_a_gap(tmp_path: Path) -> None:
-    next(kitti_360(tmp_path).rglob("0000000002.bin")).unlink()
+def test_a_missing_scan_is_a_gap_and_stamps_that_end_early_are_refused(tmp_path: Path) -> None:
+    scans = kitti_360(tmp_path) / "data_3d_raw" / KITTI_360_DRIVE / "velodyne_points"
+    (scans / "data/0000000002.bin").unlink()
     with pytest.raises(ValueError, match=r"0000000002\.bin"):
         open_dataset(tmp_path)
     assert open_dataset(tmp_path, gaps="skip").numbers.tolist() == [1, 4]
-
-
-def test_info_says_what_is_there(tmp_path: Path) -> None:
-    text = succeeds("info", kitti_360(tmp_path)).stdout
-    assert "kitti-360" in text and f"{KITTI_360_DRIVE}/poses.txt" in " ".join(text.split())
+    path = scans / "timestamps.txt"
+    put_text(path, "".join(path.read_text().splitlines(keepends=True)[:3]))
+    with refuses("too-short", str(path), "6"):
+        open_dataset(tmp_path, gaps="skip")

@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from error_codes import has_code
-from fusionslam.datasets import (
-    open_dataset,
-    read_calib_yaml,
-    write_poses_tum,
-)
+from fusionslam.datasets import open_dataset, read_calib_yaml, write_poses_tum
 from fusionslam.errors import DataError
 from fusionslam.fusion import fuse
 from fusionslam.sensors.frame import Frame
-from kitti import COLORS, P2, POINTS, POSE_LINE, folder, put_image, put_scan, put_text
+from kitti import COLORS, P2, POINTS, POSE_LINE, folder, pose_lines, put_image, put_scan, put_text
 from project import PROJECT
+from rows import rows
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".pcd"])
+@rows("suffix", [".ply", ".pcd"])
 def test_a_folder_of_coloured_clouds_gives_colours(tmp_path: Path, suffix: str) -> None:
     dataset = open_dataset(folder(tmp_path, suffix=suffix))
     assert dataset.kind == "folder" and len(dataset) == 3 and dataset.pose_frame == "points"
@@ -162,7 +159,7 @@ def test_tum_poses_are_matched_to_times_and_must_be_near(tmp_path: Path) -> None
 
 
 def test_kitti_poses_of_a_folder_are_matched_by_number(tmp_path: Path) -> None:
-    put_text(tmp_path / "poses.txt", "".join(POSE_LINE.format(n) for n in range(5)))
+    put_text(tmp_path / "poses.txt", pose_lines(5))
     dataset = open_dataset(folder(tmp_path, ("2", "3", "4")))
     assert dataset.poses[:, 0, 3].tolist() == [2, 3, 4]
 
@@ -184,8 +181,8 @@ def test_calib_yaml_may_say_only_where_the_scanner_is_on_the_robot(tmp_path: Pat
     assert dataset[0].robot_from_points[2, 3] == 0.5 and not dataset.cameras
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
+@rows(
+    "text, message",
     [
         ("robot_from_points: [2,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "robot_from_points"),
         ("robot_from_points: [.nan,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "robot_from_points"),
@@ -228,7 +225,7 @@ def test_files_of_types_that_are_not_read_are_named(
     assert f"{tmp_path / 'clouds'} holds files of .npy" in caplog.text
 
 
-@pytest.mark.parametrize("gaps", ["error", "skip"])
+@rows("gaps", ["error", "skip"])
 def test_sensors_without_a_common_name_are_told_the_rule(tmp_path: Path, gaps: str) -> None:
     folder(tmp_path, [f"17000000000000000{n}0" for n in range(3)])
     put_image(tmp_path / "left/1700000000000000005.png")

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from cli import succeeds
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.streams import MissingSensorError
-from kitti import POINTS, POSE_LINE, put_text
+from kitti import POINTS, pose_lines, put_text
 from public_data import MULRAN_STAMP, NCLT_STAMP, NCLT_STEPS, matrix_row, mulran, nclt
 from refusals import refuses
+from rows import rows
 
 
 def test_a_mulran_scan_has_its_stamp_to_the_nanosecond_and_its_points(tmp_path: Path) -> None:
@@ -32,7 +33,12 @@ def test_mulran_poses_are_interpolated_within_the_recorded_span_only(tmp_path: P
     kept = open_dataset(sequence, without_pose="keep")
     assert np.isfinite(kept.poses).all(axis=(1, 2)).tolist() == [False, True, True, False]
     np.testing.assert_allclose(kept.poses[1:3, 0, 3], [353_001, 353_002], atol=1e-9)
-    assert open_dataset(sequence).numbers.tolist() == [1, 2]
+    dataset = open_dataset(sequence)
+    assert dataset.numbers.tolist() == [1, 2]
+    # As published, the scanner faces backwards: 1.7042 m ahead, -0.021 m left, 1.8047 m up.
+    ahead = dataset.body_from_points @ [1, 0, 0, 1]
+    np.testing.assert_allclose(ahead, [0.7042, -0.021 + 0.00584, 1.8047, 1], atol=1e-4)
+    np.testing.assert_allclose(dataset.body_from_robot, np.eye(4), atol=1e-12)
 
 
 def test_mulran_poses_between_two_rows_turn_half_way(tmp_path: Path) -> None:
@@ -49,7 +55,7 @@ def test_mulran_poses_between_two_rows_turn_half_way(tmp_path: Path) -> None:
     np.testing.assert_allclose([first[0, 3], second[0, 3], third[0, 3]], [1, 2, 3], atol=1e-6)
 
 
-@pytest.mark.parametrize(("gap_s", "known"), [(0.5, 4), (0.6, 2)])
+@rows("gap_s, known", [(0.5, 4), (0.6, 2)])
 def test_no_pose_is_interpolated_across_more_than_half_a_second(
     tmp_path: Path, gap_s: float, known: int
 ) -> None:
@@ -61,22 +67,10 @@ def test_no_pose_is_interpolated_across_more_than_half_a_second(
     assert len(open_dataset(sequence)) == known
 
 
-def test_mulran_scanner_faces_backwards_on_a_car(tmp_path: Path) -> None:
-    """The published calibration: 1.7042 m ahead of the base, -0.021 m left, 1.8047 m up."""
-    dataset = open_dataset(mulran(tmp_path))
-    ahead = dataset.body_from_points @ [1, 0, 0, 1]
-    np.testing.assert_allclose(ahead, [0.7042, -0.021 + 0.00584, 1.8047, 1], atol=1e-4)
-    np.testing.assert_allclose(dataset.body_from_robot, np.eye(4), atol=1e-12)
-
-
-def test_mulran_may_be_unpacked_without_sensor_data(tmp_path: Path) -> None:
+def test_sequences_are_chosen_by_name_and_may_lack_the_folder_sensor_data(tmp_path: Path) -> None:
     sequence = mulran(tmp_path)
     (sequence / "sensor_data/Ouster").rename(sequence / "Ouster")
     assert open_dataset(sequence).kind == "mulran"
-
-
-def test_sequences_are_chosen_by_name(tmp_path: Path) -> None:
-    mulran(tmp_path)
     mulran(tmp_path, name="DCC02")
     with refuses("no-sequence", "DCC02", "KAIST01"):
         open_dataset(tmp_path)
@@ -117,7 +111,7 @@ def test_rows_of_nan_are_no_poses_but_may_be_bridged(tmp_path: Path) -> None:
         open_dataset(date)
 
 
-@pytest.mark.parametrize("place", ["..", "../ground_truth", "ground_truth"])
+@rows("place", ["..", "../ground_truth", "ground_truth"])
 def test_nclt_poses_are_found_where_their_archives_put_them(tmp_path: Path, place: str) -> None:
     date = nclt(tmp_path)
     folder = date / place
@@ -137,7 +131,7 @@ def test_frames_have_intensities_in_the_scanners_own_unit(tmp_path: Path) -> Non
     assert frame.points.tolist() == [[1, 2, 3]] and frame.intensities.tolist() == [640.5]
 
 
-@pytest.mark.parametrize(("make", "size"), [(mulran, 16), (nclt, 8)])
+@rows("make, size", [(mulran, 16), (nclt, 8)])
 def test_a_cut_scan_is_refused_when_it_is_read(
     make: Callable[[Path], Path], size: int, tmp_path: Path
 ) -> None:
@@ -151,17 +145,19 @@ def test_a_cut_scan_is_refused_when_it_is_read(
     assert open_dataset(root, without_pose="keep")[-1].points.shape == (0, 3)
 
 
-@pytest.mark.parametrize("make", [mulran, nclt])
+@rows("make", [mulran, nclt])
 def test_scans_without_poses_open_and_have_no_images(
     make: Callable[[Path], Path], tmp_path: Path
 ) -> None:
     root = make(tmp_path)
+    text = " ".join(succeeds("info", root).stdout.split())
+    assert f"kind {make.__name__}" in text and ".csv" in text
     next(root.glob("*.csv")).unlink()
     dataset = open_dataset(root, kind=make.__name__)
     assert dataset.poses is None and dataset.sensors == ("points",)
     with pytest.raises(MissingSensorError):
         open_dataset(root, sensors=["left"])
-    put_text(tmp_path / "mine.txt", "".join(POSE_LINE.format(n) for n in range(len(dataset))))
+    put_text(tmp_path / "mine.txt", pose_lines(len(dataset)))
     assert open_dataset(root, poses=tmp_path / "mine.txt").poses[1, 0, 3] == 1
 
 
@@ -169,8 +165,8 @@ def cut(line: str) -> str:
     return line.rpartition(",")[0] + "\n"
 
 
-@pytest.mark.parametrize("make", [mulran, nclt])
-@pytest.mark.parametrize(
+@rows("make", [mulran, nclt])
+@rows(
     "damage",
     [
         cut,
@@ -193,7 +189,7 @@ def test_a_damaged_line_of_poses_is_named(
         open_dataset(root)
 
 
-@pytest.mark.parametrize("make", [mulran, nclt])
+@rows("make", [mulran, nclt])
 def test_poses_of_another_time_are_refused(make: Callable[[Path], Path], tmp_path: Path) -> None:
     root = make(tmp_path)
     path = next(root.glob("*.csv"))
@@ -201,32 +197,21 @@ def test_poses_of_another_time_are_refused(make: Callable[[Path], Path], tmp_pat
     put_text(path, "".join("1" + line[1:].replace(line[1:6], "00000", 1) for line in lines))
     with refuses("other-time", str(path)):
         open_dataset(root)
-    put_text(path, lines[0])
-    with refuses("too-short", str(path), "2"):
-        open_dataset(root)
-    put_text(path, "")
-    with refuses("too-short", str(path), "1"):
-        open_dataset(root)
+    for content, line in ((lines[0], "2"), ("", "1")):
+        put_text(path, content)
+        with refuses("too-short", str(path), line):
+            open_dataset(root)
 
 
-def test_names_that_are_no_stamps_are_refused(tmp_path: Path) -> None:
-    root = nclt(tmp_path)
-    path = root / "velodyne_sync" / f"{'9' * 17}.bin"
+def test_names_that_are_no_stamps_and_empty_folders_are_refused(tmp_path: Path) -> None:
+    scans = nclt(tmp_path) / "velodyne_sync"
+    path = scans / f"{'9' * 17}.bin"
     path.write_bytes(struct.pack("<HHHBB", 1, 2, 3, 4, 5))
     with refuses("not-a-stamp", str(path)):
-        open_dataset(root)
-
-
-def test_an_empty_folder_of_scans_is_said_to_be_empty(tmp_path: Path) -> None:
-    (tmp_path / "2012-01-08/velodyne_sync").mkdir(parents=True)
+        open_dataset(scans.parent)
+    (tmp_path / "empty/2012-01-08/velodyne_sync").mkdir(parents=True)
     with refuses("no-frames"):
-        open_dataset(tmp_path)
-
-
-@pytest.mark.parametrize("make", [mulran, nclt])
-def test_info_says_what_is_there(make: Callable[[Path], Path], tmp_path: Path) -> None:
-    text = " ".join(succeeds("info", make(tmp_path)).stdout.split())
-    assert f"kind {make.__name__}" in text and ".csv" in text
+        open_dataset(tmp_path / "empty")
 
 
 def test_tables_may_have_blanks_capitals_and_comments(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from PIL import Image
 import fusionslam
 from clouds import PROJECTION, homogeneous, read_scan, scene
 from fusionslam import Camera, ConfigError, DataError
+from rows import rows
 
 NEAR_EDGE = 1e-3
 """Pixels: nearer to the border of a pixel than this, either neighbour is right."""
@@ -70,9 +71,7 @@ def object_projection(folder: Path) -> NDArray[np.float64]:
     return cameras["P2"].reshape(3, 4) @ homogeneous(cameras["R0_rect"]) @ scanner
 
 
-def test_colours_and_depths_of_kitti_scans_are_those_of_a_numpy_projection(
-    test_data: Path,
-) -> None:
+def test_colours_and_depths_of_kitti_scans_are_those_of_a_numpy_projection(test_data: Path) -> None:
     raw, split = test_data / "kitti/raw_2011_09_26", test_data / "kitti/object/training"
     for number in (0, 4, 9):
         points = read_scan(raw / f"velodyne_points/data/{number:010d}.bin")
@@ -88,7 +87,7 @@ def test_colours_and_depths_of_kitti_scans_are_those_of_a_numpy_projection(
     assert (depth > 0).sum() > 15_000
 
 
-@pytest.mark.parametrize("seed", range(3))
+@rows("seed", range(3))
 def test_colours_of_a_synthetic_cloud_are_those_of_a_numpy_projection(seed: int) -> None:
     points, image = scene(seed)
     assert check_against_numpy(points, image, PROJECTION) > 500
@@ -121,7 +120,7 @@ def test_a_pixel_reaches_half_a_pixel_around_its_centre() -> None:
             assert colors[0, 0] == image[round(v), round(u)]
 
 
-@pytest.mark.parametrize("grey", [False, True])
+@rows("grey", [False, True])
 def test_bilinear_colours_are_those_of_scipy(grey: bool) -> None:
     from scipy.ndimage import map_coordinates
 
@@ -154,8 +153,8 @@ def test_an_image_of_one_pixel_can_be_read_either_way() -> None:
         assert colors.tolist() == [[10, 20, 30]]
 
 
-@pytest.mark.parametrize(
-    ("projection", "message"),
+@rows(
+    "projection, message",
     [
         (np.zeros((3, 4)), "singular"),
         (np.array([[1.0, 0, 0, 0], [2, 0, 0, 0], [0, 0, 1, 0]]), "singular"),

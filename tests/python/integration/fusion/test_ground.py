@@ -15,6 +15,7 @@ from clouds import read_scan
 from fusionslam import GroundSegmentsConfig
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from project import PROJECT
+from rows import rows
 
 
 def road(seed: int, size: int = 6000) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -46,8 +47,8 @@ def numpy_planes(points: NDArray[np.float32], config: Any) -> list[NDArray[np.fl
     return planes
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("segments", [1, 3, 6])
+@rows("seed", range(3))
+@rows("segments", [1, 3, 6])
 def test_planes_are_those_of_a_plain_numpy_version(seed: int, segments: int) -> None:
     points, _ = road(seed)
     config = GroundSegmentsConfig(segments=segments, max_step=10.0)
@@ -61,7 +62,7 @@ def test_planes_are_those_of_a_plain_numpy_version(seed: int, segments: int) -> 
     assert np.array_equal(kept, np.flatnonzero(heights >= config.distance))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@rows("seed", range(3))
 def test_the_things_on_a_winding_road_are_kept_and_the_road_is_not(seed: int) -> None:
     points, things = road(seed)
     kept, _, _ = fusionslam.remove_ground_segments(points)

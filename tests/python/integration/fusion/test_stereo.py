@@ -12,6 +12,7 @@ from PIL import Image
 
 import fusionslam
 from fusionslam import Camera, ConfigError, DataError, Frame, FusionConfig, StereoConfig
+from rows import rows
 
 FOCAL, BASELINE = 200.0, 0.5
 LEFT = np.array([[FOCAL, 0, 80, 9.0], [0, FOCAL, 60, 0.5], [0, 0, 1, 0.002]])
@@ -118,8 +119,8 @@ def shifted_pair(shift: int, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[
     return texture[:, 70:230].copy(), texture[:, 70 + shift : 230 + shift].copy()
 
 
-@pytest.mark.parametrize("config", [{}, SGBM, {"method": "sgbm"}, {"median_blur": False}])
-@pytest.mark.parametrize("shift", [3, 17, 40])
+@rows("config", [{}, SGBM, {"method": "sgbm"}, {"median_blur": False}])
+@rows("shift", [3, 17, 40])
 def test_a_shifted_texture_has_that_disparity(shift: int, config: dict[str, object]) -> None:
     left, right = shifted_pair(shift)
     disparity = fusionslam.stereo_disparity(left, right, config=StereoConfig(**config))
@@ -214,7 +215,7 @@ def test_pixels_without_a_disparity_give_no_points() -> None:
     assert 160 not in pixels
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@rows("value", [np.nan, np.inf])
 def test_a_disparity_that_is_not_finite_is_refused_by_its_place(value: float) -> None:
     disparity = disparity_of(depths(4))
     disparity[1, 2] = value
@@ -254,8 +255,8 @@ def test_images_of_different_size_are_refused() -> None:
         fusionslam.stereo_disparity(left, right[:, :150])
 
 
-@pytest.mark.parametrize(
-    ("config", "message"),
+@rows(
+    "config, message",
     [
         ({"num_disparities": 40}, "num_disparities"),
         ({"block_size": 8}, "block_size"),
@@ -271,7 +272,7 @@ def test_sizes_that_opencv_refuses_are_named(config: dict[str, object], message:
         fusionslam.stereo_disparity(*shifted_pair(6), config=StereoConfig(**config))
 
 
-@pytest.mark.parametrize("method", ["bm", "sgbm"])
+@rows("method", ["bm", "sgbm"])
 def test_more_disparities_than_columns_are_survived(method: str) -> None:
     config = StereoConfig(method=method, num_disparities=512)
     try:
@@ -293,8 +294,8 @@ def test_an_image_narrower_than_the_disparities_gives_the_same_every_time() -> N
     assert len(given) == 1
 
 
-@pytest.mark.parametrize(
-    ("right", "message"),
+@rows(
+    "right, message",
     [
         (LEFT, "no baseline"),
         (2 * LEFT - RIGHT, "left and right are exchanged"),

@@ -16,6 +16,7 @@ from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sensors.transforms import TransformError, TransformTree
+from rows import rows
 
 S = 1_000_000_000
 
@@ -32,11 +33,7 @@ def link(
     parent: str, child: str, pose: NDArray[np.float64], stamp: float = 0, static: bool = False
 ) -> FrameTransform:
     return FrameTransform(
-        stamp_ns=round(stamp * S),
-        parent=parent,
-        child=child,
-        parent_from_child=pose,
-        static=static,
+        stamp_ns=round(stamp * S), parent=parent, child=child, parent_from_child=pose, static=static
     )
 
 
@@ -145,8 +142,8 @@ def test_frames_that_nothing_links_are_shown_with_their_trees() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("parent", "child", "code", "frames"),
+@rows(
+    "parent, child, code, frames",
     [
         ("lidar", "odom", "frame-loop", ("odom", "lidar", "base", "odom")),
         ("odom", "odom", "frame-loop", ("odom", "odom")),
@@ -162,7 +159,7 @@ def test_loops_and_second_parents_are_refused(
     assert tree.draw() == robot().draw()
 
 
-@pytest.mark.parametrize(
+@rows(
     "pose",
     [
         np.full((4, 4), np.nan),
@@ -177,7 +174,7 @@ def test_what_is_no_rotation_and_translation_is_refused(pose: NDArray[np.float64
         TransformTree().add(link("odom", "base", pose))
 
 
-@pytest.mark.parametrize("stamp_ns", [0.5, 2**63])
+@rows("stamp_ns", [0.5, 2**63])
 def test_a_stamp_of_another_type_is_refused_and_changes_nothing(stamp_ns: Any) -> None:
     tree = TransformTree()
     with pytest.raises(DataError, check=has_code("stamp", str(stamp_ns))):
@@ -262,8 +259,8 @@ def _pose(place: object, turn: object) -> NDArray[np.float64]:
     return matrix(rotation, [getattr(place, axis) for axis in "xyz"])
 
 
-@pytest.mark.parametrize("seconds", [math.inf, math.nan, -1.0, 1e300, 10**400, np.ones(2)])
-@pytest.mark.parametrize("name", ["history_s", "extrapolation_s"])
+@rows("seconds", [math.inf, math.nan, -1.0, 1e300, 10**400, np.ones(2)])
+@rows("name", ["history_s", "extrapolation_s"])
 def test_durations_that_are_no_finite_time_are_refused(name: str, seconds: Any) -> None:
     with pytest.raises(ConfigError, check=has_code("out-of-range", name)):
         TransformTree(**{name: seconds})

@@ -30,6 +30,7 @@ from error_codes import has_code
 from fusionslam.datasets import open_bag, open_writer
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Event, FrameTransforms, Picture, Scan
+from rows import rows
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")
 KINDS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap"}
@@ -57,8 +58,8 @@ def all_kinds_of_messages() -> list[Event]:
     ]
 
 
-@pytest.mark.parametrize("images", ["raw", "png"])
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("images", ["raw", "png"])
+@rows("suffix", SUFFIXES)
 def test_what_is_written_is_read_again_field_by_field(
     tmp_path: Path, suffix: str, images: str
 ) -> None:
@@ -77,7 +78,7 @@ def test_what_is_written_is_read_again_field_by_field(
     assert not list(tmp_path.glob(".*")), "temporary files are gone"
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_jpeg_pictures_are_those_that_pillow_writes(tmp_path: Path, suffix: str) -> None:
     noise = np.random.default_rng(5).integers(0, 256, (16, 16, 3), dtype=np.uint8)
     event = Event("/image", START, dataclasses.replace(picture(), image=noise))
@@ -135,7 +136,7 @@ def test_the_rosbag_tool_of_debian_reads_our_ros_1_bags(tmp_path: Path) -> None:
     assert step == 18
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_events_can_be_chosen_by_topic_and_time_of_arrival(tmp_path: Path, suffix: str) -> None:
     with open_bag(write_bag(tmp_path / f"drive.{suffix}", drive())) as bag:
         events = bag.events(["/points"], start=START + SECOND // 2, stop=START + 2 * SECOND)
@@ -144,7 +145,7 @@ def test_events_can_be_chosen_by_topic_and_time_of_arrival(tmp_path: Path, suffi
         assert same(bag.message("/points", START + SECOND), scan(START + SECOND, 3.5))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_of_messages_that_arrive_together_each_can_be_had(tmp_path: Path, suffix: str) -> None:
     events = [Event("/odom", START, odometry(START + k)) for k in range(3)]
     with open_bag(write_bag(tmp_path / f"drive.{suffix}", events)) as bag:
@@ -230,13 +231,13 @@ def test_a_bag_of_unknown_types_lists_them_and_reads_the_others(tmp_path: Path) 
             list(bag.events(["/odom"]))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_a_bag_without_messages_has_no_topics(tmp_path: Path, suffix: str) -> None:
     with open_bag(write_bag(tmp_path / f"drive.{suffix}", [])) as bag:
         assert not bag.topics and not list(bag.events()) and bag.start_ns == bag.stop_ns == 0
 
 
-@pytest.mark.parametrize("mode", ["FILE", "MESSAGE", "STORAGE"])
+@rows("mode", ["FILE", "MESSAGE", "STORAGE"])
 def test_compressed_bags_of_ros_2_are_read(tmp_path: Path, mode: str) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 

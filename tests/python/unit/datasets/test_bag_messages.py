@@ -16,6 +16,7 @@ from bags import OPTICAL, START, camera_info, odometry, same, scan
 from fusionslam.datasets.bags.messages import MessageBuilder, value_of
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Picture, Scan
+from rows import rows
 
 HEADER = Message(stamp=Message(sec=1_700_000_000, nanosec=5), frame_id="velodyne")
 STAMP = 1_700_000_000_000_000_005
@@ -47,8 +48,8 @@ def read_cloud(message: Message) -> Scan:
     return value
 
 
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize(("code", "float_type"), [(7, "f4"), (8, "f8")])
+@rows("order", "<>")
+@rows("code, float_type", [(7, "f4"), (8, "f8")])
 def test_fields_are_found_by_their_offsets_whatever_their_order_and_endianness(
     order: str, code: int, float_type: str
 ) -> None:
@@ -82,7 +83,7 @@ def test_rows_of_an_organised_cloud_may_be_padded() -> None:
     assert value.points[:, 0].tolist() == [1, 2, 3, 4, 5, 6] and value.width == 3
 
 
-@pytest.mark.parametrize("code", [6, 7])
+@rows("code", [6, 7])
 def test_packed_colours_are_unpacked_even_where_they_are_no_number_as_floats(code: int) -> None:
     cells = np.zeros((1, 2), [("x", "f4"), ("y", "f4"), ("z", "f4"), ("rgb", "u4")])
     cells["rgb"] = [[0x00C81E14, 0xFFFFFFFE]]
@@ -108,8 +109,8 @@ def test_a_cloud_without_points_is_empty() -> None:
     assert read_cloud(cloud(cells, XYZ)).points.shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    ("changes", "word"),
+@rows(
+    "changes, word",
     [
         ({"data": b"\0" * 23}, "'data'"),
         ({"fields": XYZ[:2]}, "expected x, y, z"),
@@ -155,9 +156,9 @@ RGB = np.random.default_rng(1).integers(0, 256, (5, 7, 3), dtype=np.uint8)
 ALPHA = np.full((5, 7, 1), 9, np.uint8)
 
 
-@pytest.mark.parametrize("padding", [0, 5])
-@pytest.mark.parametrize(
-    ("encoding", "stored"),
+@rows("padding", [0, 5])
+@rows(
+    "encoding, stored",
     [
         ("rgb8", RGB),
         ("bgr8", RGB[..., ::-1]),
@@ -174,7 +175,7 @@ def test_grey_images_stay_grey() -> None:
     np.testing.assert_array_equal(read_image(image("mono8", RGB[..., 0], 3)), RGB[..., 0])
 
 
-@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+@rows("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 def test_a_bayer_mosaic_of_one_colour_gives_that_colour(pattern: str) -> None:
     color = {"r": 200, "g": 90, "b": 20}
     cell = np.array([color[name] for name in pattern], np.uint8).reshape(2, 2)
@@ -182,9 +183,9 @@ def test_a_bayer_mosaic_of_one_colour_gives_that_colour(pattern: str) -> None:
     np.testing.assert_array_equal(found, np.tile(np.uint8([200, 90, 20]), (8, 10, 1)))
 
 
-@pytest.mark.parametrize("padding", [0, 3])
-@pytest.mark.parametrize(
-    ("encoding", "order"),
+@rows("padding", [0, 3])
+@rows(
+    "encoding, order",
     [("yuv422", "UYVY"), ("uyvy", "UYVY"), ("yuv422_yuy2", "YUYV"), ("yuyv", "YUYV")],
 )
 def test_pairs_of_pixels_that_share_a_colour_become_rgb(
@@ -222,8 +223,8 @@ def test_png_pictures_are_read_bit_for_bit() -> None:
         np.testing.assert_array_equal(read_image(message, "CompressedImage"), pixels)
 
 
-@pytest.mark.parametrize(
-    ("text", "order"),
+@rows(
+    "text, order",
     [("rgb8; jpeg compressed bgr8", 1), ("jpeg", 1), ("bgr8; jpeg compressed rgb8", -1)],
 )
 def test_jpeg_colours_are_those_that_the_format_says_were_encoded(text: str, order: int) -> None:
@@ -232,8 +233,8 @@ def test_jpeg_colours_are_those_that_the_format_says_were_encoded(text: str, ord
     assert np.abs(found[..., ::order] - [200, 90, 20]).max() <= 4
 
 
-@pytest.mark.parametrize(
-    ("message", "word"),
+@rows(
+    "message, word",
     [
         (image("16UC1", RGB), "'16UC1'"),
         (image("mono16", RGB), "'mono16'"),
@@ -249,8 +250,8 @@ def test_an_image_that_cannot_be_read_names_the_field(message: Message, word: st
     assert word in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("data", "text", "word"),
+@rows(
+    "data, text, word",
     [
         (b"\xff\xd8\xff broken", "jpeg", "'data'"),
         (b"", "png", "0 bytes"),
@@ -279,7 +280,7 @@ def test_a_png_of_sixteen_bits_is_refused() -> None:
         read_image(message, "CompressedImage")
 
 
-@pytest.mark.parametrize("ros", [1, 2])
+@rows("ros", [1, 2])
 def test_values_survive_being_messages(ros: Any) -> None:
     builder = MessageBuilder(lambda name, /, **fields: Message(**fields), ros)
     moving = FrameTransform(stamp_ns=START, parent="odom", child="base", parent_from_child=OPTICAL)

@@ -16,6 +16,7 @@ from fusionslam import Frame, FrameBuilder, FusionConfig, fuse, open_dataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.messages import Event
+from rows import rows
 
 FURTHER = tuple(name for name in RING if name != "left")
 TOPICS = {"left": "/left/image", **{name: f"/{name}/image" for name in FURTHER}}
@@ -50,9 +51,7 @@ def test_a_frame_may_lack_the_image_of_a_further_camera(tmp_path: Path) -> None:
         open_dataset(folder)
 
 
-def test_without_a_left_camera_the_first_of_the_calibration_is_the_main_one(
-    tmp_path: Path,
-) -> None:
+def test_without_a_left_camera_the_first_of_the_calibration_is_the_main_one(tmp_path: Path) -> None:
     folder = write_ring_folder(tmp_path / "ring", names={"left": "front"})
     dataset = open_dataset(folder)
     assert dataset.sensors == ("points", "left")
@@ -71,7 +70,7 @@ def test_a_camera_of_the_calibration_without_images_is_logged(
     assert any("rear" in message for message in caplog.messages)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@rows("suffix", SUFFIXES)
 def test_a_bag_has_the_further_cameras_that_are_named(tmp_path: Path, suffix: str) -> None:
     pytest.importorskip("rosbags", reason="bags are an extra")
     path = write_bag(tmp_path / f"ring.{suffix}", ring_events())

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from bags import drive, same, write_bag
+from rows import rows
 
 pytest.importorskip("rosbags", reason="bags are an extra")
 
@@ -46,7 +47,7 @@ def expanders() -> dict[str, tuple[Any, bytes]]:
     }
 
 
-@pytest.mark.parametrize("name", [*expanders()])
+@rows("name", [*expanders()])
 def test_what_expands_beyond_the_limit_is_refused(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -65,7 +66,7 @@ def test_two_frames_expand_one_after_the_other() -> None:
     assert expand(lz4.compress(b"one") + lz4.compress(b"two")) == b"onetwo"
 
 
-@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+@rows("compression", ["BZ2", "LZ4"])
 def test_a_compressed_bag_is_read_as_before_and_refused_beyond_the_limit(
     tmp_path: Path, compression: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.oxts import oxts_poses
-from kitti import POSE_LINE, put_text
+from kitti import pose_lines, put_text
 from public_data import oxts_line, raw_drive_with_oxts
 from refusals import refuses
+from rows import rows
 
 LATITUDE, LONGITUDE = 49.0, 8.4
 RADIUS_M = 6378137.0
@@ -115,7 +116,7 @@ def test_without_cameras_the_imu_is_placed_by_the_scanner(tmp_path: Path) -> Non
 
 def test_a_given_file_of_poses_comes_before_the_gps(tmp_path: Path) -> None:
     drive = raw_drive_with_oxts(tmp_path, {n: "cut" for n in range(3)})
-    put_text(tmp_path / "mine.txt", "".join(POSE_LINE.format(7 * n) for n in range(3)))
+    put_text(tmp_path / "mine.txt", pose_lines(3, 7))
     assert open_dataset(drive, poses=tmp_path / "mine.txt").poses[2, 0, 3] == 14
 
 
@@ -139,8 +140,8 @@ def test_the_origin_is_the_first_record_whatever_frames_are_there(tmp_path: Path
     np.testing.assert_allclose(open_dataset(drive).poses[0, 0, 3], metres, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("line", "code", "field"),
+@rows(
+    "line, code, field",
     [
         (east(1)[:-9], "truncated", "26"),
         ("", "truncated", "0"),

@@ -18,6 +18,7 @@ from fusionslam.geometry.odometry_noise import (
 )
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.scenes import record_scenes
+from rows import rows
 from scenes import LAPS, write_recording
 
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)
@@ -94,8 +95,8 @@ def test_recordings_are_recognised(tmp_path: Path) -> None:
     assert found == [True, False, False]
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
+@rows(
+    "change, words",
     [
         ({"rays": None}, "rays"),
         ({"visual_offsets": None}, "visual_offsets or collision_offsets"),

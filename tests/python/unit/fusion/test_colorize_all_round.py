@@ -16,6 +16,7 @@ from error_codes import has_code
 from fusionslam import Camera, ConfigError, DataError, Frame, FusionConfig, ShapeError
 from fusionslam.fusion import color_cameras, main_camera
 from fusionslam.help_texts import PER_FRAME
+from rows import rows
 
 GAINS = np.array([[1.0, 1.0, 1.0], [0.8, 0.9, 1.0], [1.2, 1.1, 1.0], [0.9, 1.0, 1.25]])
 
@@ -41,7 +42,7 @@ def centre_distances(points: NDArray[np.float32], cameras: dict[str, Camera]) ->
     return np.stack(found, axis=1)
 
 
-@pytest.mark.parametrize("interpolation", ["nearest", "bilinear"])
+@rows("interpolation", ["nearest", "bilinear"])
 def test_one_camera_colours_as_colorize_does(interpolation: str) -> None:
     points, image = scene(5)
     expected = fusionslam.colorize(points, image, PROJECTION, interpolation=interpolation)
@@ -188,7 +189,7 @@ def test_a_right_camera_that_looks_elsewhere_is_no_stereo_partner() -> None:
     assert main_camera(Frame(cameras={"front": camera_at(0), "rear": camera_at(180)})) == "front"
 
 
-@pytest.mark.parametrize("lacking", ["images", "cameras"])
+@rows("lacking", ["images", "cameras"])
 def test_a_camera_that_lacks_something_is_left_out_and_logged(
     lacking: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 import fusionslam
 from clouds import ground_and_things, scene
 from fusionslam import ConfigError, DataError
+from rows import rows
 
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
@@ -21,7 +22,7 @@ def towards(up: str, points: NDArray[np.float64]) -> NDArray[np.float32]:
     return turned.astype(np.float32)
 
 
-@pytest.mark.parametrize("up", UP_AXES)
+@rows("up", UP_AXES)
 def test_points_above_a_height_are_those_of_a_numpy_comparison(up: str) -> None:
     points = ground_and_things(10)[0]
     kept = fusionslam.above_height(towards(up, points), -1.0, up=up)
@@ -29,7 +30,7 @@ def test_points_above_a_height_are_those_of_a_numpy_comparison(up: str) -> None:
     assert kept.dtype == np.int64
 
 
-@pytest.mark.parametrize("up", UP_AXES)
+@rows("up", UP_AXES)
 def test_the_ground_plane_is_found_for_every_up_axis(up: str) -> None:
     points, is_floor = ground_and_things(11)
     turned = towards(up, points)
@@ -70,7 +71,7 @@ def test_points_without_any_plane_are_all_kept_and_nothing_is_printed(
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("size", [0.3, 1.0, 7.5])
+@rows("size", [0.3, 1.0, 7.5])
 def test_voxels_are_those_of_numpy(size: float) -> None:
     points, _ = scene(14)
     colors = np.random.default_rng(14).integers(0, 256, points.shape, dtype=np.uint8)
@@ -91,7 +92,7 @@ def test_voxels_are_those_of_numpy(size: float) -> None:
     assert none.shape == (0, 3)
 
 
-@pytest.mark.parametrize("size", [0.0, -1.0, float("nan")])
+@rows("size", [0.0, -1.0, float("nan")])
 def test_a_voxel_size_must_be_positive(size: float) -> None:
     with pytest.raises(ConfigError, match="voxel"):
         fusionslam.voxel_downsample(scene(15)[0], size=size)

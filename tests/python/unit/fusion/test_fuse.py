@@ -13,6 +13,7 @@ from clouds import PROJECTION, ground_and_things, homogeneous, scene
 from error_codes import has_code
 from fusionslam import Camera, DataError, Frame, FusionConfig, ShapeError
 from fusionslam.storage.arrays import Matrix
+from rows import rows
 
 
 def frame(seed: int = 18, **changes: object) -> Frame:
@@ -64,8 +65,8 @@ def test_scans_in_millimetres_are_fused_with_a_warning(caplog: pytest.LogCapture
     assert isinstance(record.args, tuple) and record.args[:3] == (8, 100, 100)
 
 
-@pytest.mark.parametrize(
-    ("change", "code"),
+@rows(
+    "change, code",
     [
         (lambda matrix: matrix.T, "not-a-rotation"),
         (lambda matrix: 2 * matrix, "not-a-rotation"),
@@ -84,7 +85,7 @@ def test_a_camera_is_where_a_rotation_and_translation_in_metres_put_it(
     assert raised.value.fields[0] == "rectified_from_points"
 
 
-@pytest.mark.parametrize("name", ["pose", "odometry", "robot_from_points"])
+@rows("name", ["pose", "odometry", "robot_from_points"])
 def test_a_frame_takes_rigid_motions_and_whole_nanoseconds(name: str) -> None:
     moved = np.eye(4)
     moved[0, 3] = 2
@@ -150,11 +151,7 @@ def test_fuse_names_what_a_frame_lacks() -> None:
         (frame(images={}), FusionConfig(), ("missing-sensor", "left")),
         (frame(cameras={}), FusionConfig(), ("no-calibration", "left")),
         (frame(), FusionConfig(source="stereo"), ("missing-sensor", "right")),
-        (
-            frame(images={"left": image[:100]}),
-            FusionConfig(),
-            ("image-size", "left"),
-        ),
+        (frame(images={"left": image[:100]}), FusionConfig(), ("image-size", "left")),
     ]
     for given, config, expected in cases:
         with pytest.raises(DataError, match="frame 7", check=has_code(*expected)):
@@ -175,8 +172,8 @@ def test_a_camera_far_from_the_origin_is_not_singular() -> None:
     fusionslam.colorize(points, image, far)  # nothing may be in view, but nothing is wrong either
 
 
-@pytest.mark.parametrize("count", [10, 99])
-@pytest.mark.parametrize("invalid", [False, True])
+@rows("count", [10, 99])
+@rows("invalid", [False, True])
 def test_colours_of_another_number_than_the_points_are_refused(count: int, invalid: bool) -> None:
     points = np.ones((50, 3), np.float32)
     points[3:4] = np.nan if invalid else 1

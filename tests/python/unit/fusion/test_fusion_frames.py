@@ -20,6 +20,7 @@ from fusionslam.fusion import plane_of, segments_of
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
 from kitti import write_sequence
+from rows import rows
 
 FRAMES = ("scan", "camera", "robot", "odometry")
 
@@ -73,7 +74,7 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize("name", FRAMES)
+@rows("name", FRAMES)
 def test_a_cloud_is_in_the_frame_that_was_asked_for(name: Any) -> None:
     given = frame()
     cloud = fusionslam.fuse(given, FusionConfig(source="cloud", frame=name))
@@ -87,8 +88,8 @@ def test_the_default_frame_changes_no_bit_of_the_scan() -> None:
     assert np.array_equal(cloud.points, floor_and_boxes()[0])
 
 
-@pytest.mark.parametrize("ground", ["height", "plane", "segments"])
-@pytest.mark.parametrize("name", FRAMES)
+@rows("ground", ["height", "plane", "segments"])
+@rows("name", FRAMES)
 def test_the_ground_goes_in_every_frame(name: Any, ground: Any) -> None:
     points, is_floor = floor_and_boxes()
     # In the scan's frame, where camera clouds lose their ground too, the default is a car's.
@@ -112,7 +113,7 @@ def test_the_default_height_in_the_frame_of_the_scan_is_a_cars() -> None:
     assert np.array_equal(cloud.points, points[2:])
 
 
-@pytest.mark.parametrize("ground", ["plane", "segments"])
+@rows("ground", ["plane", "segments"])
 def test_what_is_not_set_of_the_ground_is_a_cars_or_a_small_robots(ground: Any) -> None:
     """A floor and low things 0.13 m above, which a car drives over and a small robot does not."""
     points, is_floor = floor_and_boxes()
@@ -157,8 +158,8 @@ def test_segments_lie_along_the_robot_whatever_odometry_calls_forward() -> None:
     assert len(fusionslam.fuse(given, config)) == things.sum()
 
 
-@pytest.mark.parametrize(
-    ("lacking", "name", "code", "field"),
+@rows(
+    "lacking, name, code, field",
     [
         ("cameras", "camera", "no-calibration", "left"),
         ("robot_from_points", "robot", "no-transform", "robot"),

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import fusionslam
 from fusionslam.errors import ConfigError, DataError, ShapeError
+from rows import rows
 
 SIZE = (160, 120)
 K = np.array([[120.0, 0, 78], [0, 124, 61], [0, 0, 1]])
@@ -62,8 +63,8 @@ def rectified(image: NDArray[np.uint8], **changes: Any) -> NDArray[np.uint8]:
     return fusionslam.rectify_image(image, **(settings | changes))
 
 
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("model", MODELS)
+@rows("channels", [1, 3])
+@rows("model", MODELS)
 def test_a_rectified_image_is_read_where_the_published_formulas_say(
     model: str, channels: int
 ) -> None:
@@ -99,8 +100,8 @@ def test_a_dot_appears_where_its_point_projects() -> None:
     assert centre == pytest.approx(expected, abs=0.15)
 
 
-@pytest.mark.parametrize(
-    ("changes", "error", "message"),
+@rows(
+    "changes, error, message",
     [
         ({"camera_matrix": np.zeros((3, 3))}, DataError, "camera matrix"),
         ({"camera_matrix": np.full((3, 3), np.nan)}, DataError, "camera matrix"),
@@ -143,7 +144,7 @@ def numpy_demosaic(mosaic: NDArray[np.uint8], pattern: str) -> NDArray[np.float6
     return np.stack(planes, axis=-1)
 
 
-@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+@rows("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 def test_demosaiced_colours_are_means_of_the_nearest_pixels(pattern: str) -> None:
     mosaic = np.random.default_rng(3).integers(0, 256, (40, 64), dtype=np.uint8)
     made = fusionslam.demosaic(mosaic, pattern)

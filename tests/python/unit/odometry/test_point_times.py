@@ -6,11 +6,11 @@ import pickle
 from typing import Any
 
 import numpy as np
-import pytest
 
 from fusionslam.datasets.bags.point_times import point_seconds
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Scan
+from rows import rows
 
 STAMP_NS = 1_700_000_000_250_000_000
 SECONDS = np.array([0.0, 0.05, 0.0999])
@@ -21,8 +21,8 @@ def scan(name: str, values: Any, points: Any = None) -> Scan:
     return Scan(stamp_ns=STAMP_NS, frame_id="lidar", points=cloud, fields={name: values})
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
+@rows(
+    "name, values",
     [
         ("time", SECONDS.astype(np.float32)),
         ("t", (SECONDS * 1e9).astype(np.uint32)),
@@ -37,8 +37,8 @@ def test_times_are_seconds_after_the_stamp(name: str, values: Any) -> None:
     np.testing.assert_allclose(found, SECONDS, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
+@rows(
+    "name, values",
     [
         ("intensity", SECONDS),
         ("time", SECONDS * 1e3),  # milliseconds

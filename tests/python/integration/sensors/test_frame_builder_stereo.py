@@ -26,6 +26,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.sensors.frame_builder import BAD_CALIBRATION, NO_CAMERA_INFO
 from fusionslam.sensors.messages import CameraInfo, Event, FrameTransforms, Odometry, Picture, Scan
 from fusionslam.sensors.synchronizer import NO_IMAGE, SyncConfig
+from rows import rows
 
 STEREO = FusionConfig(source="stereo")
 PAIR = ("left", "right")
@@ -123,8 +124,8 @@ def test_memory_is_bounded_while_one_side_is_silent() -> None:
     assert builder.dropped["left", NO_IMAGE] + builder.dropped["left", "buffer full"] == 41
 
 
-@pytest.mark.parametrize(
-    ("topic", "changes", "reason", "word"),
+@rows(
+    "topic, changes, reason, word",
     [
         (INFOS["right"], None, NO_CAMERA_INFO, "right"),
         (INFOS["right"], {"projection": np.eye(3, 4)}, BAD_CALIBRATION, "left and right"),

@@ -23,6 +23,7 @@ from fusionslam.sensors.synchronizer import (
     SyncConfig,
     Synchronizer,
 )
+from rows import rows
 
 MS = 1_000_000
 Policy = Literal["nearest", "last_before"]
@@ -85,7 +86,7 @@ def run(sync: Synchronizer, messages: list[Message], *, flush: bool = True) -> l
     return pairs
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, derandomize=True)
 @given(policies, stamps, stamps, stamps, st.integers(0, 300), st.integers(0, 300), st.randoms())
 def test_disorder_within_lateness_changes_nothing(
     policy: Any, scans: Any, left: Any, right: Any, reach: Any, late: Any, rng: Any
@@ -103,7 +104,7 @@ def test_disorder_within_lateness_changes_nothing(
     assert {reason for _, reason in sync.dropped} <= {NO_IMAGE}
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, derandomize=True)
 @given(policies, stamps, stamps, st.integers(0, 300), st.randoms())
 def test_sensors_may_lag_behind_each_other_at_will(
     policy: Any, scans: Any, images: Any, reach: Any, rng: Any
@@ -118,7 +119,7 @@ def test_sensors_may_lag_behind_each_other_at_will(
     assert seen(run(sync, messages)) == offline(policy, scans, {"left": images}, reach)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, derandomize=True)
 @given(
     policies,
     st.lists(st.tuples(st.sampled_from(["points", "left", "right"]), st.integers(0, 9000))),
@@ -138,7 +139,7 @@ def test_counts_and_bounds_hold_for_any_input(
             assert policy == "nearest" or image.stamp_ns <= pair.stamp_ns
 
 
-@pytest.mark.parametrize(("policy", "chosen"), [("nearest", 130), ("last_before", 90)])
+@rows("policy, chosen", [("nearest", 130), ("last_before", 90)])
 def test_the_two_policies_choose_as_the_thesis_and_its_program_do(
     policy: Policy, chosen: int
 ) -> None:
@@ -148,14 +149,14 @@ def test_the_two_policies_choose_as_the_thesis_and_its_program_do(
 
 
 def test_a_pair_is_given_out_as_soon_as_no_better_image_can_come() -> None:
-    sync = Synchronizer(SyncConfig(policy="nearest"))
-    assert not run(sync, [("left", 90), ("points", 100), ("left", 105)], flush=False)
-    sync = Synchronizer(SyncConfig(policy="nearest"))
-    # 95 is 5 ms away: what comes after 106 is further away than that.
-    early = [("left", 95), ("points", 100), ("left", 106)]
-    assert seen(run(sync, early, flush=False)) == [(100, {"left": 95})]
-    sync = Synchronizer()
-    assert seen(run(sync, [("left", 100), ("points", 100)], flush=False)) == [(100, {"left": 100})]
+    for messages, pairs in (
+        ([("left", 90), ("points", 100), ("left", 105)], []),
+        # 95 is 5 ms away: what comes after 106 is further away than that.
+        ([("left", 95), ("points", 100), ("left", 106)], [(100, {"left": 95})]),
+        ([("left", 100), ("points", 100)], [(100, {"left": 100})]),
+    ):
+        sync = Synchronizer(SyncConfig(policy="nearest"))
+        assert seen(run(sync, messages, flush=False)) == pairs
 
 
 def test_one_image_serves_several_scans_of_a_faster_lidar() -> None:
@@ -170,12 +171,8 @@ def test_duplicates_and_late_ones_are_counted_and_change_nothing() -> None:
     messages = [("left", 100), ("left", 100), ("points", 110), ("points", 110), ("left", 120)]
     late = [("points", 110), ("points", 60), ("left", 70), ("points", 130)]
     assert [scan for scan, _ in seen(run(sync, messages + late))] == [110, 130]
-    assert sync.dropped == {
-        ("left", DUPLICATE): 1,
-        ("points", DUPLICATE): 2,
-        ("points", LATE): 1,
-        ("left", LATE): 1,
-    }
+    duplicates = {("left", DUPLICATE): 1, ("points", DUPLICATE): 2}
+    assert sync.dropped == {**duplicates, ("points", LATE): 1, ("left", LATE): 1}
 
 
 def test_a_scan_without_an_image_near_it_is_dropped_with_that_reason() -> None:
@@ -235,7 +232,7 @@ def test_stamps_are_any_integers_and_nothing_else() -> None:
         sync.add("points", 1.5, None)
 
 
-@pytest.mark.parametrize("name", ["lateness", "max_difference"])
+@rows("name", ["lateness", "max_difference"])
 def test_endless_durations_are_refused(name: str) -> None:
     jump = {"jump": math.inf} if name == "lateness" else {}
     config = SyncConfig.model_construct(**{**SyncConfig().model_dump(), name: math.inf, **jump})
