@@ -12,7 +12,7 @@ from fusionslam.evaluation.maps.run import LINK, REFUSED, RatSlamRun
 SECOND = 10**9
 
 
-def rows(values: Any, width: int) -> Any:
+def matrix(values: Any, width: int) -> Any:
     return np.array(values, np.float64).reshape(-1, width)
 
 
@@ -38,7 +38,7 @@ def little_run(
     for kind, _, target in actions:
         current = target if kind else current
         ids.append(current)
-    known = rows(truth if truth is not None else [(0.0, 0.0, 0.0)] * count, 3)
+    known = matrix(truth if truth is not None else [(0.0, 0.0, 0.0)] * count, 3)
     values: dict[str, Any] = {
         "name": "by hand",
         "views": "given",
@@ -56,7 +56,7 @@ def little_run(
         "step_seconds": np.zeros((count, 3)),
         "truth": None if truth is None else known,
         "why": ["by hand"] * count,
-        "nodes": rows(nodes, 3),
+        "nodes": matrix(nodes, 3),
         "node_stamps_ns": stamps_ns[done[:, 0] == 1],
         "node_views": np.arange(len(nodes)),
         "links": little_links(nodes, links),
@@ -89,11 +89,10 @@ def little_links(
 
 def square_run(**changes: Any) -> RatSlamRun:
     """Twice round a square of four nodes, 10 m a side; the second lap meets the first."""
-    corners = [(0.0, 0.0, 0.0), (10.0, 0.0, 1.5), (10.0, 10.0, 3.0), (0.0, 10.0, -1.5)]
     made = [(1, max(k - 1, 0), k) for k in range(4)]
     met = [(2, 3, 0), (2, 0, 1), (2, 1, 2), (2, 2, 3)]
     links = [(0, 1), (1, 2), (2, 3), (3, 0)]
-    given: dict[str, Any] = {"truth": corners * 2, "actions": made + met, "nodes": corners}
+    given: dict[str, Any] = {"truth": CORNERS * 2, "actions": made + met, "nodes": CORNERS}
     return little_run(**given | {"links": links} | changes)
 
 

@@ -25,6 +25,7 @@ from fusionslam.evaluation import (
     rerun_views,
 )
 from recordings import judged_by_loops, random_drive, scans_above_floor
+from rows import rows
 
 # Nothing in the random drives lies exactly on these limits, where rounding would decide.
 LIMITS = {"false_positive_distance": 0.81, "false_negative_distance": 0.21, "loop_distance": 0.81}
@@ -71,7 +72,7 @@ def test_a_drive_by_hand() -> None:
     assert report.views == 3
 
 
-@pytest.mark.parametrize("end", [20.0, 20.001])
+@rows("end", [20.0, 20.001])
 def test_a_loop_is_older_than_twenty_seconds(end: float) -> None:
     report = judge_views([0, 0], line(0, 0), [0, end])
     assert (report.revisits, report.loops) == ((1, 1) if end > 20 else (0, 0))
@@ -90,7 +91,7 @@ def test_a_loop_needs_an_old_view_and_a_revisit_an_old_pose() -> None:
     assert report.loop_recall == 0 and report.loop_precision is None
 
 
-@pytest.mark.parametrize(("turn", "wrong"), [(22.9, False), (23.0, True), (337.5, False)])
+@rows("turn, wrong", [(22.9, False), (23.0, True), (337.5, False)])
 def test_angles_wrap_and_the_authors_are_laxer(turn: float, wrong: bool) -> None:
     poses = [[0, 0, 0], [0, 0, np.radians(turn)]]
     assert judge_views([0, 0], poses, [0, 1]).false_positives == wrong
@@ -100,7 +101,7 @@ def test_angles_wrap_and_the_authors_are_laxer(turn: float, wrong: bool) -> None
     assert judge_views([0, 0], poses, [0, 1], rule="author").false_positives == 1
 
 
-@pytest.mark.parametrize(("rule", "turn"), [("paper", 12.0), ("author", 7.2)])
+@rows("rule, turn", [("paper", 12.0), ("author", 7.2)])
 def test_a_new_view_is_wrong_within_the_rules_angle(rule: str, turn: float) -> None:
     for change, wrong in ((-0.01, 1), (0.01, 0)):
         poses = [[0, 0, 3.1], [0.19, 0, 3.1 + np.radians(turn + change)]]
@@ -143,8 +144,8 @@ def test_the_numbering_of_ids_does_not_matter() -> None:
     assert judge.judge(ids).metrics() == judge.judge(renamed).metrics()
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
+@rows(
+    "change, error, words",
     [
         ({"ids": [0, 1]}, ShapeError, r"ids: int64 \(2,\)"),
         ({"ids": [0.0, 1.0, 2.0]}, ShapeError, "ids: float64"),
@@ -186,7 +187,7 @@ def test_baselines_start_views_by_counting() -> None:
             every_kth(n, k)
 
 
-@pytest.mark.parametrize(("world", "scans"), [("warehouse", 466), ("small_house", 474)])
+@rows("world, scans", [("warehouse", 466), ("small_house", 474)])
 def test_a_program_without_a_sensor_scores_what_was_measured_elsewhere(
     test_data: Path, world: str, scans: int
 ) -> None:

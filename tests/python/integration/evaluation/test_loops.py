@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from descriptor_runs import descriptor_run, poses_at
 from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation import (
@@ -30,6 +31,7 @@ from fusionslam.evaluation import (
     summarise_costs,
 )
 from fusionslam.loop_closure import default_threshold
+from rows import rows
 
 Curve = list[tuple[float, float, float]]
 
@@ -91,7 +93,7 @@ def test_the_default_threshold_fitted_on_towns_is_right_on_kitti_06(test_data: P
     assert (accepted & curve.correct).sum() / curve.n_revisits > 0.5
 
 
-@pytest.mark.parametrize("levels", [0, 2])
+@rows("levels", [0, 2])
 def test_the_threshold_of_a_precision_is_the_largest_that_has_it(levels: int) -> None:
     curve = precision_recall(*places_and_descriptors(5, 120, levels), radius=3, window=5)
     for wanted in (0.0, 0.3, 0.5, 0.8, 1.0):
@@ -122,7 +124,7 @@ def test_kitti_06_under_revisit_gives_the_figures_of_the_usual_protocol(test_dat
     assert curve.explain(0.0).startswith("1101 queries: 51 without candidates, 1050 above")
 
 
-@pytest.mark.parametrize("protocol", ["revisit", "perdomo2019"])
+@rows("protocol", ["revisit", "perdomo2019"])
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
@@ -195,9 +197,8 @@ def test_a_first_match_that_is_false_gives_recall_zero_at_full_precision() -> No
 def test_without_any_revisit_the_figures_are_none_and_json_has_no_nan(tmp_path: Path) -> None:
     line = np.arange(20)[:, None] * np.array([100.0, 0, 0])
     curve = precision_recall(places_and_descriptors(0, 20)[0], line, window=3)
-    assert (curve.n_revisits, curve.top1, curve.max_f1, curve.average_precision) == (0,) + (
-        None,
-    ) * 3
+    figures = (curve.n_revisits, curve.top1, curve.max_f1, curve.average_precision)
+    assert figures == (0, None, None, None)
     assert set(curve.recall_at_k.values()) == {None}
     curve.save(tmp_path / "curve.json")
     assert "NaN" not in (tmp_path / "curve.json").read_text()
@@ -231,7 +232,7 @@ def test_a_saved_curve_loads_equal(tmp_path: Path) -> None:
         assert getattr(loaded, name).dtype == getattr(curve, name).dtype
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", json.dumps({"format": "other"})])
+@rows("content", ["", "{", "[]", "{}", json.dumps({"format": "other"})])
 def test_a_file_that_is_no_curve_is_named(tmp_path: Path, content: str) -> None:
     (tmp_path / "curve.json").write_text(content)
     with pytest.raises(DataError, match=r"curve\.json"):
@@ -244,8 +245,8 @@ def test_a_curve_draws_itself() -> None:
     assert "revisit, 5 m" in axis.get_xlabel()
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
+@rows(
+    "change, error, words",
     [
         ({"positions": np.zeros((4, 3))}, ShapeError, r"positions.*\(5, 3\)"),
         ({"positions": np.zeros((5, 2))}, ShapeError, r"positions.*\(5, 2\)"),
@@ -256,6 +257,7 @@ def test_a_curve_draws_itself() -> None:
         ({"radius": 0.0}, ConfigError, "evaluation.radius"),
         ({"radius": math.nan}, ConfigError, "evaluation.radius"),
         ({"window": -1}, ConfigError, "evaluation.window"),
+        ({"protocol": "revisits"}, ConfigError, "revisits"),
     ],
 )
 def test_bad_input_is_named(change: dict[str, Any], error: type[Exception], words: str) -> None:
@@ -264,71 +266,45 @@ def test_bad_input_is_named(change: dict[str, Any], error: type[Exception], word
         precision_recall(**(good | change))
 
 
-def test_an_unknown_protocol_is_refused() -> None:
-    with pytest.raises(ConfigError) as caught:
-        precision_recall(np.zeros((5, 2), np.float32), np.zeros((5, 3)), protocol="revisits")
-    assert (caught.value.code, caught.value.fields) == ("unknown-protocol", ("revisits",))
-
-
-def test_matches_that_the_window_excludes_are_refused() -> None:
+def test_matches_that_the_window_excludes_or_without_a_distance_are_refused() -> None:
     matches = Matches(np.array([[-1], [0]]), np.array([[np.inf], [0]], dtype=np.float32))
     with pytest.raises(DataError, match="query 1"):
         evaluate_matches(matches, np.zeros((2, 3)), window=1)
-
-
-def test_a_candidate_without_a_distance_is_refused() -> None:
     with pytest.raises(DataError, match="row 0"):
         Matches(np.array([[0]]), np.array([[np.inf]], dtype=np.float32))
 
 
 def some_run(**change: Any) -> DescriptorRun:
     descriptors, positions = places_and_descriptors(2, 40)
-    poses = np.tile(np.eye(4), (40, 1, 1))
-    poses[:, :3, 3] = positions
-    fields: dict[str, Any] = {
-        "source": "lidar",
-        "descriptor": "m2dp",
-        "dataset": "KITTI 06",
-        "descriptors": descriptors,
-        "frames": np.arange(40),
-        "stamps_ns": np.arange(40) * 10**8,
-        "poses": poses,
-        "seconds": {"load": np.full(40, 0.001), "describe": np.linspace(0.01, 0.02, 40)},
-        "peak_memory_bytes": 123456789,
-        "points": np.full(40, 20000),
-        "config": {"descriptors": {"bins": 8}},
-    }
-    return DescriptorRun(**(fields | change))
+    return descriptor_run(descriptors, **{"poses": poses_at(positions), **change})
 
 
-@pytest.mark.parametrize("poses", [True, False])
-def test_a_saved_run_loads_equal(tmp_path: Path, poses: bool) -> None:
-    run = some_run() if poses else some_run(poses=None)
-    run.save(tmp_path / "run.npz")
-    loaded = DescriptorRun.load(tmp_path / "run.npz")
-    for name in ("source", "descriptor", "dataset", "config", "peak_memory_bytes"):
-        assert getattr(loaded, name) == getattr(run, name)
-    for name in ("descriptors", "frames", "stamps_ns", "points", "poses"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(run, name))
-    assert loaded.seconds.keys() == run.seconds.keys()
-    assert [p.name for p in tmp_path.iterdir()] == ["run.npz"]
+def test_a_saved_run_loads_equal(tmp_path: Path) -> None:
+    for run in (some_run(), some_run(poses=None)):
+        run.save(tmp_path / "run.npz")
+        loaded = DescriptorRun.load(tmp_path / "run.npz")
+        for name in ("source", "descriptor", "dataset", "config", "peak_memory_bytes"):
+            assert getattr(loaded, name) == getattr(run, name)
+        for name in ("descriptors", "frames", "stamps_ns", "points", "poses"):
+            np.testing.assert_array_equal(getattr(loaded, name), getattr(run, name))
+        assert loaded.seconds.keys() == run.seconds.keys()
+        assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
 
 
-@pytest.mark.parametrize("kept", [0, 10, 500, 3000])
-def test_a_run_that_was_cut_short_is_named(tmp_path: Path, kept: int) -> None:
-    some_run().save(tmp_path / "run.npz")
-    whole = (tmp_path / "run.npz").read_bytes()
-    (tmp_path / "run.npz").write_bytes(whole[:kept])
+def test_other_and_damaged_files_are_no_run_and_nothing_is_said_of_pickles(tmp_path: Path) -> None:
+    path, array = tmp_path / "run.npz", tmp_path / "array.npy"
     with pytest.raises(DataError, match=r"run\.npz"):
-        DescriptorRun.load(tmp_path / "run.npz")
-
-
-def test_other_files_are_no_run(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"none\.npz"):
-        DescriptorRun.load(tmp_path / "none.npz")
-    np.save(tmp_path / "array.npy", np.zeros(3))
+        DescriptorRun.load(path)
+    np.save(array, np.zeros(3))
+    some_run().save(path)
+    cut = [path.read_bytes()[:kept] for kept in (0, 10, 500, 3000)]
+    for content in (*cut, np.random.default_rng(0).bytes(500), array.read_bytes()):
+        path.write_bytes(content)
+        with pytest.raises(DataError, match=r"run\.npz") as caught:
+            DescriptorRun.load(path)
+        assert "pickle" not in str(caught.value)
     with pytest.raises(DataError, match=r"array\.npy"):
-        DescriptorRun.load(tmp_path / "array.npy")
+        DescriptorRun.load(array)
 
 
 def test_a_run_whose_arrays_do_not_fit_is_refused() -> None:
@@ -346,14 +322,11 @@ def test_costs_are_medians_and_percentiles_per_stage() -> None:
     assert costs.bytes_per_descriptor == 8
 
 
-def test_a_run_is_judged_under_every_protocol() -> None:
+def test_a_run_is_judged_under_every_protocol_if_its_poses_are_known() -> None:
     evaluation = evaluate(some_run(), window=5)
     assert list(evaluation.curves) == ["revisit", "perdomo2019"]
     assert evaluation.published is None  # 40 of the 1,101 frames
     assert evaluation.matches is not None and evaluation.window == 5
-
-
-def test_a_run_without_ground_truth_has_matches_but_no_curves() -> None:
     evaluation = evaluate(some_run(poses=None, dataset="walk"), window=5)
     assert evaluation.curves == {} and evaluation.published is None
     assert evaluation.matches is not None and len(evaluation.matches) == 40
@@ -361,14 +334,7 @@ def test_a_run_without_ground_truth_has_matches_but_no_curves() -> None:
 
 def test_what_was_published_stands_beside_runs_of_whole_sequences() -> None:
     descriptors, _ = places_and_descriptors(2, 40)
-    whole = some_run(
-        descriptors=np.resize(descriptors, (1101, descriptors.shape[1])),
-        frames=np.arange(1101),
-        stamps_ns=np.arange(1101) * 10**8,
-        poses=None,
-        points=np.full(1101, 20000),
-        seconds={"describe": np.full(1101, 0.01)},
-    )
+    whole = descriptor_run(np.resize(descriptors, (1101, descriptors.shape[1])))
     assert evaluate(whole, window=5).published == {"recall_at_full_precision": 0.668122}
 
 
@@ -405,15 +371,3 @@ def test_descriptors_in_double_precision_give_the_same_curve() -> None:
 def test_the_protocols_are_those_that_the_configuration_allows() -> None:
     allowed = get_args(EvaluationConfig.model_fields["protocol"].annotation)
     assert allowed == tuple(PROTOCOLS)
-
-
-def test_bytes_at_random_are_no_run_and_nothing_is_said_of_pickles(tmp_path: Path) -> None:
-    path = tmp_path / "lidar-m2dp.npz"
-    path.write_bytes(np.random.default_rng(0).bytes(500))
-    with pytest.raises(DataError, match=r"lidar-m2dp\.npz") as caught:
-        DescriptorRun.load(path)
-    assert "pickle" not in str(caught.value)
-    np.save(tmp_path / "array.npy", np.zeros(3))
-    (tmp_path / "array.npy").rename(path)
-    with pytest.raises(DataError, match=r"lidar-m2dp\.npz"):
-        DescriptorRun.load(path)

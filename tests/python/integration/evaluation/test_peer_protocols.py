@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from descriptor_runs import descriptor_run, poses_at
 from error_codes import has_code
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError, ShapeError
@@ -25,7 +26,6 @@ from fusionslam.evaluation import (
     PairRule,
     Pairs,
     PrecisionRecall,
-    VerifiedRun,
     evaluate,
     evaluate_matches,
     evaluate_pairs,
@@ -42,6 +42,8 @@ from fusionslam.evaluation.loops.sweep import sweep_thresholds
 from fusionslam.report import write_report
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.tables import peers_table, published_table
+from rows import rows
+from verified import verified_run
 
 
 def on_a_line(*metres: float) -> NDArray[np.float64]:
@@ -59,25 +61,10 @@ def a_loop(count: int = 300, seed: int = 0) -> NDArray[np.float64]:
     return circle + np.random.default_rng(seed).normal(0, 0.3, (count, 3))
 
 
-def a_run(
-    places: NDArray[np.float64], descriptor: str = "m2dp", dataset: str = "KITTI 00"
-) -> DescriptorRun:
-    count = len(places)
-    noise = np.random.default_rng(1).normal(0, 4, (count, 3))
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, 3] = places
-    return DescriptorRun(
-        source="cloud",
-        descriptor=descriptor,
-        dataset=dataset,
-        descriptors=(places + noise).astype(np.float32),
-        frames=np.arange(count),
-        stamps_ns=np.arange(count) * 10**8,
-        poses=poses,
-        seconds={"describe": np.full(count, 0.01)},
-        peak_memory_bytes=10,
-        points=np.full(count, 100),
-    )
+def a_run(places: NDArray[np.float64], descriptor: str = "m2dp") -> DescriptorRun:
+    descriptors = places + np.random.default_rng(1).normal(0, 4, (len(places), 3))
+    about = {"source": "cloud", "descriptor": descriptor, "dataset": "KITTI 00"}
+    return descriptor_run(descriptors, poses=poses_at(places), **about)
 
 
 # Candidates are at least two frames earlier (window 1). One place, less than 3 m: (3, 0), (4, 1).
@@ -149,7 +136,7 @@ def test_pairs_of_different_places_are_drawn_without_repetition_and_always_the_s
     assert (np.diff(drawn.queries) >= 0).all()
 
 
-@pytest.mark.parametrize(("metric", "length"), [("l2", 7), ("scan_context", 1200)])
+@rows("metric, length", [("l2", 7), ("scan_context", 1200)])
 def test_distances_of_pairs_are_those_of_the_metric(metric: str, length: int) -> None:
     rng = np.random.default_rng(4)
     rows = rng.uniform(0, 1, (12, length)).astype(np.float32)
@@ -172,7 +159,7 @@ def roc_by_loops(distances: NDArray[np.float64], correct: NDArray[np.bool_]) -> 
     return float((np.diff(x) * (y[1:] + y[:-1]) / 2).sum())
 
 
-@pytest.mark.parametrize("seed", range(8))
+@rows("seed", range(8))
 def test_figures_of_the_curve_are_those_of_plain_loops(seed: int) -> None:
     rng = np.random.default_rng(seed)
     correct = rng.random(60) < 0.4
@@ -209,9 +196,8 @@ def test_pairs_that_do_not_exist_are_refused() -> None:
     with pytest.raises(DataError, check=has_code("not-finite", "positions", 0)):
         evaluate_pairs(DESCRIPTORS, np.full((6, 3), np.nan))
     matches = Matches(np.array([[-1], [0]]), np.array([[np.inf], [1]], dtype=np.float32))
-    with pytest.raises(
-        ConfigError, check=has_code("needs-descriptors", "evaluation.protocol", "ssc")
-    ):
+    needs = has_code("needs-descriptors", "evaluation.protocol", "ssc")
+    with pytest.raises(ConfigError, check=needs):
         evaluate_matches(matches, np.zeros((2, 3)), protocol="ssc", window=0)
 
 
@@ -255,8 +241,8 @@ def test_under_solid_the_last_hundred_frames_are_no_candidates() -> None:
     assert curve.max_f1 == pytest.approx(2 / 3)
 
 
-@pytest.mark.parametrize(
-    ("protocol", "radius", "window"),
+@rows(
+    "protocol, radius, window",
     [("revisit", 10, 50), ("ssc", 3, 50), ("scancontext", 4, 50), ("solid", 10, 100)],
 )
 def test_a_protocol_brings_its_radius_and_window_unless_they_are_given(
@@ -267,12 +253,9 @@ def test_a_protocol_brings_its_radius_and_window_unless_they_are_given(
     assert EvaluationConfig(protocol=protocol, radius=7.0).radius == 7
     assert merged(EvaluationConfig(protocol="ssc", window=9), {"protocol": protocol}).window == 9
     assert merged(EvaluationConfig(protocol="ssc"), {"protocol": protocol}) == config
-    stored = EvaluationConfig(**config.model_dump())
-    assert stored.given() == {"protocol": protocol}
-    assert EvaluationConfig(protocol=protocol, window=9).given() == {
-        "protocol": protocol,
-        "window": 9,
-    }
+    assert EvaluationConfig(**config.model_dump()).given() == {"protocol": protocol}
+    given = {"protocol": protocol, "window": 9}
+    assert EvaluationConfig(**given).given() == given
 
 
 def test_each_peer_is_judged_at_its_own_radius_and_window() -> None:
@@ -290,27 +273,8 @@ def test_each_peer_is_judged_at_its_own_radius_and_window() -> None:
 
 
 def test_verified_loops_are_judged_by_the_protocols_of_matches_alone() -> None:
-    count = 120
-    nothing = np.full(count, np.nan)
-    run = VerifiedRun(
-        source="cloud",
-        descriptors=("m2dp",),
-        dataset="walk",
-        frames=np.arange(count),
-        numbers=np.arange(count),
-        stamps_ns=np.arange(count),
-        poses=np.tile(np.eye(4), (count, 1, 1)),
-        points=np.zeros(count, dtype=np.int64),
-        match=np.full(count, -1),
-        match_from_query=np.full((count, 4, 4), np.nan),
-        covariance=np.full((count, 6, 6), np.nan),
-        overlap=nothing,
-        probability=nothing,
-        distance=np.full(count, np.inf),
-        accepted=np.zeros(count, dtype=np.bool_),
-        candidates=np.full((count, 1), -1),
-    )
-    assert list(evaluate_verified(run, protocols=("ssc", "solid")).curves) == ["solid"]
+    judged = evaluate_verified(verified_run(), protocols=("ssc", "solid"), window=0)
+    assert list(judged.curves) == ["solid"]
 
 
 def test_published_figures_are_found_by_protocol_and_whole_sequence() -> None:
@@ -338,8 +302,8 @@ def test_every_published_figure_is_one_that_its_protocol_shows() -> None:
     assert min(p.figures.get("extended_precision", 1) for p in PEERS) >= 0.5
 
 
-@pytest.mark.parametrize(
-    ("protocol", "scan_context", "m2dp"),
+@rows(
+    "protocol, scan_context, m2dp",
     [
         ("ssc", ["0.750", "0.609"], ["0.708", "0.616"]),
         ("solid", ["0.893", "0.979", "0.876"], None),
@@ -372,7 +336,7 @@ def test_published_figures_stand_beside_ours(
     ]
 
 
-@pytest.mark.parametrize(("protocol", "last"), [("scancontext", None), ("ssc", -1)])
+@rows("protocol, last", [("scancontext", None), ("ssc", -1)])
 def test_nothing_stands_beside_what_was_not_published(
     protocol: str, last: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ import pytest
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.maps.run import LINK, REFUSED, RatSlamRun
 from maps import square_run
+from rows import rows
 
 
 def record(**changes: Any) -> RatSlamRun:
@@ -79,8 +80,8 @@ def test_final_poses_are_seen_from_their_nodes() -> None:
     assert third[2] == pytest.approx(4 - 2 * np.pi)
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"),
+@rows(
+    "name, wrong",
     [
         ("poses", np.zeros((2, 3))),
         ("view_ids", np.zeros(3)),
@@ -116,7 +117,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
         RatSlamRun.load(path)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.99])
+@rows("share", [0.0, 0.3, 0.7, 0.99])
 def test_a_run_that_is_cut_short_is_refused(tmp_path: Path, share: float) -> None:
     path = tmp_path / "run.npz"
     record().save(path)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from error_codes import has_code
 from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
 from fusionslam.evaluation import (
     JudgedView,
@@ -20,6 +21,7 @@ from fusionslam.evaluation import (
     judge_views,
 )
 from recordings import Drive, judged_by_loops, random_drive
+from rows import rows
 
 EPOCH = 1_700_000_000_000_000_000
 # Nothing in the random drives lies exactly on these limits, where rounding would decide.
@@ -75,7 +77,7 @@ def test_after_every_scan_it_says_what_the_judge_of_the_drive_so_far_says(
     assert len(running) == count
 
 
-@pytest.mark.parametrize("seed", range(5))
+@rows("seed", range(5))
 def test_its_counts_are_those_of_plain_loops(seed: int) -> None:
     drive = random_drive(seed, 80, 20)
     running = RunningViews(OFF_GRID)
@@ -155,8 +157,8 @@ def test_a_clock_that_goes_back_is_refused_and_changes_nothing() -> None:
     assert running.add(EPOCH, 0, (0, 0, 0)).matched == 0  # the same time again is none
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
+@rows(
+    "change, error, words",
     [
         ({"pose": (0, np.nan, 0)}, DataError, "poses: row 0"),
         ({"pose": (0, 1)}, ShapeError, r"poses: \(1, 2\)"),
@@ -185,6 +187,5 @@ def test_wrong_views_are_refused_and_change_nothing(
 
 
 def test_an_unknown_rule_is_refused() -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError, check=has_code("unknown-rule", "papre")):
         RunningViews("papre")
-    assert (caught.value.code, caught.value.fields) == ("unknown-rule", ("papre",))

@@ -23,6 +23,7 @@ from fusionslam.evaluation import (
     sweep_pairs,
     sweep_views,
 )
+from rows import rows
 
 
 def two_laps(count: int = 80) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -115,8 +116,8 @@ def test_a_curve_is_saved_whole(tmp_path: Path) -> None:
         ViewCurve.load(tmp_path / "none.json")
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
+@rows(
+    "change, error, words",
     [
         ({"candidates": [-1, 1]}, DataError, "candidates: row 1"),
         ({"candidates": [-1.0, 0.0]}, ShapeError, "float64"),
@@ -144,8 +145,8 @@ def test_the_published_figures_stand_where_the_thesis_has_them() -> None:
 
 
 def test_what_was_measured_again_names_each_world_once() -> None:
-    for rows in (RERUN_VIEWS, RERUN_DESCRIPTORS):
-        keys = [(row.world, row.input) for row in rows]
+    for measured in (RERUN_VIEWS, RERUN_DESCRIPTORS):
+        keys = [(row.world, row.input) for row in measured]
         assert len(set(keys)) == len(keys) and len(keys) % 3 == 0
     assert rerun_descriptors("hospital")[0].top1 == pytest.approx(0.844)
     assert rerun_views("warehouse")[-1].best_loop_recall == pytest.approx(0.89)

@@ -15,6 +15,7 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation import JudgedView, RunningViews
 from fusionslam.report import write_false_positive
 from fusionslam.report.views.thumbnails import HEIGHT, image_preview
+from rows import rows
 
 RED, GREEN, DARK = (220, 20, 20), (20, 200, 20), (21, 24, 29)
 
@@ -76,7 +77,7 @@ def test_the_caption_tells_scans_view_times_and_how_far_apart(
     ]
 
 
-@pytest.mark.parametrize("images", [(None, image(GREEN)), (image(RED), None), (None, None)])
+@rows("images", [(None, image(GREEN)), (image(RED), None), (None, None)])
 def test_an_image_that_is_missing_is_said_to_be(
     images: tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None], tmp_path: Path
 ) -> None:
@@ -96,14 +97,14 @@ def test_previews_stand_for_the_images_they_were_made_of(tmp_path: Path) -> None
     assert np.array_equal(write_pair(tmp_path / "kept.jpg", image(RED), kept), whole)
 
 
-@pytest.mark.parametrize("shape", [(48, 64), (1, 1, 3), (1, 9000), (9000, 1, 3), (480, 640, 3)])
+@rows("shape", [(48, 64), (1, 1, 3), (1, 9000), (9000, 1, 3), (480, 640, 3)])
 def test_grey_small_and_odd_images_are_shown(shape: tuple[int, ...], tmp_path: Path) -> None:
     odd = np.full(shape, 128, np.uint8)
     pixels = write_pair(tmp_path / "pair.JPG", odd, np.asfortranarray(odd[::-1]))
     assert pixels.shape[0] > HEIGHT and pixels.shape[1] < 6000
 
 
-@pytest.mark.parametrize(
+@rows(
     "odd",
     [
         np.zeros((4, 4)),

@@ -3,17 +3,20 @@
 """Names from data stay text in every page, and never lead out of the folder of a report."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fusionslam.evaluation import DescriptorRun, evaluate
+from descriptor_runs import camera_laps, descriptor_run
+from fusionslam.errors import DataError
+from fusionslam.evaluation import evaluate
 from fusionslam.evaluation.views.run import ViewRun
 from fusionslam.report import write_ratslam_report, write_report, write_view_report
 from maps import square_run
+from pages import read_page
+from rows import rows
 
 pytest.importorskip("matplotlib")
 
@@ -35,33 +38,11 @@ NAMES = [MARKUP, "../../../outside", "x" * 300]
 
 
 def loops(name: str, folder: Path) -> Path:
-    angle = np.linspace(0, 4 * np.pi, 60)
-    poses = np.tile(np.eye(4), (60, 1, 1))
-    poses[:, 0, 3], poses[:, 2, 3] = 60 * np.sin(angle), 40 * np.cos(angle)
-    run = DescriptorRun(
-        source="lidar",
-        descriptor="m2dp",
-        dataset=name,
-        descriptors=poses[:, :3, 3].astype(np.float32),
-        frames=np.arange(60),
-        stamps_ns=np.arange(60) * 10**8,
-        poses=poses,
-        seconds={"load": np.ones(60)},
-        peak_memory_bytes=1,
-        points=np.full(60, 9),
-        config={name: name},
-        skipped={99: name},
-    )
-    write_report(
-        [evaluate(run)],
-        folder,
-        dataset_name=name,
-        command=name,
-        config={name: name},
-        title=name,
-        notes=[name],
-    )
-    return folder / "report.html"
+    poses = camera_laps(60)
+    named = {"descriptor": f"../{name[:40]}", "dataset": name, "skipped": {99: name}}
+    run = descriptor_run(poses[:, :3, 3], poses=poses, config={name: name}, **named)
+    words = {"dataset_name": name, "command": name, "config": {name: name}, "notes": [name]}
+    return write_report([evaluate(run)], folder, title=name, **words)
 
 
 def views(name: str, folder: Path) -> Path:
@@ -75,7 +56,8 @@ def views(name: str, folder: Path) -> Path:
 
 
 def maps(name: str, folder: Path) -> Path:
-    run = replace(square_run(), name=name, views=name, odometry=name, notes=[name])
+    named = {"name": name, "views": name, "odometry": name, "notes": [name], "why": [name] * 8}
+    run = square_run(**named, config={name: name})
     return write_ratslam_report(folder, [run], command=name, notes=[name])
 
 
@@ -102,7 +84,7 @@ def _is_beside(link: str) -> bool:
 
 @pytest.mark.parametrize("write", [loops, views, maps])
 def test_hostile_names_are_text_in_pages_and_files_stay_in_the_folder(
-    write: Callable[[str, Path], Path], tmp_path: Path
+    write: Callable[[str, Path], Path], tmp_path: Path, unrendered: None
 ) -> None:
     plain = Live()
     plain.feed(write("plain", tmp_path / "plain").read_text("utf-8"))
@@ -113,5 +95,20 @@ def test_hostile_names_are_text_in_pages_and_files_stay_in_the_folder(
         live.feed(page.read_text("utf-8"))
         assert [each[:2] for each in live.found] == [each[:2] for each in plain.found], name
         assert [path.name for path in folder.parent.iterdir()] == ["report"], name
+        read_page(page)
     expected = {"plain", *map(str, range(len(NAMES)))}
     assert {path.name for path in tmp_path.iterdir()} == expected
+
+
+@pytest.mark.parametrize("write", [loops, views, maps])
+def test_hostile_names_are_rendered(write: Callable[[str, Path], Path], tmp_path: Path) -> None:
+    assert write(MARKUP, tmp_path).is_file()
+
+
+@rows("write", [loops, views, maps])
+def test_a_folder_that_cannot_be_written_is_named(
+    write: Callable[[str, Path], Path], tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(DataError, match=str(tmp_path / "file")):
+        write("plain", tmp_path / "file")

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated LiDAR: where its rays go, what comes back, and when."""
 
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sim.lidar import LidarMount, Sweep, column_seconds, lidar_rays, point_fields, scan
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.scene import RayCaster
+from rows import rows
 from worlds import hall
 
 CALM = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}
@@ -131,7 +131,7 @@ def test_a_moving_turn_shoots_each_column_from_its_own_place(caster: RayCaster) 
     assert np.minimum(gaps.min(axis=0), pillar).max() < 1e-3
 
 
-@pytest.mark.parametrize("sector", [None, (-0.5, 0.5)])
+@rows("sector", [None, (-0.5, 0.5)])
 def test_columns_are_shot_in_the_time_of_a_full_turn(sector: tuple[float, float] | None) -> None:
     config = LidarMount(azimuths=100, rate_hz=5.0, sector_rad=sector)
     seconds = column_seconds(config)
@@ -170,8 +170,8 @@ def test_a_scan_without_motion_has_no_times(caster: RayCaster) -> None:
     assert not point_fields(config, sweep, np.zeros(0, np.uint16))["time"].any()
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
+@rows(
+    "values, message",
     [
         ({"top_deg": -10.0, "bottom_deg": 10.0}, r"bottom_deg .*\b10\.0.* top_deg -10\.0"),
         ({"min_range_m": 5.0, "range_m": 5.0}, "min_range_m is 5.0, range_m only 5.0"),
@@ -186,11 +186,14 @@ def test_a_lidar_that_cannot_be_is_refused(values: dict[str, object], message: s
         LidarMount(**values)
 
 
-def test_ranges_agree_with_an_independent_simulator(test_data: Path) -> None:
-    for name, shapes in product(("warehouse", "small_house"), SHAPES):
-        error = range_errors(test_data, name, shapes, every=25)
+@pytest.mark.parametrize(
+    "name", ["warehouse", pytest.param("small_house", marks=pytest.mark.nightly)]
+)
+def test_ranges_agree_with_an_independent_simulator(test_data: Path, name: str) -> None:
+    for shapes in SHAPES:
+        error = range_errors(test_data, name, shapes, every=100)
         # Theirs have noise of 0.008 m, of which 99.7 % lies within three deviations.
-        assert len(error) > 20_000
+        assert len(error) > 5_000
         assert np.mean(np.abs(error) < 0.024) > 0.995
         near = error[np.abs(error) < 0.04]
-        assert near.std() == pytest.approx(0.008, rel=0.03) and abs(near.mean()) < 3e-4
+        assert near.std() == pytest.approx(0.008, rel=0.05) and abs(near.mean()) < 3e-4

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 pytest.importorskip("embreex", reason="the simulator is an extra")
 pytest.importorskip("rosbags", reason="bags are an extra")
 
+from artefacts import artefact
 from cli import succeeds
 from fusionslam import Cloud, Frame, FusionConfig, fuse
 from fusionslam.config import merged
@@ -27,9 +28,13 @@ PICTURES = ("jpeg", "png")
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded() -> Path:
+    return artefact("stereo-drive", record_drive)
+
+
+def record_drive(root: Path) -> None:
     """Three instants of one drive: two bags and a folder."""
-    root, car = tmp_path_factory.mktemp("town"), robot_named("car")
+    car = robot_named("car")
     town = MADE["town"]
     small = merged(town.settings, {"house_types": 2})
     world, way = drive_through(town.make(small), car, PlanConfig())
@@ -42,10 +47,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with folder_writer(root / "folder", car) as folder:
         for event in events:
             folder.write(event)
-    return root
 
 
-def test_the_bag_gives_the_folders_clouds(recorded: Path) -> None:
+def test_the_bag_gives_the_folders_clouds_and_where_the_scanner_is(recorded: Path) -> None:
     exact, folder = open_dataset(recorded / "png.bag"), open_dataset(recorded / "folder")
     assert exact.sensors == folder.sensors == ("points", "left", "right")
     assert len(exact) == len(folder) == 3
@@ -54,12 +58,6 @@ def test_the_bag_gives_the_folders_clouds(recorded: Path) -> None:
         assert len(first) > 20_000
         np.testing.assert_allclose(first.points, second.points, rtol=0, atol=1e-4)
         np.testing.assert_array_equal(first.colors, second.colors)
-
-
-def test_the_folder_says_where_the_scanner_is_on_the_robot_as_the_bags_tf_does(
-    recorded: Path,
-) -> None:
-    exact, folder = open_dataset(recorded / "png.bag"), open_dataset(recorded / "folder")
     np.testing.assert_allclose(exact[0].robot_from_points, folder[0].robot_from_points, atol=1e-12)
 
 

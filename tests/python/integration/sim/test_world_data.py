@@ -12,8 +12,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from project import SMALL_DATA
-
 pytest.importorskip("embreex", reason="the simulator is an extra")
 pytest.importorskip("collada", reason="the simulator is an extra")
 
@@ -21,11 +19,12 @@ from benchmarks.accuracy.worlds import Eye, eyes, pictures, same_ranges
 from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
+from worlds import ROOM
 
-ROOM = SMALL_DATA / "worlds/room"
 COUNTS = {"small_house": (148_404, 6_689), "warehouse": (17_970, 938)}
 KINDS = ("visual", "collision")
 PLACES = 6
+Pair = tuple[World, World]
 
 
 def write_glb(path: Path, scene: Scene) -> None:
@@ -48,7 +47,7 @@ def write_glb(path: Path, scene: Scene) -> None:
 
 
 @pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
+def room(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     """The room of the test data from glTF, written by another program, and from SDF."""
     world = load_world(ROOM)
     path = tmp_path_factory.mktemp("room") / "room.glb"
@@ -58,7 +57,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
 
 
 @pytest.fixture(scope="module")
-def shared(test_data: Path) -> dict[str, tuple[World, World]]:
+def shared(test_data: Path) -> dict[str, Pair]:
     """Both worlds of the shared data from glTF and from SDF, by name."""
     worlds, models = test_data / "worlds", test_data / "worlds_sdf"
     return {
@@ -72,7 +71,7 @@ def same_objects(first: Scene, second: Scene) -> bool:
     return a == b and len(first.mesh) == len(second.mesh) and any(first.ground)
 
 
-def check_ranges(pair: tuple[World, World], eyes: list[Eye]) -> None:
+def check_ranges(pair: Pair, eyes: list[Eye]) -> None:
     for kind in KINDS:
         first, second = (getattr(world, kind) for world in pair)
         found = same_ranges(RayCaster(first), RayCaster(second), first, eyes)
@@ -80,7 +79,7 @@ def check_ranges(pair: tuple[World, World], eyes: list[Eye]) -> None:
         assert found.same[found.counted].mean() >= 0.999
 
 
-def check_pictures(pair: tuple[World, World], eyes: list[Eye], differ: float) -> None:
+def check_pictures(pair: Pair, eyes: list[Eye], differ: float) -> None:
     casters = [RayCaster(world.visual) for world in pair]
     for eye in eyes:
         a, b = pictures(casters, eye)
@@ -89,7 +88,7 @@ def check_pictures(pair: tuple[World, World], eyes: list[Eye], differ: float) ->
         assert a.std() > 10  # there is something to be seen
 
 
-def test_a_room_is_the_same_from_both_files(room: tuple[World, World]) -> None:
+def test_a_room_is_the_same_from_both_files(room: Pair) -> None:
     for kind in KINDS:
         first, second = (getattr(world, kind) for world in room)
         assert len(first.mesh) == len(second.mesh)
@@ -102,9 +101,8 @@ def test_a_room_is_the_same_from_both_files(room: tuple[World, World]) -> None:
     check_pictures(room, eyes, differ=1.0)
 
 
-def test_the_shared_worlds_are_all_there_in_both_files(
-    shared: dict[str, tuple[World, World]],
-) -> None:
+@pytest.mark.nightly
+def test_the_shared_worlds_are_all_there_in_both_files(shared: dict[str, Pair]) -> None:
     for name, pair in shared.items():
         for world in pair:
             assert (len(world.visual.mesh), len(world.collision.mesh)) == COUNTS[name]
@@ -112,9 +110,8 @@ def test_the_shared_worlds_are_all_there_in_both_files(
         assert all(same_objects(*(getattr(world, kind) for world in pair)) for kind in KINDS)
 
 
-def test_the_shared_worlds_look_the_same_from_both_files(
-    shared: dict[str, tuple[World, World]],
-) -> None:
+@pytest.mark.nightly
+def test_the_shared_worlds_look_the_same_from_both_files(shared: dict[str, Pair]) -> None:
     for pair in shared.values():
         check_ranges(pair, eyes(pair[0], 0.17, PLACES))
         # The glTF files hold JPEG pictures, the models PNG.

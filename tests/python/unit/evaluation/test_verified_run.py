@@ -24,6 +24,7 @@ from fusionslam.evaluation import (
     precision_recall,
 )
 from fusionslam.evaluation.loops.judge import pose_differences
+from rows import rows
 from verified import LOOPS, verified_run
 
 BY_POSE = ("pose-1m-5deg", "pose-2m-5deg")
@@ -34,8 +35,8 @@ ARRAYS = (
 )
 
 
-@pytest.mark.parametrize(
-    ("protocol", "right", "precision", "recall"),
+@rows(
+    "protocol, right, precision, recall",
     [
         ("pose-1m-5deg", (4, 7, 8), (1, 1, 2 / 3, 2 / 4, 3 / 5), (0, 0.25, 0.25, 0.25, 0.5)),
         ("pose-2m-5deg", (4, 5, 7, 8), (1, 1, 1, 3 / 4, 4 / 5), (0, 0.25, 0.5, 0.5, 0.75)),
@@ -116,7 +117,7 @@ def rigid(positions: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray
     return poses
 
 
-@pytest.mark.parametrize("protocol", BY_POSE)
+@rows("protocol", BY_POSE)
 def test_a_protocol_by_pose_needs_poses(protocol: str) -> None:
     needs = has_code("needs-poses", "evaluation.protocol", protocol)
     with pytest.raises(ConfigError, check=needs):
@@ -160,8 +161,8 @@ def changed(name: str, row: Any, value: Any) -> dict[str, Any]:
     return {name: values}
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "code", "fields"),
+@rows(
+    "change, error, code, fields",
     [
         ({"overlap": np.zeros(3)}, ShapeError, "", ()),
         ({"seconds": {"register": np.zeros(2)}}, ShapeError, "", ()),

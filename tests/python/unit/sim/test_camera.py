@@ -22,6 +22,7 @@ from fusionslam.sim.camera import (
 )
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import scene_of
+from rows import rows
 from worlds import EVEN, PLAIN, block, hall
 
 LEVEL = {"position_m": (0.0, 0.0, 0.0), "tilt_deg": (0.0, 0.0, 0.0), "noise": 0.0}
@@ -75,7 +76,7 @@ def test_distortion_follows_the_formulas_of_camera_info() -> None:
     assert np.allclose(distort(places, LENS), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("lens", [LENS, (0.2, -0.05, 0.001, 0.002, 0.01), (0, 0, 0.01, -0.01, 0)])
+@rows("lens", [LENS, (0.2, -0.05, 0.001, 0.002, 0.01), (0, 0, 0.01, -0.01, 0)])
 def test_undistorting_undoes_distortion(lens: tuple[float, ...]) -> None:
     places = np.random.default_rng(4).uniform(-0.55, 0.55, (400, 2))
     assert np.allclose(undistort(distort(places, lens), lens), places, atol=1e-8)
@@ -152,8 +153,8 @@ def test_camera_info_says_what_the_picture_was_made_with() -> None:
     assert np.array_equal(info.projection[:, :3], camera.matrix())
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
+@rows(
+    "values, message",
     [
         ({"distortion": (0.1, 0.2)}, r"distortion .*\b2\b.*\b5\b"),
         ({"distortion": (-9.0, 0.0, 0.0, 0.0, 0.0)}, r"distortion .*-9\.0.* x/z"),

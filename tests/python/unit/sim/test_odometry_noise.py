@@ -11,6 +11,7 @@ from fusionslam.config import merged
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.odometry_noise import OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
+from rows import rows
 
 SEEDS = 100
 SPEED, SECONDS = 0.5, 40.0
@@ -73,7 +74,7 @@ def test_speeds_are_those_of_the_drive() -> None:
     assert not track.angular[:, :2].any()
 
 
-@pytest.mark.parametrize("rate", [10.0, 30.0])
+@rows("rate", [10.0, 30.0])
 def test_noise_of_the_speed_spreads_the_way_forwards_only(rate: float) -> None:
     x, y, yaw = ends(straight(), rate, speed_noise=0.05).T
     assert is_near(x, 1 + SPEED * SECONDS, 0.05 * np.sqrt(SECONDS))
@@ -81,7 +82,7 @@ def test_noise_of_the_speed_spreads_the_way_forwards_only(rate: float) -> None:
     assert not np.ptp(yaw)
 
 
-@pytest.mark.parametrize("rate", [10.0, 30.0])
+@rows("rate", [10.0, 30.0])
 def test_noise_of_the_turn_rate_spreads_the_heading_and_then_the_way(rate: float) -> None:
     noise = 0.01
     x, y, yaw = ends(straight(), rate, turn_noise=noise).T
@@ -129,7 +130,7 @@ def test_the_seed_decides_the_noise() -> None:
     assert np.array_equal(first.poses[0], curvy().at([3.0])[0])
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 0.01])
+@rows("rate", [0.0, -1.0, float("nan"), float("inf"), 0.01])
 def test_rates_without_sense_are_refused(rate: float) -> None:
     with pytest.raises(ConfigError, check=has_code("out-of-range", "rate_hz", str(rate))):
         simulate_odometry(curvy(), OdometryConfig(), rate)

@@ -15,6 +15,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.sim.camera import LensConfig
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.lidar import LidarConfig, LidarMount
+from fusionslam.sim.motion.occupancy import occupancy_of
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import (
     RobotConfig,
@@ -25,6 +26,8 @@ from fusionslam.sim.robot import (
     static_transforms,
 )
 from fusionslam.sim.town.car import RING, RingConfig, StereoConfig, car_from_ring_camera
+from rows import rows
+from worlds import hall
 
 SENSOR = "lidars.velodyne"
 
@@ -74,10 +77,18 @@ def test_the_car_with_a_lidar_alone_drives_as_the_car_and_measures_while_it_move
     assert lidar.model_copy(update={"scan_motion": False}) == car.lidars["velodyne"]
 
 
-def test_the_car_can_do_what_its_town_asks(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_car_can_do_what_its_town_asks(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = hall().visual  # the drive does not depend on what stands beside it
+    monkeypatch.setattr("fusionslam.sim.catalogue.make_town", lambda *_, **__: scene)
+    grid = occupancy_of(scene)
+    monkeypatch.setattr("fusionslam.sim.catalogue.occupancy_of", lambda *_, **__: grid)
     entry = MADE["town"]
     drive_through(entry.make(entry.settings), robot_named("car"), PlanConfig())
     assert "faster than the robot" not in caplog.text
+    drive_through(entry.make(entry.settings), robot_named("turtlebot3_waffle_pi"), PlanConfig())
+    assert "faster than the robot" in caplog.text
 
 
 def test_the_right_camera_is_a_baseline_beside_the_left_one_in_its_frame() -> None:
@@ -90,20 +101,10 @@ def test_the_right_camera_is_a_baseline_beside_the_left_one_in_its_frame() -> No
 
 
 def test_frames_are_chained_over_their_parents() -> None:
-    robot = merged(
-        RobotConfig(),
-        {
-            "frames": {"tower": {"position_m": (1.0, 0.0, 0.0), "tilt_deg": (0.0, 0.0, 90.0)}},
-            "lidars": {
-                "top": {
-                    "parent": "tower",
-                    "position_m": (0.5, 0.0, 2.0),
-                    "tilt_deg": (0.0, 0.0, -30.0),
-                }
-            },
-        },
-        new_names=True,
-    )
+    tower = {"position_m": (1.0, 0.0, 0.0), "tilt_deg": (0.0, 0.0, 90.0)}
+    top = {"parent": "tower", "position_m": (0.5, 0.0, 2.0), "tilt_deg": (0.0, 0.0, -30.0)}
+    parts = {"frames": {"tower": tower}, "lidars": {"top": top}}
+    robot = merged(RobotConfig(), parts, new_names=True)
     pose = base_from(robot, "lidar")
     assert np.allclose(pose[:3, 3], (1, 0.5, 2))
     assert np.arctan2(pose[1, 0], pose[0, 0]) == pytest.approx(np.deg2rad(60))
@@ -135,8 +136,8 @@ def test_a_setting_adds_no_sensor_by_mistake() -> None:
         merged(RobotConfig(), {"lidars": {"top": {}}})
 
 
-@pytest.mark.parametrize(
-    ("setting", "message"),
+@rows(
+    "setting, message",
     [
         (f"{SENSOR}.ringz=3", r"'lidars.velodyne.ringz'.* 'rings'"),
         (f"{SENSOR}.rings=0", r"lidars.velodyne.rings .*\b0\b.*\b1$"),
@@ -162,13 +163,8 @@ def test_a_pair_whose_cameras_are_mounted_apart_is_refused() -> None:
         merged(robot_named("car"), {"cameras": {"right": {"tilt_deg": (0.0, 0.0, 5.0)}}})
 
 
-def test_an_unknown_robot_is_told_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match="husky"):
-        robot_named("husky")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
+@rows(
+    "text, message",
     [
         ("lidars: {low: {rings: many}}", r"mine.yaml: lidars.low.rings .*'many'"),
         ("wheels: 4", r"mine.yaml: .*'wheels'"),
@@ -187,6 +183,8 @@ def test_a_wrong_description_is_an_error_that_names_file_and_key(
         robot_named(path)
 
 
-def test_a_missing_description_is_an_error_that_names_it(tmp_path: Path) -> None:
+def test_a_missing_description_or_robot_is_an_error_that_names_it(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="husky"):
+        robot_named("husky")
     with pytest.raises(ConfigError, check=has_code("config-file", tmp_path / "none.yaml")):
         robot_named(tmp_path / "none.yaml")

@@ -3,29 +3,33 @@
 """Worlds in SDF: where things stand, how they look, what is ground."""
 
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from project import SMALL_DATA
-
 pytest.importorskip("collada", reason="the simulator is an extra")
 
 from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.sim.scene import Scene
-from fusionslam.sim.world import hash_world
+from fusionslam.sim.world import World, hash_world
 from fusionslam.sim.worlds import load_world
+from rows import rows
+from worlds import ROOM, copy_room
 
-ROOM = SMALL_DATA / "worlds/room"
+BOX = "<geometry><box><size>2 4 6</size></box></geometry>"
 
 
 @pytest.fixture
 def room(tmp_path: Path) -> Path:
-    """A copy of the room that a test may change."""
-    return Path(shutil.copytree(ROOM, tmp_path / "room"))
+    return copy_room(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    """The room as it is."""
+    return load_world(ROOM)
 
 
 def corners(scene: Scene, name: str) -> np.ndarray:
@@ -58,15 +62,10 @@ def single(tmp_path: Path, inside: str) -> Path:
     return file
 
 
-def test_a_room_has_its_models_as_objects_in_the_order_of_the_file() -> None:
-    world = load_world(ROOM)
+def test_a_room_has_its_models_as_objects_in_the_order_of_the_file(world: World) -> None:
     assert world.name == "room" and world.unresolved == ()
     expected = ["ground_plane", "hall", "hall ground", "crate", "table_1", "shelf", "lamp"]
     assert list(world.visual.names) == expected
-
-
-def test_what_is_seen_and_what_rays_hit_are_different_scenes() -> None:
-    world = load_world(ROOM)
     assert list(world.collision.names) == ["ground_plane", "hall", "crate", "table_1"]
     np.testing.assert_allclose(
         bounds(world.collision, "table_1"), [[1.5, -0.5, 0], [2.5, 0.5, 1]], atol=1e-3
@@ -74,21 +73,17 @@ def test_what_is_seen_and_what_rays_hit_are_different_scenes() -> None:
     np.testing.assert_allclose(bounds(world.visual, "table_1"), [[2, 0, 1], [3, 1, 1]], atol=1e-6)
 
 
-def test_a_saved_state_moves_a_model() -> None:
-    scene = load_world(ROOM).visual
+def test_a_saved_state_moves_a_model_from_where_its_own_pose_says(world: World, room: Path) -> None:
     expected = [[-1.5, -4, 0], [-0.5, -2, 1]]  # 2 x 1 x 1 m turned by 90 degrees about (-1, -3)
-    np.testing.assert_allclose(bounds(scene, "crate"), expected, atol=1e-6)
-
-
-def test_without_a_state_the_model_stands_where_its_own_pose_says(room: Path) -> None:
+    np.testing.assert_allclose(bounds(world.visual, "crate"), expected, atol=1e-6)
     file = room / "worlds" / "room.world"
     file.write_text(re.sub("<state.*</state>", "", file.read_text(), flags=re.DOTALL))
     scene = load_world(room).visual
     np.testing.assert_allclose(bounds(scene, "crate"), [[8, 8.5, 9], [10, 9.5, 10]], atol=1e-6)
 
 
-def test_poses_of_nested_models_and_links_are_chained() -> None:
-    found = corners(load_world(ROOM).visual, "shelf")
+def test_poses_of_nested_models_and_links_are_chained(world: World) -> None:
+    found = corners(world.visual, "shelf")
     ball, brick = found[:1280].reshape(-1, 3), found[1280:].reshape(-1, 3)
     # shelf turns x into y about (0, -2); stack lifts by 1; the ball is at (1, 0, 0.25) in it.
     np.testing.assert_allclose(np.linalg.norm(ball - [0, -1, 1.25], axis=1), 0.25, atol=1e-5)
@@ -98,19 +93,13 @@ def test_poses_of_nested_models_and_links_are_chained() -> None:
 
 
 def test_an_included_model_keeps_its_own_pose_unless_the_include_has_one(room: Path) -> None:
-    edit(
-        room / "worlds" / "room.world",
-        "<uri>model://stack</uri>",
-        "<uri>model://stack</uri><pose>0 0 5 0 0 0</pose>",
-    )
+    uri = "<uri>model://stack</uri>"
+    edit(room / "worlds/room.world", uri, f"{uri}<pose>0 0 5 0 0 0</pose>")
     assert bounds(load_world(room).visual, "shelf")[1, 2] == pytest.approx(3.1 + 4)
 
 
 def test_roll_pitch_and_yaw_turn_about_fixed_axes_in_that_order(tmp_path: Path) -> None:
-    file = single(
-        tmp_path,
-        "<pose>1 2 3 0.3 -0.4 0.5</pose><geometry><box><size>2 4 6</size></box></geometry>",
-    )
+    file = single(tmp_path, f"<pose>1 2 3 0.3 -0.4 0.5</pose>{BOX}")
     cx, sx, cy, sy, cz, sz = (f(a) for a in (0.3, -0.4, 0.5) for f in (np.cos, np.sin))
     turn = (
         np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
@@ -122,10 +111,9 @@ def test_roll_pitch_and_yaw_turn_about_fixed_axes_in_that_order(tmp_path: Path) 
 
 
 def test_poses_may_be_in_degrees_or_quaternions(tmp_path: Path) -> None:
-    box = "<geometry><box><size>2 4 6</size></box></geometry>"
     half = np.sqrt(0.5)
     found = [
-        bounds(load_world(single(tmp_path, f"<pose{pose}</pose>{box}")).visual, "thing")
+        bounds(load_world(single(tmp_path, f"<pose{pose}</pose>{BOX}")).visual, "thing")
         for pose in (
             ">0 0 0 0 0 1.5707963267948966",
             ' degrees="true">0 0 0 0 0 90',
@@ -133,17 +121,17 @@ def test_poses_may_be_in_degrees_or_quaternions(tmp_path: Path) -> None:
         )
     ]
     np.testing.assert_allclose(found[0], [[-2, -1, -3], [2, 1, 3]], atol=1e-6)
-    np.testing.assert_allclose(found[1], found[0], atol=1e-6)
-    np.testing.assert_allclose(found[2], found[0], atol=1e-6)
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], atol=1e-6)
 
 
-def test_collada_units_count_and_its_up_axis_does_not() -> None:
-    table = corners(load_world(ROOM).visual, "table_1")
+def test_collada_units_count_and_its_up_axis_does_not(world: World) -> None:
+    table = corners(world.visual, "table_1")
     np.testing.assert_allclose(np.unique(table[..., 2]), [1.0])  # 100 cm along z as stored
 
 
-def test_a_texture_lies_the_right_way_round() -> None:
-    scene = load_world(ROOM).visual
+def test_a_texture_lies_the_right_way_round(world: World) -> None:
+    scene = world.visual
     chosen = scene.part == list(scene.names).index("table_1")
     texture = scene.textures[scene.mesh.texture[chosen][0]]
     np.testing.assert_array_equal(texture[0, 0], [255, 0, 0, 255])
@@ -151,7 +139,7 @@ def test_a_texture_lies_the_right_way_round() -> None:
     np.testing.assert_allclose(scene.mesh.uv[chosen], at, atol=1e-6)  # u along x, v along y
 
 
-@pytest.mark.parametrize(
+@rows(
     "place",
     [
         "models/table/meshes/top.png",
@@ -159,7 +147,8 @@ def test_a_texture_lies_the_right_way_round() -> None:
         "photos/top.png",
     ],
 )
-def test_a_texture_is_looked_up_in_three_ways(room: Path, place: str) -> None:
+def test_a_texture_is_looked_up_in_three_ways(tmp_path: Path, place: str) -> None:
+    room = copy_room(tmp_path)
     stored = room / "models/table/materials/textures/top.png"
     target = room / place
     target.parent.mkdir(exist_ok=True)
@@ -167,52 +156,45 @@ def test_a_texture_is_looked_up_in_three_ways(room: Path, place: str) -> None:
     assert (2, 2, 4) in [texture.shape for texture in load_world(room).visual.textures]
 
 
-def test_materials_give_the_diffuse_colour_or_that_of_a_known_script() -> None:
-    scene = load_world(ROOM).visual
+def test_materials_are_those_of_a_visual_of_a_known_script_or_of_an_obj(
+    world: World, room: Path
+) -> None:
+    scene = world.visual
     np.testing.assert_allclose(tints(scene, "crate"), [[1, 0.5, 0.25]])
     np.testing.assert_allclose(tints(scene, "ground_plane"), [[0.7, 0.7, 0.7]])
-
-
-def test_an_obj_mesh_brings_its_materials_and_is_scaled() -> None:
-    scene = load_world(ROOM).visual
     np.testing.assert_allclose(bounds(scene, "lamp"), [[-2, 2, 2], [0, 4, 2]])
     np.testing.assert_allclose(tints(scene, "lamp"), [[0.2, 0.4, 0.6], [1, 1, 1]], atol=1e-6)
     assert any((texture[0, 0, :3] == [200, 100, 50]).all() for texture in scene.textures)
-
-
-def test_the_third_texture_coordinate_of_an_obj_is_not_used(room: Path) -> None:
-    obj = room / "models/lamp/meshes/lamp.obj"
-    before = load_world(room).visual.mesh.uv
-    obj.write_text(re.sub("^(vt .*)$", r"\1 0.5", obj.read_text(), flags=re.MULTILINE))
-    after = load_world(room).visual.mesh.uv
-    np.testing.assert_array_equal(before, after)
-
-
-def test_mirrored_meshes_keep_their_outside_outside() -> None:
-    scene = load_world(ROOM).visual
     chosen = scene.part == list(scene.names).index("lamp")
-    np.testing.assert_allclose(scene.mesh.normals[chosen], [[0, 0, 1]] * 2)  # faced down at -1
-
-
-def test_a_material_of_the_visual_replaces_those_of_the_mesh(room: Path) -> None:
-    edit(
-        room / "models/lamp/model.sdf",
-        "</visual>",
-        "<material><script><name>Gazebo/Red</name></script></material></visual>",
-    )
+    # Faced down at -1 and mirrored: the outside stays outside.
+    np.testing.assert_allclose(scene.mesh.normals[chosen], [[0, 0, 1]] * 2)
+    red = "<material><script><name>Gazebo/Red</name></script></material></visual>"
+    edit(room / "models/lamp/model.sdf", "</visual>", red)
     np.testing.assert_allclose(tints(load_world(room).visual, "lamp"), [[1, 0, 0]])
 
 
-def test_simple_shapes_have_their_volume(tmp_path: Path) -> None:
-    for shape, volume in (
+def test_the_third_texture_coordinate_of_an_obj_is_not_used(world: World, room: Path) -> None:
+    obj = room / "models/lamp/meshes/lamp.obj"
+    obj.write_text(re.sub("^(vt .*)$", r"\1 0.5", obj.read_text(), flags=re.MULTILINE))
+    np.testing.assert_array_equal(load_world(room).visual.mesh.uv, world.visual.mesh.uv)
+
+
+@rows(
+    "shape, volume",
+    [
         ("<box><size>1 2 3</size></box>", 6.0),
         ("<cylinder><radius>0.5</radius><length>2</length></cylinder>", np.pi / 2),
         ("<sphere><radius>0.5</radius></sphere>", np.pi / 6),
-    ):
-        file = single(tmp_path, f"<geometry>{shape}</geometry>")
-        a, b, c = corners(load_world(file).visual, "thing").astype(float).transpose(1, 0, 2)
-        inside = (np.cross(a, b) * c).sum() / 6  # positive: all triangles face outwards
-        assert inside == pytest.approx(volume, rel=0.01)
+    ],
+)
+def test_simple_shapes_have_their_volume_and_are_hit_where_they_are_seen(
+    tmp_path: Path, shape: str, volume: float
+) -> None:
+    world = load_world(single(tmp_path, f"<geometry>{shape}</geometry>"))
+    assert world.collision is world.visual
+    a, b, c = corners(world.visual, "thing").astype(float).transpose(1, 0, 2)
+    inside = (np.cross(a, b) * c).sum() / 6  # positive: all triangles face outwards
+    assert inside == pytest.approx(volume, rel=0.01)
 
 
 def test_a_plane_has_its_size_and_faces_its_normal(tmp_path: Path) -> None:
@@ -225,8 +207,10 @@ def test_a_plane_has_its_size_and_faces_its_normal(tmp_path: Path) -> None:
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(10)
 
 
-def test_floors_are_ground_by_name_or_by_lying_level_at_the_height_of_the_ground() -> None:
-    scene = load_world(ROOM).visual
+def test_floors_are_ground_by_name_or_by_lying_level_at_the_height_of_the_ground(
+    world: World,
+) -> None:
+    scene = world.visual
     ground = {name for name, is_ground in zip(scene.names, scene.ground, strict=True) if is_ground}
     assert ground == {"ground_plane", "hall ground"}
     np.testing.assert_allclose(bounds(scene, "hall ground"), [[-4, -4, 0], [4, 4, 0]], atol=1e-6)
@@ -249,19 +233,12 @@ def test_what_is_thin_on_a_floor_belongs_to_it_with_its_edges_but_not_its_bottom
         edit(room / "worlds/room.world", "</visual><visual", "</x><visual")
 
 
-def test_a_ground_plane_sinks_below_a_floor_that_is_laid_on_it(room: Path) -> None:
-    world = load_world(room)
+def test_a_ground_plane_sinks_below_a_floor_that_is_laid_on_it(world: World, room: Path) -> None:
     assert np.unique(corners(world.visual, "ground_plane")[..., 2]) == pytest.approx([-0.01])
     assert np.unique(corners(world.collision, "ground_plane")[..., 2]) == pytest.approx([0])
     edit(room / "worlds/room.world", "<pose>0 0 -0.05 0 0 0</pose>", "<pose>0 0 3 0 0 0</pose>")
     alone = load_world(room).visual
     assert np.unique(corners(alone, "ground_plane")[..., 2]) == pytest.approx([0])
-
-
-def test_a_world_without_collisions_is_hit_where_it_is_seen(tmp_path: Path) -> None:
-    file = single(tmp_path, "<geometry><box><size>1 1 1</size></box></geometry>")
-    world = load_world(file)
-    assert world.collision is world.visual
 
 
 def test_a_model_file_alone_is_a_world() -> None:
@@ -277,8 +254,8 @@ def test_models_are_found_where_gazebo_looks_for_them(
     assert load_world(room).unresolved == ()
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
+@rows(
+    "file, old, new",
     [
         ("worlds/room.world", "<size>2 1 1<", "<size>2 1 2<"),
         ("models/lamp/meshes/lamp.obj", "v 1 0 -1", "v 1 0 -2"),
@@ -286,18 +263,17 @@ def test_models_are_found_where_gazebo_looks_for_them(
     ],
 )
 def test_another_mesh_in_any_file_gives_another_hash(
-    room: Path, file: str, old: str, new: str
+    tmp_path: Path, world: World, file: str, old: str, new: str
 ) -> None:
-    before = hash_world(load_world(room))
-    assert hash_world(load_world(room)) == before == hash_world(load_world(ROOM))
+    room = copy_room(tmp_path)
+    assert hash_world(load_world(room)) == hash_world(world)
     edit(room / file, old, new)
-    assert hash_world(load_world(room)) != before
+    assert hash_world(load_world(room)) != hash_world(world)
 
 
-def test_another_texture_gives_another_hash(room: Path) -> None:
-    before = hash_world(load_world(room))
+def test_another_texture_gives_another_hash(world: World, room: Path) -> None:
     Image.new("RGB", (2, 2), "red").save(room / "models/table/materials/textures/top.png")
-    assert hash_world(load_world(room)) != before
+    assert hash_world(load_world(room)) != hash_world(world)
 
 
 def test_images_rendered_among_other_meshes_are_cached_under_another_key(room: Path) -> None:
