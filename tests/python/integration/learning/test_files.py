@@ -3,20 +3,23 @@
 """Weights and ONNX: both hold the same network, and files that do not fit are named."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from artefacts import artefact, copy_artefact
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
+from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.model import SecondStage
 from fusionslam.views.second_stage.network_files import About, Calibration
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, cloud
 from refusals import refuses
 from rows import rows
+from stored import check_damaged_files
 
 torch = pytest.importorskip("torch", reason="torch is not installed")
 onnx = pytest.importorskip("onnx", reason="onnx is not installed")
@@ -49,42 +52,64 @@ def pointnet(folder: Path, config: PointNetConfig, calibration: Calibration | No
     return network
 
 
-def comparison(folder: Path, config: ComparisonConfig) -> Any:
+def comparison(folder: Path, **changes: Any) -> Any:
+    config = TINY_COMPARISON.model_copy(update=changes)
     network = randomize(Comparison(config))
     save_weights(folder / "comparison.safetensors", network, About("comparison", config))
     export_comparison(folder / "comparison.onnx", network, About("comparison", config))
     return network
 
 
+def make_networks(folder: Path) -> None:
+    pointnet(folder, TINY, CALIBRATED)
+    comparison(folder)
+    for name, config, calibration in (
+        ("uncalibrated", TINY, None),
+        ("colored", TINY_COLORED, CALIBRATED),
+    ):
+        (folder / name).mkdir()
+        pointnet(folder / name, config, calibration)
+
+
+@pytest.fixture(scope="session")
+def networks() -> Path:
+    """Features with calibration, without one and of colours, and a comparison."""
+    return artefact("tiny_networks", make_networks)
+
+
+@pytest.fixture
+def colored(networks: Path) -> SecondStage:
+    return SecondStage(networks / "colored" / "features.onnx")
+
+
 @rows("config", [TINY, TINY_COLORED, PointNetConfig()])
-@rows("size", [1, 7, 2000])
 def test_onnxruntime_gives_the_features_that_torch_gives(
-    config: PointNetConfig, size: int, tmp_path: Path
+    config: PointNetConfig, tmp_path: Path
 ) -> None:
     network = pointnet(tmp_path, config, CALIBRATED)
-    seen = cloud(size, size)
-    found = SecondStage(tmp_path / "features.onnx").features(seen.points, seen.colors)
-    taken = network_input(seen.points, seen.colors, config)
-    with torch.no_grad():
-        expected = network(torch.from_numpy(taken)[None])[0][0].numpy()
-    assert found.shape == (config.features,) and found.dtype == np.float32
-    np.testing.assert_allclose(found, expected, atol=1e-5 * max(1, np.abs(expected).max()))
-    assert expected.std() > 1e-3
+    stage = SecondStage(tmp_path / "features.onnx")
+    for size in (1, 7, 2000):
+        seen = cloud(size, size)
+        found = stage.features(seen.points, seen.colors)
+        taken = network_input(seen.points, seen.colors, config)
+        with torch.no_grad():
+            expected = network(torch.from_numpy(taken)[None])[0][0].numpy()
+        assert found.shape == (config.features,) and found.dtype == np.float32
+        np.testing.assert_allclose(found, expected, atol=1e-5 * max(1, np.abs(expected).max()))
+        assert expected.std() > 1e-3
 
 
 @rows("activation", ["relu", "none"])
 def test_onnxruntime_gives_the_probabilities_that_torch_gives(
-    activation: str, tmp_path: Path
+    activation: str, networks: Path, tmp_path: Path
 ) -> None:
-    pointnet(tmp_path, TINY)
-    config = TINY_COMPARISON.model_copy(update={"activation": activation})
-    network = comparison(tmp_path, config)
-    stage = SecondStage(tmp_path / "features.onnx", tmp_path / "comparison.onnx")
-    rows = np.random.default_rng(0).normal(size=(9, 32)).astype(np.float32)
+    network = comparison(tmp_path, activation=activation)
+    stage = SecondStage(networks / "features.onnx", tmp_path / "comparison.onnx")
+    table = np.random.default_rng(0).normal(size=(9, 32)).astype(np.float32)
     with torch.no_grad():
-        expected = network(torch.from_numpy(rows[:1]).expand(8, -1), torch.from_numpy(rows[1:]))
-    np.testing.assert_allclose(stage.probabilities(rows[0], rows[1:]), expected, atol=1e-5)
-    assert stage.probability(rows[0], rows[3]) == pytest.approx(float(expected[2]), abs=1e-5)
+        expected = network(torch.from_numpy(table[:1]).expand(8, -1), torch.from_numpy(table[1:]))
+    np.testing.assert_allclose(stage.probabilities(table[0], table[1:]), expected, atol=1e-5)
+    assert stage.probability(table[0], table[3]) == pytest.approx(float(expected[2]), abs=1e-5)
     assert np.ptp(expected.numpy()) > 0.01
 
 
@@ -96,50 +121,50 @@ def test_weights_come_back_as_they_were_saved(tmp_path: Path) -> None:
     assert torch.equal(loaded(taken)[0], network(taken)[0])
 
 
-def test_a_distance_becomes_the_probability_of_its_calibration(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY_COLORED, CALIBRATED)
-    stage = SecondStage(tmp_path / "features.onnx")
+def test_a_distance_becomes_the_probability_of_its_calibration(colored: SecondStage) -> None:
     first, second = np.eye(12, dtype=np.float32)[:2]
     expected = 1 / (1 + np.exp(8 * np.sqrt(2) - 4))
-    assert stage.probability(first, second) == pytest.approx(expected, rel=1e-5)
-    assert stage.probability(first, first) == pytest.approx(1 / (1 + np.exp(-4)), rel=1e-5)
+    assert colored.probability(first, second) == pytest.approx(expected, rel=1e-5)
+    assert colored.probability(first, first) == pytest.approx(1 / (1 + np.exp(-4)), rel=1e-5)
 
 
-@rows("suffix", ["safetensors", "onnx"])
-@rows("share", [0, 0.3, 0.95])
-def test_files_that_are_cut_short_are_named(suffix: str, share: float, tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY, CALIBRATED)
-    path = tmp_path / f"features.{suffix}"
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    read = load_pointnet if suffix == "safetensors" else SecondStage
-    with pytest.raises(DataError, match=rf"features\.{suffix}"):
-        read(path)
+@rows("suffix, read", [("safetensors", load_pointnet), ("onnx", SecondStage)])
+def test_files_that_are_cut_short_foreign_or_missing_are_named(
+    suffix: str, read: Callable[[Path], object], networks: Path, tmp_path: Path
+) -> None:
+    path = copy_artefact(networks / f"features.{suffix}", tmp_path / f"features.{suffix}")
+    check_damaged_files(path, read)
 
 
-def test_a_comparison_is_not_taken_for_features(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY, CALIBRATED)
-    comparison(tmp_path, TINY_COMPARISON)
+@rows("suffix, read", [("safetensors", load_pointnet), ("onnx", SecondStage)])
+def test_a_comparison_is_not_taken_for_features(
+    suffix: str, read: Callable[[Path], object], networks: Path
+) -> None:
     with refuses("other-kind"):
-        load_pointnet(tmp_path / "comparison.safetensors")
-    with refuses("other-kind"):
-        SecondStage(tmp_path / "comparison.onnx")
+        read(networks / f"comparison.{suffix}")
 
 
-def test_a_comparison_of_another_number_of_features_is_refused(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY)
-    comparison(tmp_path, TINY_COMPARISON.model_copy(update={"features": 30}))
+def test_a_comparison_of_another_number_of_features_is_refused(
+    networks: Path, tmp_path: Path
+) -> None:
+    comparison(tmp_path, features=30)
     with pytest.raises(DataError, match=r"30.*32"):
-        SecondStage(tmp_path / "features.onnx", tmp_path / "comparison.onnx")
+        SecondStage(networks / "features.onnx", tmp_path / "comparison.onnx")
 
 
-def test_tensors_that_do_not_fit_the_file_s_own_words_are_named(tmp_path: Path) -> None:
-    wider = TINY.model_copy(update={"points": (8, 16, 33)})
-    path = tmp_path / "odd.safetensors"
-    save_weights(path, PointNet(TINY), About("pointnet", wider))
-    with pytest.raises(DataError, match=r"points\.layers\.6\.weight"):
-        load_pointnet(path)
-    save_weights(path, PointNet(TINY), About("pointnet", TINY.model_copy(update={"embedding": 4})))
-    with pytest.raises(DataError, match=r"embedding\.bias"):
+@rows(
+    "change, named",
+    [
+        ({"points": (8, 16, 33)}, r"points\.layers\.6\.weight"),
+        ({"embedding": 4}, r"embedding\.bias"),
+    ],
+)
+def test_tensors_that_do_not_fit_the_file_s_own_words_are_named(
+    change: dict[str, Any], named: str, tmp_path: Path
+) -> None:
+    path, said = tmp_path / "odd.safetensors", TINY.model_copy(update=change)
+    save_weights(path, PointNet(TINY), About("pointnet", said))
+    with pytest.raises(DataError, match=named):
         load_pointnet(path)
 
 
@@ -153,10 +178,9 @@ def test_weights_that_are_not_finite_are_refused(tmp_path: Path) -> None:
 
 @rows("values", [{}, {"format": "fusionslam.network.9"}, {"format": "fusionslam.network.1"}])
 def test_onnx_of_others_or_of_another_version_is_refused(
-    values: dict[str, str], tmp_path: Path
+    values: dict[str, str], networks: Path, tmp_path: Path
 ) -> None:
-    pointnet(tmp_path, TINY)
-    model = onnx.load(tmp_path / "features.onnx")
+    model = onnx.load(networks / "uncalibrated" / "features.onnx")
     onnx.helper.set_model_props(model, {"fusionslam": json.dumps(values)})
     onnx.save(model, tmp_path / "odd.onnx")
     with pytest.raises(DataError, match=r"odd\.onnx"):
@@ -170,30 +194,20 @@ def test_a_graph_that_takes_other_rows_than_it_says_is_refused(tmp_path: Path) -
         SecondStage(tmp_path / "odd.onnx")
 
 
-def test_features_without_calibration_need_a_comparison(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY)
+def test_features_without_calibration_need_a_comparison(networks: Path) -> None:
     with refuses("no-calibration"):
-        SecondStage(tmp_path / "features.onnx")
+        SecondStage(networks / "uncalibrated" / "features.onnx")
 
 
-def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"nothing\.onnx"):
-        SecondStage(tmp_path / "nothing.onnx")
-
-
-def test_features_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY_COLORED, CALIBRATED)
-    stage = SecondStage(tmp_path / "features.onnx")
+def test_features_that_cannot_be_compared_are_refused(colored: SecondStage) -> None:
     with pytest.raises(ShapeError, match=r"\(11,\)"):
-        stage.probability(np.zeros(11, np.float32), np.zeros(12, np.float32))
+        colored.probability(np.zeros(11, np.float32), np.zeros(12, np.float32))
     with refuses("not-finite"):
-        stage.probability(np.full(12, np.nan, np.float32), np.zeros(12, np.float32))
+        colored.probability(np.full(12, np.nan, np.float32), np.zeros(12, np.float32))
 
 
-def test_clouds_without_points_or_colours_have_no_features(tmp_path: Path) -> None:
-    pointnet(tmp_path, TINY_COLORED, CALIBRATED)
-    stage = SecondStage(tmp_path / "features.onnx")
+def test_clouds_without_points_or_colours_have_no_features(colored: SecondStage) -> None:
     with refuses("no-points"):
-        stage.features(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+        colored.features(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
     with refuses("no-colors"):
-        stage.features(np.zeros((5, 3), np.float32))
+        colored.features(np.zeros((5, 3), np.float32))

@@ -3,12 +3,14 @@
 """Training: what networks compute, and that a training can be stopped and gone on with."""
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from artefacts import artefact, copy_artefact
 from fusionslam.config import merged
 from fusionslam.errors import ConfigError, DataError
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, worlds
@@ -30,8 +32,6 @@ from fusionslam.learning.train import Origin  # noqa: E402
 from fusionslam.learning.training_loop import OptimiserConfig  # noqa: E402
 from fusionslam.views.second_stage.architecture import HeadConfig  # noqa: E402
 
-pytestmark = pytest.mark.slow
-
 SHAPES_CONFIG = ShapesTrainingConfig(
     network=TINY,
     head=HeadConfig(layers=(16,)),
@@ -46,7 +46,23 @@ METRIC_CONFIG = MetricTrainingConfig(
 COMPARISON_CONFIG = ComparisonTrainingConfig(
     network=TINY_COMPARISON, optimiser=OptimiserConfig(epochs=4), batch=32
 )
+
 ORIGIN = Origin("fusionslam views train", "made up")
+
+
+@cache
+def shapes() -> tuple[ShapeSet, ShapeSet]:
+    return generate_shapes(SHAPES_CONFIG.procedural)
+
+
+def make_features(folder: Path) -> None:
+    runs.train_shapes(shapes(), SHAPES_CONFIG, folder, ORIGIN)
+
+
+@pytest.fixture(scope="session")
+def features() -> Path:
+    """What a training on shapes leaves."""
+    return artefact("trained_on_shapes", make_features)
 
 
 class Stopped(Exception):
@@ -113,95 +129,81 @@ def test_the_thesis_s_comparison_is_one_linear_step_and_ours_is_not() -> None:
 @pytest.mark.nightly
 @rows("kind", ["shapes", "places", "comparison"])
 def test_a_training_that_was_interrupted_ends_the_same(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, features: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def run(folder: Path, progress: Any = None) -> None:
-        train(kind, folder, tmp_path, progress)
+        if kind == "shapes":
+            runs.train_shapes(shapes(), SHAPES_CONFIG, folder, ORIGIN, progress)
+        elif kind == "places":
+            runs.train_places(worlds(2), worlds(1, 50), METRIC_CONFIG, folder, ORIGIN, progress)
+        else:
+            path = features / "features.safetensors"
+            runs.train_comparison(worlds(2), path, COMPARISON_CONFIG, folder, ORIGIN, progress)
 
-    run(tmp_path / "whole")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    run(whole)
     with pytest.raises(Stopped):
-        run(tmp_path / "parts", stop_at(1))
+        run(parts, stop_at(1))
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         task = {"shapes": "ShapesTask", "places": "MetricTask", "comparison": "ComparisonTask"}
         interrupt_in_epoch(getattr(runs, task[kind]), 2, patched)
-        run(tmp_path / "parts")
-    run(tmp_path / "parts")
+        run(parts)
+    run(parts)
     name = "comparison" if kind == "comparison" else "features"
-    for suffix in ("safetensors", "onnx"):
-        files = [tmp_path / part / f"{name}.{suffix}" for part in ("whole", "parts")]
-        assert files[0].read_bytes() == files[1].read_bytes()
-    for file in ("curves.csv", "curves.png"):
-        assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "parts" / file).read_bytes()
-    assert not list((tmp_path / "parts").glob(".*"))
+    for file in (f"{name}.safetensors", f"{name}.onnx", "curves.csv", "curves.png"):
+        assert (whole / file).read_bytes() == (parts / file).read_bytes(), file
+    assert not list(parts.glob(".*"))
 
 
-def train(kind: str, folder: Path, base: Path, progress: Any = None) -> None:
-    if kind == "shapes":
-        data = generate_shapes(SHAPES_CONFIG.procedural)
-        runs.train_shapes(data, SHAPES_CONFIG, folder, ORIGIN, progress)
-    elif kind == "places":
-        runs.train_places(worlds(2), worlds(1, 50), METRIC_CONFIG, folder, ORIGIN, progress)
-    else:
-        if not (base / "features" / "features.safetensors").exists():
-            train("shapes", base / "features", base)
-        features = base / "features" / "features.safetensors"
-        runs.train_comparison(worlds(2), features, COMPARISON_CONFIG, folder, ORIGIN, progress)
-
-
-def test_training_leaves_torch_s_threads_and_random_numbers_alone(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_places_are_learned_and_torch_s_threads_and_random_numbers_left_alone(
+    tmp_path: Path,
+) -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     torch.manual_seed(77)
     expected = torch.get_rng_state()
-    train("places", tmp_path / "run", tmp_path)
+    config = merged(METRIC_CONFIG, {"optimiser": {"epochs": 6, "learning_rate": 0.003}})
+    trained = runs.train_places(worlds(3), worlds(1, 50), config, tmp_path, ORIGIN)
     assert torch.equal(torch.get_rng_state(), expected)
     assert torch.get_num_threads() == 2
     torch.set_num_threads(before)
-
-
-def test_places_are_learned_end_to_end(tmp_path: Path) -> None:
-    config = merged(METRIC_CONFIG, {"optimiser": {"epochs": 6, "learning_rate": 0.003}})
-    trained = runs.train_places(worlds(4), worlds(2, 50), config, tmp_path, ORIGIN)
     assert trained.rows[-1]["loss"] < trained.rows[0]["loss"]
     assert trained.scores["auc"] > 0.8
 
 
-def test_a_checkpoint_of_other_settings_is_not_gone_on_with(tmp_path: Path) -> None:
-    data = generate_shapes(SHAPES_CONFIG.procedural)
-    runs.train_shapes(data, merged(SHAPES_CONFIG, {"optimiser": {"epochs": 1}}), tmp_path, ORIGIN)
-    other = merged(SHAPES_CONFIG, {"optimiser": {"epochs": 1, "seed": 6}})
+def test_a_checkpoint_of_other_settings_is_not_gone_on_with(features: Path, tmp_path: Path) -> None:
+    folder = copy_artefact(features, tmp_path / "run")
+    other = merged(SHAPES_CONFIG, {"optimiser": {"seed": 6}})
     with pytest.raises(ConfigError, match=r"optimiser\.seed .*5.*6"):
-        runs.train_shapes(data, other, tmp_path, ORIGIN)
+        runs.train_shapes(shapes(), other, folder, ORIGIN)
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path: Path) -> None:
-    train("shapes", tmp_path / "run", tmp_path)
-    path = tmp_path / "run" / "checkpoint.pt"
-    path.write_bytes(path.read_bytes()[:200])
+def test_a_damaged_checkpoint_is_named(features: Path, tmp_path: Path) -> None:
+    folder = copy_artefact(features, tmp_path / "run")
+    (folder / "checkpoint.pt").write_bytes((folder / "checkpoint.pt").read_bytes()[:200])
     with pytest.raises(DataError, match=r"checkpoint\.pt"):
-        train("shapes", tmp_path / "run", tmp_path)
+        runs.train_shapes(shapes(), SHAPES_CONFIG, folder, ORIGIN)
 
 
 def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
     config = merged(SHAPES_CONFIG, {"optimiser": {"learning_rate": 1e30}})
     with refuses("not-finite"):
-        runs.train_shapes(generate_shapes(config.procedural), config, tmp_path, ORIGIN)
+        runs.train_shapes(shapes(), config, tmp_path, ORIGIN)
 
 
 @rows(
-    "changes, words",
-    [({"network": {"colors": True}}, "network.colors"), ({"batch": 500}, "500")],
+    "changes, words", [({"network": {"colors": True}}, "network.colors"), ({"batch": 500}, "500")]
 )
 def test_shapes_that_do_not_fit_the_settings_are_refused(
     changes: dict[str, Any], words: str
 ) -> None:
-    data = generate_shapes(SHAPES_CONFIG.procedural)
     with pytest.raises((ConfigError, DataError), match=words):
-        ShapesTask(*data, merged(SHAPES_CONFIG, changes))
+        ShapesTask(*shapes(), merged(SHAPES_CONFIG, changes))
 
 
 def test_classes_to_train_on_and_to_judge_on_are_the_same() -> None:
-    train_set, test_set = generate_shapes(SHAPES_CONFIG.procedural)
+    train_set, test_set = shapes()
     other = ShapeSet(test_set.points, test_set.labels, test_set.names[::-1])
     with pytest.raises(DataError):
         ShapesTask(train_set, other, SHAPES_CONFIG)
@@ -213,10 +215,7 @@ def test_metric_learning_needs_features_of_length_one() -> None:
         MetricTask(worlds(1), worlds(1), config)
 
 
-def test_a_comparison_of_other_features_is_refused(tmp_path: Path) -> None:
-    train("shapes", tmp_path / "features", tmp_path)
-    config = merged(COMPARISON_CONFIG, {"network": {"features": 16}})
+def test_a_comparison_of_other_features_is_refused(features: Path, tmp_path: Path) -> None:
+    config, path = merged(COMPARISON_CONFIG, {"network": {"features": 16}}), "features.safetensors"
     with pytest.raises(ConfigError, match=r"network\.features .*16.*32"):
-        runs.train_comparison(
-            worlds(2), tmp_path / "features" / "features.safetensors", config, tmp_path, ORIGIN
-        )
+        runs.train_comparison(worlds(2), features / path, config, tmp_path, ORIGIN)

@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +15,11 @@ from fusionslam.evaluation import ViewRun
 from fusionslam.pipelines.views import odometry_of, run_views
 from fusionslam.report import write_view_report
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_recorder import SceneRecorder
 from fusionslam.views.scene_set import SceneSet
+from refusals import refuses
 from rows import rows
-from scenes import drive, place
+from scenes import drive, matcher, place
 
 THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
 LOOKS = (0, 1, 2, 3, 1, 2, 4)
@@ -37,10 +38,14 @@ def corridor(odometry: bool = True) -> SceneSet:
 
 @rows("kind", [None, "recorded", "drift"])
 def test_a_corridor_of_look_alike_places_is_matched_by_odometry(kind: str | None) -> None:
-    scenes, matcher = corridor(), ViewMatcher()
-    run = run_views(scenes, matcher, odometry=odometry_of(scenes, matcher, kind))
+    scenes, one = corridor(), ViewMatcher()
+    run = run_views(scenes, one, odometry=odometry_of(scenes, one, kind))
     assert run.ids.tolist() == list(THERE_AND_BACK) and run.follows_odometry
-    alone = run_views(scenes, ViewMatcher(), odometry=odometry_of(scenes, matcher, "none"))
+
+
+def test_without_odometry_look_alike_places_are_taken_for_one() -> None:
+    scenes, one = corridor(), ViewMatcher()
+    alone = run_views(scenes, one, odometry=odometry_of(scenes, one, "none"))
     assert alone.ids.tolist() != list(THERE_AND_BACK) and not alone.follows_odometry
 
 
@@ -81,19 +86,18 @@ def test_odometry_that_is_unknown_for_a_while_is_no_reason_to_stop() -> None:
     assert run.ids[:4].tolist() == [0, 1, 2, 3]
 
 
-def test_what_cannot_be_used_is_refused_or_left_out() -> None:
-    scenes, bare = corridor(), corridor(odometry=False)
-    objects = ViewMatcher(ViewMatcherConfig(method="objects"))
-    switched_off = ViewMatcher(ViewMatcherConfig(odometry=False))
-    for matcher in (objects, switched_off):
-        assert odometry_of(scenes, matcher) is None
-        with pytest.raises(ConfigError) as refused:
-            odometry_of(scenes, matcher, "recorded")
-        assert refused.value.code == "no-filter"
+@rows("values", [{"method": "objects"}, {"odometry": False}])
+def test_a_matcher_without_filter_uses_no_odometry(values: dict[str, Any]) -> None:
+    assert odometry_of(corridor(), matcher(**values)) is None
+    with refuses("no-filter", error=ConfigError):
+        odometry_of(corridor(), matcher(**values), "recorded")
+
+
+def test_a_set_without_odometry_is_matched_without() -> None:
+    bare = corridor(odometry=False)
     assert odometry_of(bare, ViewMatcher()) is None
-    with pytest.raises(DataError) as missing:
+    with refuses("no-odometry"):
         odometry_of(bare, ViewMatcher(), "recorded")
-    assert missing.value.code == "no-odometry"
     with pytest.raises(DataError):
         odometry_of(replace(bare, poses=None), ViewMatcher(), "drift")
 
@@ -125,19 +129,21 @@ def test_the_report_shows_the_belief(tmp_path: Path) -> None:
     text = write_view_report(doubtful_run(), tmp_path).read_text(encoding="utf-8")
     assert "Answers that were held back" in text and "the robot is lost" in text
     assert len([*tmp_path.glob("views_belief_*.png")]) == 1
+
+
+def test_the_report_of_scans_alone_shows_no_belief(tmp_path: Path) -> None:
     alone = run_views(corridor(), ViewMatcher()).with_truth("alone")
-    text = write_view_report(alone, tmp_path / "alone").read_text(encoding="utf-8")
-    assert "held back" not in text and not [*(tmp_path / "alone").glob("views_belief_*.png")]
+    text = write_view_report(alone, tmp_path).read_text(encoding="utf-8")
+    assert "held back" not in text and not [*tmp_path.glob("views_belief_*.png")]
 
 
 def test_the_command_takes_the_odometry_of_a_set_unless_told_otherwise(tmp_path: Path) -> None:
     corridor().save(tmp_path / "set.npz")
+    corridor(odometry=False).save(tmp_path / "bare.npz")
     options = ("-o", tmp_path / "out", "--no-report")
     said = succeeds("views", "match", tmp_path / "set.npz", *options).stdout
     assert "weighed by odometry: 0 ambiguous" in said
     said = succeeds("views", "match", tmp_path / "set.npz", *options, "--odometry", "none").stdout
     assert "weighed by odometry" not in said
-    corridor(odometry=False).save(tmp_path / "bare.npz")
-    assert "has no odometry" in fails(
-        1, "views", "match", tmp_path / "bare.npz", *options, "--odometry", "recorded"
-    )
+    wanted = (*options, "--odometry", "recorded")
+    assert "has no odometry" in fails(1, "views", "match", tmp_path / "bare.npz", *wanted)

@@ -3,6 +3,7 @@
 """The registry of recognisers: one name each, and one line for a new one."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewMatcherConfig
 from recordings import write_drive
 from rows import rows
-from scenes import place
+from scenes import matcher, place
 from stored import change_archive
 
 
@@ -40,28 +41,28 @@ def heights(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("heights")
 def test_a_new_recogniser_works_everywhere(tmp_path: Path) -> None:
-    data, chosen = write_drive(tmp_path / "drive.npz"), ("--set", "views.method=heights")
-    succeeds("views", "match", data, "-o", tmp_path / "match", *chosen, "--no-report")
-    ids = (tmp_path / "match" / "matches.csv").read_text().splitlines()
-    assert len(ids) > 10
+    data = write_drive(tmp_path / "drive.npz", step_s=0.5)
+    chosen = ("--set", "views.method=heights", "--no-report")
+    succeeds("views", "match", data, "-o", tmp_path / "match", *chosen)
+    assert len((tmp_path / "match" / "matches.csv").read_text().splitlines()) > 10
 
-    succeeds("bench", "views", data, "-o", tmp_path / "bench", "-m", "heights")
+    succeeds("bench", "views", data, "-o", tmp_path / "bench", "-m", "heights", "--no-report")
     rows = json.loads((tmp_path / "bench" / "views_bench.json").read_text())["results"]
     assert rows[0]["method"] == rows[0]["title"] == "heights"
     assert rows[0]["paper"]["accuracy"] > 0.5
     assert "heights of clouds" in succeeds("bench", "views", "-m", "list").stdout
 
-    words = ("--odometry", "truth", "--no-report")
-    succeeds("ratslam", data, "-o", tmp_path / "map", "--views", "heights", *words)
+    words = ("--views", "heights", "--odometry", "truth", "--no-report")
+    succeeds("ratslam", data, "-o", tmp_path / "map", *words)
     assert RatSlamRun.load(tmp_path / "map" / "run.npz").views == "heights"
     assert merged(ViewsConfig(), {"source": "heights"}).source == "heights"
 
 
 @pytest.mark.usefixtures("heights")
 def test_a_matcher_with_a_new_recogniser_is_stored_and_continues(tmp_path: Path) -> None:
-    matcher = ViewMatcher(ViewMatcherConfig(method="heights"))
-    assert matcher.process(place(0)).id == 0
-    matcher.save(tmp_path / "views.npz")
+    one = matcher(method="heights")
+    assert one.process(place(0)).id == 0
+    one.save(tmp_path / "views.npz")
     assert ViewMatcher.load(tmp_path / "views.npz").process(place(0)).id == 0
 
 
@@ -75,57 +76,69 @@ def test_every_method_is_a_recogniser_with_a_preset_or_a_baseline() -> None:
 
 @rows("former, name", RENAMED_METHODS.items())
 def test_a_former_name_is_refused_with_the_name_of_today(former: str, name: str) -> None:
-    message = name
+    uses: list[Callable[[], object]] = []
     if former not in RECOGNISERS:
-        with pytest.raises(ConfigError, match=message):
-            find_method(former)
+        uses.append(lambda: find_method(former))
     if former in RENAMED:
-        with pytest.raises(ConfigError, match=message):
-            merged(ViewMatcherConfig(), {"method": former})
-        with pytest.raises(ConfigError, match=message):
-            build_view_source(former)
-        with pytest.raises(ConfigError, match=message):
-            merged(ViewsConfig(), {"source": former})
+        uses.append(lambda: merged(ViewMatcherConfig(), {"method": former}))
+        uses.append(lambda: build_view_source(former))
+        uses.append(lambda: merged(ViewsConfig(), {"source": former}))
+    for use in uses:
+        with pytest.raises(ConfigError, match=name):
+            use()
 
 
-def test_the_preset_of_a_descriptor_is_the_one_that_is_compared() -> None:
-    """Version 0.1 called it "m2dp, paper" and computed robust."""
-    for name, preset in (("m2dp", "robust"), ("m2dp:paper", "paper"), ("cm2dp:author", "author")):
-        build = find_method(name).matcher
-        assert build is not None and build().descriptor_config.preset == preset
-    for name in ("shot:paper", "m2dp:papr"):
-        with pytest.raises(ConfigError):
-            find_method(name)
+# Version 0.1 called it "m2dp, paper" and computed robust.
+@rows("name, preset", [("m2dp", "robust"), ("m2dp:paper", "paper"), ("cm2dp:author", "author")])
+def test_the_preset_of_a_descriptor_is_the_one_that_is_compared(name: str, preset: str) -> None:
+    build = find_method(name).matcher
+    assert build is not None and build().descriptor_config.preset == preset
 
 
-def test_commands_refuse_former_and_unknown_names(tmp_path: Path) -> None:
-    out, data = ("-o", tmp_path / "out"), tmp_path / "x.npz"
-    data.touch()
-    assert "two_stages" in fails(2, "ratslam", data, *out, "--views", "two-stage")
-    assert "alignment" in fails(2, "ratslam", data, *out, "--views", "smell")
-    assert "objects:author" in fails(2, "bench", "views", *out, "-m", "first_stage")
-    assert "objects" in fails(2, "config", "--set", "views.method=scenes")
-    assert "method=cm2dp" in fails(2, "config", "--set", "views.descriptor=shot")
-    with pytest.raises(ConfigError, match="visual_templates"):
-        ViewMatcher(ViewMatcherConfig(method="visual_templates"))
+@rows("name", ["shot:paper", "m2dp:papr"])
+def test_unknown_presets_are_refused(name: str) -> None:
+    with pytest.raises(ConfigError):
+        find_method(name)
 
 
 @rows(
-    "method, former, kind",
-    [("objects", "scenes", "scenes"), ("shot", "descriptor", "descriptor")],
+    "right, command",
+    [
+        ("two_stages", ("ratslam", "DATA", "-o", "OUT", "--views", "two-stage")),
+        ("alignment", ("ratslam", "DATA", "-o", "OUT", "--views", "smell")),
+        ("objects:author", ("bench", "views", "-o", "OUT", "-m", "first_stage")),
+        ("objects", ("config", "--set", "views.method=scenes")),
+        ("method=cm2dp", ("config", "--set", "views.descriptor=shot")),
+    ],
+)
+def test_commands_refuse_former_and_unknown_names(
+    right: str, command: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "x.npz").touch()
+    places = {"DATA": tmp_path / "x.npz", "OUT": tmp_path / "out"}
+    assert right in fails(2, *(places.get(word, word) for word in command))
+
+
+def test_a_recogniser_of_images_compares_no_scans() -> None:
+    with pytest.raises(ConfigError, match="visual_templates"):
+        matcher(method="visual_templates")
+
+
+@rows(
+    "method, former, kind", [("objects", "scenes", "scenes"), ("shot", "descriptor", "descriptor")]
 )
 def test_views_that_a_former_version_stored_are_loaded(
     method: str, former: str, kind: str, tmp_path: Path
 ) -> None:
-    matcher = ViewMatcher(ViewMatcherConfig(method=method))
-    matcher.process(place(0))
-    matcher.save(tmp_path / "new.npz")
+    path, one = tmp_path / "views.npz", matcher(method=method)
+    one.process(place(0))
+    one.save(path)
 
     def rename(about: dict[str, Any], _: object) -> None:
         about["views"] |= {"method": former, "descriptor": "shot"}
         about["comparison"] = kind
 
-    change_archive(tmp_path / "new.npz", rename)
-    loaded = ViewMatcher.load(tmp_path / "new.npz")
+    change_archive(path, rename)
+    loaded = ViewMatcher.load(path)
     assert loaded.config.method == method
     assert loaded.process(place(0)).id == 0
