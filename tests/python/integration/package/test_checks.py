@@ -10,6 +10,7 @@ from types import ModuleType
 import pytest
 
 from project import PROJECT
+from rows import rows
 
 
 @pytest.fixture
@@ -19,7 +20,7 @@ def checks(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("benchmarks.accuracy.checks")
 
 
-@pytest.mark.parametrize(("value", "code", "verdict"), [(9e-5, 0, "pass"), (2e-4, 1, "FAIL")])
+@rows("value, code, verdict", [(9e-5, 0, "pass"), (2e-4, 1, "FAIL")])
 def test_a_check_beyond_its_bound_fails(
     checks: ModuleType,
     monkeypatch: pytest.MonkeyPatch,

@@ -5,7 +5,6 @@
 from typing import Any
 
 import numpy as np
-import pytest
 
 from benchmarks.accuracy import descriptors as command
 from benchmarks.accuracy.descriptor_pairs import distance_by, share
@@ -13,6 +12,7 @@ from benchmarks.accuracy.descriptors import GROUPS, KINDS, WORLDS, is_ours, tabl
 from benchmarks.accuracy.kitti_pairs import PLACES
 from fusionslam.evaluation import DescriptorRun, evaluate, evaluate_verified
 from fusionslam.report.loops.comparison import Compared, pair_up
+from rows import rows
 from verified import PLACES as WAY
 from verified import verified_run
 
@@ -81,8 +81,8 @@ def test_the_verdict_names_the_best_and_the_best_of_ours_where_it_loses() -> Non
     assert "`shot` 1.000; the best of ours, `m2dp`, " in top
 
 
-@pytest.mark.parametrize(
-    ("name", "ours"),
+@rows(
+    "name, ours",
     [
         *(("m2dp", True), ("m2dp:author", False), ("cm2dp:upright", True)),
         *(("shot", False), ("bev_spectrum", True), ("scan_context", False)),

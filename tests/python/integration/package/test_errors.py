@@ -21,6 +21,7 @@ from fusionslam.errors import (
     needing,
 )
 from fusionslam.storage.files import reading
+from rows import rows
 
 
 def raised(number: int, code: str | None = None, name: str = "left") -> FusionSlamError:
@@ -49,8 +50,8 @@ def test_what_needs_a_package_names_the_extra() -> None:
     assert (caught.value.code, caught.value.fields) == ("missing-extra", ("fleet",))
 
 
-@pytest.mark.parametrize(
-    ("error", "code"),
+@rows(
+    "error, code",
     [
         (OSError(errno.EADDRINUSE, ""), "port-in-use"),
         (OSError(errno.EADDRNOTAVAIL, ""), "no-host"),

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import cli
+from artefacts import artefact, copy_artefact
 from benchmarks.theses import map_study, view_study
 from benchmarks.theses.__main__ import app
 from benchmarks.theses.conclusions import _SHOWN, Claim, Operand, decide
@@ -30,11 +31,15 @@ from fusionslam.evaluation.loops.published import (
     PUBLISHED_SECONDS,
 )
 from recordings import write_drive
-
-pytestmark = pytest.mark.slow
+from rows import rows
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
+
+
+def never(*arguments: Any) -> Any:
+    raise AssertionError("worked for nothing")
+
 
 fails = partial(cli.fails, command=app)
 CHAPTER4 = ("recall", "describe_ms")
@@ -42,12 +47,23 @@ succeeds = partial(cli.succeeds, command=app)
 VIEWS = ("objects:author", "visual_templates", "alignment")
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("data")
-    (folder / "recordings").mkdir()
-    write_drive(folder / "recordings" / "warehouse.npz")
+def write_data(folder: Path, laps: int = 2) -> Path:
+    (folder / "recordings").mkdir(parents=True)
+    write_drive(folder / "recordings" / "warehouse.npz", laps=laps)
     return folder
+
+
+@pytest.fixture(scope="module")
+def data() -> Path:
+    return artefact("theses", write_data)
+
+
+def kitti_named(kitti: Path, number: str, target: Path) -> str:
+    """A copy of the drive as another sequence of KITTI."""
+    copy_artefact(kitti.parent.parent, target)
+    (target / "sequences/03").rename(target / f"sequences/{number}")
+    (target / "poses/03.txt").rename(target / f"poses/{number}.txt")
+    return str(target)
 
 
 def config_of(data: Path, **changes: Any) -> ReproduceConfig:
@@ -100,8 +116,9 @@ def test_published_figures_are_those_of_the_theses() -> None:
     assert find_published("warehouse", "alignment", "accuracy") is None
 
 
-@pytest.mark.parametrize(
-    ("title", "figures"),
+@pytest.mark.nightly
+@rows(
+    "title, figures",
     [
         ("Table 5.2, accuracy in %, the thesis's set-up", ("88.8", "77.7")),
         ("Table 5.2, accuracy in %, strictly", ("88.8", "77.7")),
@@ -132,6 +149,7 @@ def test_every_table_has_the_published_figure_beside_ours(
         assert row[heads.index("original RatSLAM") + 1] == figures[1]
 
 
+@pytest.mark.nightly
 def test_the_page_holds_what_the_markdown_says_and_every_picture(made: Path) -> None:
     page, text = (made / "reproduce.html").read_text(), (made / "reproduce.md").read_text()
     for heading in re.findall(r"^## (.*)$", text, flags=re.MULTILINE):
@@ -144,6 +162,7 @@ def test_the_page_holds_what_the_markdown_says_and_every_picture(made: Path) -> 
     assert "http" not in re.sub(r"http-equiv", "", page)
 
 
+@pytest.mark.nightly
 def test_what_cannot_be_had_is_named_and_costs_nothing_else(made: Path) -> None:
     text = (made / "reproduce.md").read_text()
     assert "Missing: warehouse: templates: no images." in text
@@ -151,6 +170,7 @@ def test_what_cannot_be_had_is_named_and_costs_nothing_else(made: Path) -> None:
     assert row[heads.index("original RatSLAM")] == "\N{EN DASH}"
 
 
+@pytest.mark.nightly
 def test_figures_say_what_the_tables_say(made: Path) -> None:
     content = json.loads((made / "reproduce.json").read_text())
     wanted = ("warehouse", "robot", "objects:author")
@@ -163,12 +183,10 @@ def test_figures_say_what_the_tables_say(made: Path) -> None:
     assert maps["truth", "visual_templates", "robust"]["report"] is None
 
 
+@pytest.mark.nightly
 def test_the_same_command_again_recomputes_nothing(
     again: Path, data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def never(*arguments: Any) -> Any:
-        raise AssertionError("worked on again")
-
     text, before = (again / "reproduce.md").read_text(), pieces_of(again)
     monkeypatch.setattr(view_study, "sweep_thresholds", never)
     monkeypatch.setattr(map_study, "run_events", never)
@@ -177,6 +195,7 @@ def test_the_same_command_again_recomputes_nothing(
     assert "88.8" in text
 
 
+@pytest.mark.nightly
 def test_a_run_that_is_cut_goes_on_where_it_stopped(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,6 +222,7 @@ def test_a_run_that_is_cut_goes_on_where_it_stopped(
     assert kept.items() <= pieces_of(tmp_path).items()
 
 
+@pytest.mark.nightly
 def test_a_damaged_piece_is_made_again_and_named(
     again: Path, data: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -220,13 +240,11 @@ def test_a_damaged_piece_is_made_again_and_named(
     assert rows_under(again, "Table 5.2, accuracy in %, strictly") == heads
 
 
+@pytest.mark.nightly
 def test_other_scans_are_not_taken_for_the_same(again: Path, data: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other" / "recordings"
-    other.mkdir(parents=True)
-    write_drive(other / "warehouse.npz", laps=3)
+    other = write_data(tmp_path / "other", laps=3)
     before = pieces_of(again)
-    config = config_of(other.parent, views=("objects:author",), parts=("views",))
-    reproduce(config, again)
+    reproduce(config_of(other, views=("objects:author",), parts=("views",)), again)
     after = pieces_of(again)
     drive = [name for name in after if name.startswith("warehouse-drive")]
     assert len(drive) == 1 and drive[0] not in before
@@ -258,17 +276,14 @@ def test_missing_data_and_unknown_names_are_one_line(
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def never(*arguments: Any) -> Any:
-        raise AssertionError("worked for nothing")
-
     monkeypatch.setattr(view_study, "run_method", never)
     (tmp_path / "file").touch()
-    with pytest.raises(DataError, check=has_code("cannot-write")):
-        reproduce(config_of(data), tmp_path / "file" / "out")
-    with pytest.raises(DataError, check=has_code("cannot-write")):
-        reproduce(config_of(data), "/proc/nowhere")
+    for target in (tmp_path / "file" / "out", "/proc/nowhere"):
+        with pytest.raises(DataError, check=has_code("cannot-write")):
+            reproduce(config_of(data), target)
 
 
+@pytest.mark.nightly
 def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
     given = ("--data", data, "--worlds", "warehouse", "--parts", "views")
     given += ("--views", "objects:author")
@@ -279,14 +294,12 @@ def test_the_command_prints_its_page(data: Path, tmp_path: Path) -> None:
     assert "Figures of a quick run are no results" in (tmp_path / "reproduce.md").read_text()
 
 
+@pytest.mark.nightly
 def test_descriptors_of_kitti_stand_beside_what_was_published(
     kitti: Path, data: Path, tmp_path: Path
 ) -> None:
-    root = tmp_path / "kitti"
-    shutil.copytree(kitti.parent.parent, root)
-    (root / "sequences/03").rename(root / "sequences/06")
-    (root / "poses/03.txt").rename(root / "poses/06.txt")
-    config = config_of(data, parts=("descriptors",), kitti=str(root), quick=True)
+    root = kitti_named(kitti, "06", tmp_path / "kitti")
+    config = config_of(data, parts=("descriptors",), kitti=root, quick=True)
     reproduce(config, tmp_path / "out")
     heads, row, *others = rows_under(tmp_path / "out", "Table 4.4")
     assert row[0] == "KITTI 06" and len(others) == 3
@@ -299,13 +312,12 @@ def test_descriptors_of_kitti_stand_beside_what_was_published(
     assert [row[4] for row in rows] == ["0.892", "0.915", "0.868"]
 
 
+@pytest.mark.nightly
 def test_what_their_author_stored_comes_out_again(
     test_data: Path, kitti: Path, tmp_path: Path
 ) -> None:
-    shutil.copytree(kitti.parent.parent, tmp_path / "kitti")
-    (tmp_path / "kitti/sequences/03").rename(tmp_path / "kitti/sequences/07")
-    (tmp_path / "kitti/poses/03.txt").rename(tmp_path / "kitti/poses/07.txt")
-    config = config_of(test_data, kitti=str(tmp_path / "kitti"), quick=True)
+    root = kitti_named(kitti, "07", tmp_path / "kitti")
+    config = config_of(test_data, kitti=root, quick=True)
     stored = study_descriptors(config, tmp_path / "out", 1, None).stored
     assert stored is not None
     assert stored.equal == stored.rows > 1000

@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 from project import PROJECT
+from rows import rows
 
 
 def load_script(name: str) -> ModuleType:
@@ -23,7 +24,7 @@ def load_script(name: str) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize(
+@rows(
     "planted",
     [
         f"{PROJECT}/build/wheel/opencv/modules/core/src/matrix",
@@ -68,7 +69,7 @@ def test_checksums_and_sbom_name_every_file_of_a_release(release: Path) -> None:
     load_script("release_files").check(release)
 
 
-@pytest.mark.parametrize("name", ["fusionslam-1.whl", "fusionslam.cdx.json", "fusionslam-3.whl"])
+@rows("name", ["fusionslam-1.whl", "fusionslam.cdx.json", "fusionslam-3.whl"])
 def test_a_file_that_changes_or_comes_after_the_checksums_is_found(
     release: Path, name: str
 ) -> None:

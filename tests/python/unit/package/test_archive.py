@@ -22,13 +22,14 @@ from fusionslam.storage.archive import (
     save_archive,
     save_json,
 )
+from rows import rows
 from stored import change_archive, change_json
 
 FORMAT = "fusionslam.test.1"
 ROWS = np.arange(6, dtype=np.int64).reshape(2, 3)
 
 
-@pytest.mark.parametrize("compress", [False, True])
+@rows("compress", [False, True])
 def test_an_archive_in_a_file_and_in_a_stream_holds_the_same(
     tmp_path: Path, compress: bool
 ) -> None:
@@ -130,7 +131,7 @@ def test_files_of_earlier_versions_have_no_digests_and_are_read(tmp_path: Path) 
         assert content == {"name": "y"}
 
 
-@pytest.mark.parametrize("change", ["other numbers", "another", "one less", "other shape", "about"])
+@rows("change", ["other numbers", "another", "one less", "other shape", "about"])
 def test_a_file_changed_by_another_program_is_refused(tmp_path: Path, change: str) -> None:
     path = tmp_path / "a.npz"
     save_archive(path, FORMAT, {"name": "x"}, {"rows": ROWS, "no": np.zeros(0)})
@@ -189,7 +190,7 @@ HOSTILE: dict[str, bytes] = {
 }
 
 
-@pytest.mark.parametrize("content", HOSTILE)
+@rows("content", HOSTILE)
 def test_an_array_that_its_header_does_not_describe_is_refused(
     tmp_path: Path, content: str
 ) -> None:
@@ -200,7 +201,7 @@ def test_an_array_that_its_header_does_not_describe_is_refused(
         pass
 
 
-@pytest.mark.parametrize("name", ["rows", "../rows.npy.py", "rows.txt"])
+@rows("name", ["rows", "../rows.npy.py", "rows.txt"])
 def test_members_that_are_no_arrays_are_refused(tmp_path: Path, name: str) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as written:
         written.writestr(name, npy("(4,)"))

@@ -7,9 +7,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from benchmarks.speed import timing
 from benchmarks.speed.cases import Bound, Case, Result, WrongAnswer, agree, measured, times_faster
 from benchmarks.speed.inputs import random_descriptors, resized
 from benchmarks.speed.timing import Comparison, Limits, Ratio, Times, alternate, compare, exponent
+from rows import rows
+
+
+@pytest.fixture(autouse=True)
+def collects_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A collection of all garbage takes the longer, the more other tests have loaded."""
+    monkeypatch.setattr(timing.gc, "collect", lambda: 0)
+
 
 FIVE = Limits(seconds=0, least=5, most=5)
 
@@ -60,7 +69,7 @@ def test_without_a_peer_there_is_no_ratio() -> None:
     assert comparison == Comparison(Times(1, 3, pytest.approx(4.8), 5))
 
 
-@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+@rows("power", [0.5, 1.0, 2.0])
 def test_the_exponent_of_a_power_law_is_found(power: float) -> None:
     sizes = [1000, 3000, 10000, 25000]
     assert exponent(sizes, [1e-6 * n**power for n in sizes]) == pytest.approx(power)
@@ -76,7 +85,7 @@ def test_one_size_has_no_exponent() -> None:
     assert np.isnan(exponent([100], [1.0]))
 
 
-@pytest.mark.parametrize(
+@rows(
     "bound, met",
     [
         (times_faster(10), True),
@@ -91,7 +100,7 @@ def test_bounds_are_judged_by_the_medians(bound: Bound, met: bool) -> None:
     assert bound.judge(comparison).met is met
 
 
-@pytest.mark.parametrize("error", [0.2, float("nan"), float("inf")])
+@rows("error", [0.2, float("nan"), float("inf")])
 def test_an_error_beyond_the_tolerance_is_a_wrong_answer(error: float) -> None:
     with pytest.raises(WrongAnswer, match=r"votes.*\b0\.1"):
         agree("votes", error, 0.1)

@@ -4,8 +4,6 @@
 
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -21,17 +19,18 @@ def said(line: str) -> tuple[str, list[float]]:
     return re.sub(NUMBER, "", line), [float(number) for number in re.findall(NUMBER, line)]
 
 
-def test_the_square_of_the_docs_ends_as_they_say(tmp_path: Path) -> None:
+def test_the_square_of_the_docs_ends_as_they_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = PAGE.read_text(encoding="utf-8")
     found = re.search(
         r"```python\n(.*?)```\n\n```text\n(.*?)\n\.\.\.\n(.*?)\n```\n(.*)", text, re.DOTALL
     )
     assert found is not None
     program, first, last, after = found.groups()
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, check=True, text=True
-    )
-    lines = done.stdout.splitlines()
+    monkeypatch.chdir(tmp_path)
+    exec(program, {})
+    lines = capsys.readouterr().out.splitlines()
     shown = [first, *last.splitlines()]
     for line, wanted in zip([lines[0], *lines[-2:]], shown, strict=True):
         words, numbers = said(line)
