@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from artefacts import artefact, copy_artefact
 from cli import error_of, run, succeeds
 from fusionslam import datasets
 from fusionslam.errors import DataError
@@ -23,9 +24,13 @@ COUNT = 12
 
 @pytest.fixture
 def corridor(tmp_path: Path) -> Path:
+    return copy_artefact(artefact("cli-corridor", write_corridor), tmp_path / "corridor")
+
+
+def write_corridor(folder: Path) -> None:
     """A plain folder of scans, 0.05 m apart along x, and where the scanner is on the robot."""
-    rng, folder = np.random.default_rng(8), tmp_path / "corridor"
-    (folder / "clouds").mkdir(parents=True)
+    rng = np.random.default_rng(8)
+    (folder / "clouds").mkdir()
     walls = rng.uniform((-6, -2, -0.5), (8, 2, 2), (6000, 3))
     rows = np.arange(len(walls))
     axis = rng.choice([0, 1, 1, 2], len(walls))
@@ -40,7 +45,6 @@ def corridor(tmp_path: Path) -> Path:
     (folder / "times.txt").write_text("".join(f"{100 + k / 10:.1f}\n" for k in range(COUNT)))
     robot_from_points = [1, 0, 0, 0.3, 0, 1, 0, 0, 0, 0, 1, 0.5, 0, 0, 0, 1]
     (folder / "calib.yaml").write_text(f"robot_from_points: {robot_from_points}\n")
-    return folder
 
 
 def truth() -> Matrix:
@@ -74,9 +78,8 @@ def test_poses_by_frame_have_the_format_of_kitti(corridor: Path, tmp_path: Path)
 def test_drift_is_printed_where_the_truth_is_known(corridor: Path, tmp_path: Path) -> None:
     dataset = datasets.open_dataset(corridor)
     datasets.write_poses_tum(tmp_path / "truth.txt", dataset.stamps_ns, truth())
-    result = succeeds(
-        "odometry", corridor, "-o", tmp_path / "o.txt", "--gt", tmp_path / "truth.txt"
-    )
+    words = ("odometry", corridor, "-o", tmp_path / "o.txt", "--gt", tmp_path / "truth.txt")
+    result = succeeds(*words)
     assert len(result.stdout.splitlines()) == 2
 
 

@@ -18,6 +18,7 @@ from fusionslam.pipelines import tuning
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.presets import preset_names
 from fusionslam.views.scene_set import SceneSet
+from rows import rows
 from scenes import LAPS, drive, place, write_recording
 
 QUICK = ("--set", "tuning.population=4", "--set", "tuning.generations=3", "--jobs", "1")
@@ -29,7 +30,15 @@ def scenes(tmp_path: Path) -> Path:
     return tmp_path / "scenes.npz"
 
 
-def rows(path: Path) -> list[dict[str, str]]:
+@pytest.fixture
+def small(scenes: Path) -> Path:
+    """The same scenes, without clouds."""
+    path = scenes.with_name("small.npz")
+    succeeds("views", "record", scenes, "-o", path, "--only-scenes")
+    return path
+
+
+def table(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -56,9 +65,9 @@ def test_a_recording_is_recorded_matched_and_judged(tmp_path: Path) -> None:
     assert last_line(result) == str(tmp_path / "out/matches.csv")
     assert "100.0 %" in result.stdout and "new every 3rd" in result.stdout
     assert "14 scans: 8 matched, 6 places, 0 with nothing to recognise" in result.stdout
-    table = rows(tmp_path / "out/matches.csv")
-    assert [int(row["id"]) for row in table] == list(LAPS)
-    assert table[6]["matched"] == "0" and "matched view 0: similarity" in table[6]["reason"]
+    matches = table(tmp_path / "out/matches.csv")
+    assert [int(row["id"]) for row in matches] == list(LAPS)
+    assert matches[6]["matched"] == "0" and "matched view 0: similarity" in matches[6]["reason"]
 
 
 def test_matching_writes_a_page_and_a_matcher_that_goes_on(scenes: Path, tmp_path: Path) -> None:
@@ -102,16 +111,33 @@ def test_a_curve_names_the_best_thresholds(scenes: Path, tmp_path: Path) -> None
         assert curve.at(best)["loop_recall"] == 1
 
 
-def test_scenes_alone_make_a_small_set_that_is_matched_alike(scenes: Path, tmp_path: Path) -> None:
-    small = tmp_path / "small.npz"
-    succeeds("views", "record", scenes, "-o", small, "--only-scenes")
+@rows("method", ["alignment", "objects"])
+def test_scenes_alone_make_a_small_set_that_is_matched_alike(
+    method: str, scenes: Path, small: Path, tmp_path: Path
+) -> None:
     assert small.stat().st_size < scenes.stat().st_size
+    ids = []
     for path in (scenes, small):
-        succeeds("views", "match", path, "-o", tmp_path / path.stem, "--no-report")
-    one, two = (rows(tmp_path / name / "matches.csv") for name in ("scenes", "small"))
-    assert [row["id"] for row in one] == [row["id"] for row in two]
-    other = ("--set", "views.preset=author")
-    assert error_of(1, "views", "match", small, "-o", tmp_path, *other).code == "no-clouds"
+        chosen = ("--set", f"views.method={method}", "--no-report")
+        succeeds("views", "match", path, "-o", tmp_path / path.stem, *chosen)
+        ids.append([row["id"] for row in table(tmp_path / path.stem / "matches.csv")])
+    assert ids[0] == ids[1] and ids[0][0] == "0"
+
+
+@rows(
+    "setting, kind",
+    [
+        ("views.method=cm2dp", "cm2dp"),
+        ("views.preset=author", "objects"),
+        ("views.second_stage=places", "two_stage"),
+    ],
+)
+def test_a_set_without_clouds_says_what_it_lacks(
+    setting: str, kind: str, small: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("onnxruntime")
+    error = error_of(1, "views", "match", small, "-o", tmp_path / "out", "--set", setting)
+    assert error.code == "no-clouds" and error.fields[0].startswith(kind)
 
 
 def test_a_bag_becomes_a_scene_set_in_the_robots_frame(tmp_path: Path) -> None:
@@ -174,7 +200,34 @@ def test_values_that_come_along_are_used_by_name(scenes: Path, tmp_path: Path) -
 
 
 def test_a_set_that_is_cut_or_missing_is_named(scenes: Path, tmp_path: Path) -> None:
-    scenes.write_bytes(scenes.read_bytes()[:-200])
-    assert "scenes.npz" in fails(1, "views", "match", scenes, "-o", tmp_path)
+    whole = scenes.read_bytes()
+    for words in (("views", "match"), ("views", "curve"), ("tune",)):
+        for size in (0, 10, 2000, len(whole) - 200):
+            scenes.write_bytes(whole[:size])
+            assert "scenes.npz" in fails(1, *words, scenes, "-o", tmp_path / "out")
     missing = ("views", "match", tmp_path / "none.npz", "-o", tmp_path)
     assert error_of(1, *missing).code == "no-such-data"
+
+
+@rows("option, value", [("--gt", "poses.txt"), ("--kind", "folder"), ("--sequence", "07")])
+def test_what_would_not_be_heard_is_refused(
+    option: str, value: str, scenes: Path, tmp_path: Path
+) -> None:
+    ranges = tmp_path / "ranges.npz"
+    write_recording(ranges, LAPS)
+    for data in (scenes, ranges):
+        for command in ("match", "curve", "record"):
+            line = fails(2, "views", command, data, "-o", tmp_path / "out", option, value)
+            assert option in line and str(data) in line
+
+
+def test_a_missing_extra_is_told_before_the_work_and_only_where_it_is_needed(
+    scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: None)
+    plain, out = tmp_path / "plain.npz", tmp_path / "out"
+    drive(LAPS, poses=False).save(plain)
+    assert error_of(1, "views", "match", scenes, "-o", out).fields == ("report",)
+    assert not (out / "matches.csv").exists()
+    succeeds("views", "match", scenes, "-o", out, "--no-report")
+    succeeds("views", "match", plain, "-o", out)
