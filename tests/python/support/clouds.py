@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.sensors.frame import Cloud
 from project import SMALL_DATA
 
 Points = NDArray[np.float32]
@@ -69,6 +70,14 @@ def scan_blocks(pose: ArrayLike, seed: int, count: int = 30000, *, place: int = 
     seen = points @ sensor_from_world[:3, :3].T + sensor_from_world[:3, 3]
     near: Points = seen[np.linalg.norm(seen, axis=1) < 30].astype(np.float32)
     return near
+
+
+def painted_blocks(pose: ArrayLike, seed: int, palette: int = 0) -> Cloud:
+    """``scan_blocks`` with colours that change every 4 m of the world."""
+    points, world_from_sensor = scan_blocks(pose, seed), np.asarray(pose, np.float64)
+    world = points @ world_from_sensor[:3, :3].T + world_from_sensor[:3, 3]
+    colors = np.random.default_rng(palette).integers(0, 256, (30, 30, 30, 3), dtype=np.uint8)
+    return Cloud(points, colors[tuple((np.floor(world / 4).astype(int) % 30).T)])
 
 
 def polar_cloud(

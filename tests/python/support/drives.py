@@ -3,6 +3,7 @@
 """Drives for RatSLAM: events in order, messages as they arrive, and courses with known views."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -112,6 +113,18 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, np.ndarray):
         return (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
     return bool(one == other)
+
+
+@contextmanager
+def unchanged(thing: Any) -> Iterator[None]:
+    """Cells, a map, a calibration or a run stay what they are, to the last bit."""
+    before = _state_of(thing)
+    yield
+    assert same(_state_of(thing), before)
+
+
+def _state_of(thing: Any) -> dict[str, Any]:
+    return everything(thing) if isinstance(thing, RatSlam) else thing.state()
 
 
 def errors_of(poses: Sequence[Any] | NDArray[Any], truth: NDArray[np.float64]) -> float:

@@ -24,11 +24,12 @@ from benchmarks.accuracy.registration_probability import (
     model_yaml,
     predict,
 )
-from clouds import scan_blocks
-from fusionslam import Cloud
+from clouds import painted_blocks, scan_blocks
 from fusionslam.registration import ColorDifference, PreparedCloud, register
 from fusionslam.registration.probability import SmallView, pose_probability
-from fusionslam.storage.arrays import Matrix, Points
+from fusionslam.storage.arrays import Points
+from rows import rows
+from streets import at
 
 OVERLAPS = np.linspace(0, 1, 21)
 
@@ -93,9 +94,7 @@ def test_the_benchmark_predicts_as_the_package_does() -> None:
     features = np.array([(0.8, 0.5, np.log(200), 1), (0.7, np.nan, np.log(50), 0)])
     poses = Poses(features, np.zeros((2, 2)), np.ones(2))
     small = SmallView(200, 1), SmallView(50, 0)
-    by_small = [
-        pose_probability(each, None, view) for each, view in zip((0.8, 0.7), small, strict=True)
-    ]
+    by_small = [pose_probability(0.8, None, small[0]), pose_probability(0.7, None, small[1])]
     by_color = pose_probability(0.8, colors(0.5))
     expected: dict[tuple[str, ...], list[float]] = {
         ("plain",): [pose_probability(0.8, None), pose_probability(0.7, None)],
@@ -116,6 +115,7 @@ def test_the_table_counts_what_was_right_of_what_was_said() -> None:
     assert row[9:] == ["0.33", "1 of 2"]
 
 
+@pytest.mark.nightly
 def test_scans_of_made_rooms_lie_where_their_poses_say() -> None:
     pytest.importorskip("embreex", reason="the simulator is an extra")
     for (cloud, pose), _ in zip(clouds_of(1, "house"), range(3), strict=False):
@@ -160,8 +160,8 @@ def ring(degrees: Points, metres: float) -> Points:
     return np.stack(places, axis=-1).reshape(-1, 3).astype(np.float32)
 
 
-@pytest.mark.parametrize(
-    ("degrees", "metres", "small"),
+@rows(
+    "degrees, metres, small",
     [
         (np.arange(-31.5, 32), 20, True),
         (np.arange(148.5, 212), 20, True),  # behind, where azimuths jump
@@ -202,32 +202,22 @@ def test_nothing_in_common_is_improbable_and_all_is_certain() -> None:
         assert pose_probability(1.0, known) > 0.99
 
 
-def paint(points: Points, world_from_sensor: Matrix) -> Cloud:
-    """A cloud whose colours change every 4 m of the world."""
-    world = points @ world_from_sensor[:3, :3].T + world_from_sensor[:3, 3]
-    palette = np.random.default_rng(0).integers(0, 256, (30, 30, 30, 3), dtype=np.uint8)
-    return Cloud(points, palette[tuple((np.floor(world / 4).astype(int) % 30).T)])
-
-
 def test_the_right_pose_of_a_made_place_is_probable_and_a_wrong_one_is_not() -> None:
     pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-    here, there = np.eye(4), np.eye(4)
-    here[:3, 3], there[:3, 3] = (3, -2, 1.7), (5, -1, 1.7)
-    target, source = (paint(scan_blocks(pose, k), pose) for k, pose in enumerate((here, there)))
+    here, there = at(3, -2, 0), at(5, -1, 0)
+    target, source = (painted_blocks(pose, k) for k, pose in enumerate((here, there)))
     truth = np.linalg.inv(here) @ there
     wrong = truth.copy()
     wrong[:2, :2], wrong[:2, 3] = [[-1, 0], [0, -1]], (6, 4)
     for colored in (True, False):
         one, other = (source, target) if colored else (source.points, target.points)
         found = [register(one, other, guess, search=False).probability for guess in (truth, wrong)]
-        assert found[0] is not None and found[0] > 0.95
-        assert found[1] is not None and found[1] < 0.05
+        assert found[0] > 0.95 and found[1] < 0.05
 
 
 def test_the_same_overlap_of_small_views_is_less_probable() -> None:
     pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-    here, there = np.eye(4), np.eye(4)
-    here[:3, 3], there[:3, 3] = (3, -2, 1.7), (4, -1.5, 1.7)
+    here, there = at(3, -2, 0), at(4, -1.5, 0)
     target, source = (scan_blocks(pose, k) for k, pose in enumerate((here, there)))
     truth = np.linalg.inv(here) @ there
 

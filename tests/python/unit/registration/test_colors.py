@@ -8,26 +8,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from clouds import scan_blocks
+from clouds import painted_blocks, scan_blocks
 from fusionslam import Cloud
 from fusionslam.registration import (
-    ColorDifference,
     PreparedCloud,
     Registration,
-    RegistrationConfig,
     register,
 )
 from fusionslam.registration.colors import compare_colors
-from fusionslam.storage.arrays import Image, Matrix, Points
+from fusionslam.storage.arrays import Image
+from rows import rows
+from streets import at
 
 RNG = np.random.default_rng(3)
 MANY: Image = RNG.integers(30, 200, (2000, 3), dtype=np.uint8)
-
-
-def difference(one: Image, other: Image) -> ColorDifference:
-    found = compare_colors(one, other)
-    assert found is not None
-    return found
 
 
 def expose(colors: Image, gains: NDArray[np.float64]) -> Image:
@@ -36,8 +30,8 @@ def expose(colors: Image, gains: NDArray[np.float64]) -> Image:
     return np.rint(255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("one", "other", "expected"),
+@rows(
+    "one, other, expected",
     [
         # CIELab (D65) of the named colours maroon and darkred, and of two greys, from tables.
         ((128, 0, 0), (139, 0, 0), np.linalg.norm([2.55, 2.97, 3.23])),
@@ -50,41 +44,38 @@ def test_differences_are_those_of_cielab(
 ) -> None:
     colors = np.array([one, other] * 10, np.uint8)
     swapped = colors[np.arange(20) ^ 1]  # the same colours in all: there is no gain to be fitted
-    assert difference(colors, swapped).mean == pytest.approx(expected, abs=0.05)
+    assert compare_colors(colors, swapped).mean == pytest.approx(expected, abs=0.05)
 
 
 def test_exposure_and_white_balance_do_not_count() -> None:
-    found = difference(MANY, expose(MANY, np.array([0.6, 0.75, 0.9])))
-    assert found.mean < 1.5
-    assert found.ratio < 0.1
-    assert found.pairs == 2000
+    found = compare_colors(MANY, expose(MANY, np.array([0.6, 0.75, 0.9])))
+    assert found.mean < 1.5 and found.ratio < 0.1 and found.pairs == 2000
 
 
 def test_a_few_pairs_of_other_things_count_little() -> None:
     other = MANY.copy()
     other[::10] = RNG.permutation(MANY)[::10]
-    assert difference(MANY, other).ratio < 0.2
+    assert compare_colors(MANY, other).ratio < 0.2
 
 
 def test_colors_that_do_not_belong_together_are_as_far_apart_as_by_chance() -> None:
-    found = difference(MANY, RNG.permutation(MANY))
-    assert found.ratio == pytest.approx(1, abs=0.05)
-    assert found.mean > 15
+    found = compare_colors(MANY, RNG.permutation(MANY))
+    assert found.ratio == pytest.approx(1, abs=0.05) and found.mean > 15
 
 
 def test_surfaces_of_one_color_are_no_evidence_against_a_pose() -> None:
     white = np.full((100, 3), 200, np.uint8)
     white[::2] += 1
-    assert difference(white, white[::-1]).ratio < 0.5
+    assert compare_colors(white, white[::-1]).ratio < 0.5
 
 
 def test_swapping_the_clouds_changes_nothing() -> None:
     other = expose(RNG.permutation(MANY), np.array([1.2, 1, 0.7]))
-    assert difference(MANY, other).mean == pytest.approx(difference(other, MANY).mean)
+    assert compare_colors(MANY, other).mean == pytest.approx(compare_colors(other, MANY).mean)
 
 
 def test_black_points_have_a_finite_difference() -> None:
-    assert np.isfinite(difference(np.zeros_like(MANY), MANY).mean)
+    assert np.isfinite(compare_colors(np.zeros_like(MANY), MANY).mean)
 
 
 def test_few_pairs_tell_nothing() -> None:
@@ -92,46 +83,30 @@ def test_few_pairs_tell_nothing() -> None:
     assert compare_colors(MANY[:20], MANY[:20]) is not None
 
 
-HERE, THERE = np.eye(4), np.eye(4)
-HERE[:3, 3] = 3, -2, 1.7
-THERE[:3, 3] = 5, -1, 1.7
+HERE, THERE = at(3, -2, 0), at(5, -1, 0)
 
 
-def paint(points: Points, world_from_sensor: Matrix, seed: int) -> Cloud:
-    """A cloud whose colours change every 4 m of the world."""
-    world = points @ world_from_sensor[:3, :3].T + world_from_sensor[:3, 3]
-    cells = np.floor(world / 4).astype(int) % 30
-    palette = np.random.default_rng(seed).integers(0, 256, (30, 30, 30, 3), dtype=np.uint8)
-    return Cloud(points, palette[tuple(cells.T)])
-
-
-def register_painted(seed: int) -> Registration:
+def register_painted(palette: int) -> Registration:
     pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-    target = PreparedCloud(paint(scan_blocks(HERE, 2), HERE, 0))
-    source = PreparedCloud(paint(scan_blocks(THERE, 1), THERE, seed))
+    target = PreparedCloud(painted_blocks(HERE, 2))
+    source = PreparedCloud(painted_blocks(THERE, 1, palette))
     return register(pickle.loads(pickle.dumps(source)), target, np.linalg.inv(HERE) @ THERE)
 
 
 def test_a_registration_tells_places_of_one_shape_apart_by_their_colors() -> None:
     same, other = register_painted(0), register_painted(1)
-    assert same.overlap == other.overlap
-    assert same.color_difference is not None
-    assert other.color_difference is not None
-    assert same.color_difference.ratio < 0.4
+    assert same.overlap == other.overlap and same.color_difference.ratio < 0.4
     assert other.color_difference.ratio > 0.9
 
 
 def test_there_is_no_difference_without_colors_in_both_clouds() -> None:
     pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-    points = scan_blocks(HERE, 1)
-    painted = paint(points, HERE, 0)
+    points, painted = scan_blocks(HERE, 1), painted_blocks(HERE, 1)
     for clouds in ((points, painted), (painted, points), (points, points)):
         found = register(*clouds, np.eye(4))
-        assert found.estimate is not None
-        assert found.color_difference is None
+        assert found.estimate is not None and found.color_difference is None
 
 
 def test_poses_that_put_no_point_on_another_have_no_difference() -> None:
-    config = RegistrationConfig()
     cloud = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
-    assert register(cloud, cloud, np.eye(4), config=config).color_difference is None
+    assert register(cloud, cloud, np.eye(4)).color_difference is None

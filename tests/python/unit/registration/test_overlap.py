@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.registration import count_overlap, nearest_ranges
 from fusionslam.storage.arrays import Floats32, Points
+from rows import rows
 
 NAMES = ["agreeing", "before", "open", "behind", "outside"]
 
@@ -40,8 +41,8 @@ def counts_of(
     return {name: number for name, number in found.items() if number}
 
 
-@pytest.mark.parametrize(
-    ("point", "name"),
+@rows(
+    "point, name",
     [
         ((10.4, 0, 0), "agreeing"),
         ((9.6, 2, 1), "agreeing"),
@@ -88,7 +89,7 @@ def test_points_are_moved_into_the_frame_of_the_other_sensor() -> None:
     assert [found[name] for name in NAMES] == [1, 1, 0, 1, 0]
 
 
-@pytest.mark.parametrize("distance", [0.05, 0.3, 2.0])
+@rows("distance", [0.05, 0.3, 2.0])
 def test_agreement_is_that_of_an_exhaustive_search(distance: float) -> None:
     rng = np.random.default_rng(8)
     points, other = rng.normal(0, 6, (2, 3000, 3)).astype(np.float32)
@@ -99,7 +100,7 @@ def test_agreement_is_that_of_an_exhaustive_search(distance: float) -> None:
     assert sum(found.values()) == 3000
 
 
-@pytest.mark.parametrize("step", [1.0, 2.0, 7.0])
+@rows("step", [1.0, 2.0, 7.0])
 def test_ranges_are_the_least_of_each_direction(step: float) -> None:
     rng = np.random.default_rng(9)
     points = rng.normal(0, 6, (5000, 3)).astype(np.float32)
@@ -120,7 +121,7 @@ def test_ranges_are_the_least_of_each_direction(step: float) -> None:
     np.testing.assert_allclose(found, np.where(np.isinf(expected), 0, expected), rtol=1e-5)
 
 
-@pytest.mark.parametrize("size", [1e6, 1e18, 3e38])
+@rows("size", [1e6, 1e18, 3e38])
 def test_points_far_beyond_any_sensor_are_outside(size: float) -> None:
     far = size * np.array([[1, 0, 0], [-1, 1, 0.3], [1, 1, 1]], np.float32)
     turn = np.eye(4)
@@ -137,8 +138,8 @@ def test_no_points_are_no_overlap() -> None:
     assert lonely["outside"] == len(SEEN)
 
 
-@pytest.mark.parametrize(
-    ("changes", "error"),
+@rows(
+    "changes, error",
     [
         ({"points": np.full((1, 3), np.nan, np.float32)}, DataError),
         ({"other": np.full((1, 3), np.inf, np.float32)}, DataError),
@@ -169,7 +170,7 @@ def test_bad_input_is_refused(changes: dict[str, Any], error: type[Exception]) -
         count_overlap(**(whole | changes))
 
 
-@pytest.mark.parametrize("step", [0.0, 0.05, 31.0, float("nan")])
+@rows("step", [0.0, 0.05, 31.0, float("nan")])
 def test_a_step_out_of_range_is_refused(step: float) -> None:
     with pytest.raises(ConfigError, match=r"expected 0\.1 to 30"):
         nearest_ranges(SEEN, step=step)

@@ -9,7 +9,9 @@ from clouds import scan_blocks
 from fusionslam import Cloud
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.registration import RegistrationConfig, fit_lengths, measure_reach, register
-from fusionslam.storage.arrays import Matrix, Points
+from fusionslam.storage.arrays import Points
+from rows import rows
+from streets import at
 
 EMPTY = np.empty((0, 3), np.float32)
 
@@ -22,14 +24,6 @@ def walls(size: float, count: int = 20000) -> Points:
     side = np.c_[across, along, height]
     turned = np.c_[along, across, height]
     return np.concatenate([side, -side, turned, -turned]).astype(np.float32)
-
-
-def pose_of(x: float, y: float, yaw_deg: float) -> Matrix:
-    pose = np.eye(4)
-    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
-    pose[:2, :2] = [[c, -s], [s, c]]
-    pose[:2, 3] = x, y
-    return pose
 
 
 def test_the_reach_is_the_median_distance_of_surfaces_however_dense_they_are() -> None:
@@ -77,7 +71,7 @@ def test_tiny_clouds_have_lengths_that_are_not_zero() -> None:
     assert fit_lengths([walls(0.2)]).voxel == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize("clouds", [[], [EMPTY]])
+@rows("clouds", [[], [EMPTY]])
 def test_clouds_without_points_are_refused(clouds: list[Points]) -> None:
     with pytest.raises(DataError, match="points"):
         fit_lengths(clouds)
@@ -91,10 +85,9 @@ def test_what_is_no_cloud_is_refused() -> None:
 def test_a_room_is_registered_more_finely_than_by_the_defaults() -> None:
     pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     # A model of a street at a tenth of its size.
-    truth = pose_of(0.15, -0.1, 25)
-    small = [
-        0.1 * scan_blocks(pose, seed) for pose, seed in ((pose_of(1.5, -1, 25), 1), (np.eye(4), 2))
-    ]
+    truth = at(0.15, -0.1, 25, 0)
+    poses = at(1.5, -1, 25, 0), np.eye(4)
+    small = [0.1 * scan_blocks(pose, seed) for seed, pose in enumerate(poses, 1)]
     fitted = fit_lengths(small)
     assert fitted != RegistrationConfig()
     error = {}
@@ -103,5 +96,4 @@ def test_a_room_is_registered_more_finely_than_by_the_defaults() -> None:
         assert found.estimate is not None or name == "default"
         off = np.eye(4) * 9 if found.estimate is None else np.linalg.inv(truth) @ found.estimate
         error[name] = float(np.linalg.norm(off[:3, 3]))
-    assert error["fitted"] < 0.01
-    assert error["default"] > 2 * error["fitted"]
+    assert error["fitted"] < 0.01 and error["default"] > 2 * error["fitted"]

@@ -1,15 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""LoopDetector: finds what was seen before, obeys threshold and window, refuses bad input."""
+"""LoopDetector: finds what was seen before, forgets what it may, refuses bad input."""
 
 import pickle
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from detector_places import DRIVE, PLACES, SECOND, place
+from detector_places import DRIVE, PLACES, SECOND, place, wander
 from error_codes import has_code
 from fusionslam import (
     Camera,
@@ -24,17 +26,20 @@ from fusionslam import (
     LoopConfig,
     LoopDetector,
     ShapeError,
+    cloud_resolution,
     describe,
     nearest_causal,
 )
 from fusionslam.descriptors import DESCRIPTORS, USUAL
 from fusionslam.loop_closure import default_threshold
 from refusals import refuses
+from rows import rows
+from threads import run_together
 
 IMAGE = np.zeros((8, 8, 3), np.uint8)
 
 
-@pytest.mark.parametrize("descriptor", USUAL)
+@rows("descriptor", USUAL)
 def test_a_place_seen_again_is_a_loop(descriptor: str) -> None:
     detector = LoopDetector(descriptor, threshold=10.0, window=3)
     for cloud in DRIVE[:PLACES]:
@@ -48,12 +53,10 @@ def test_a_loop_carries_the_distance_of_the_two_descriptors() -> None:
     detector = LoopDetector("m2dp", threshold=1.0, window=3)
     loops = [detector.add(cloud) for cloud in DRIVE]
     vectors = [describe(cloud, "m2dp") for cloud in DRIVE]
-    assert loops[12] is not None
     assert loops[12].distance == pytest.approx(np.linalg.norm(vectors[12] - vectors[2]), rel=1e-4)
 
 
-@pytest.mark.parametrize("source", ["lidar", "stereo", "cloud"])
-@pytest.mark.parametrize("name", [*USUAL, "m2dp:author", "cm2dp:paper"])
+@rows("source, name", product(["lidar", "stereo", "cloud"], [*USUAL, "m2dp:author", "cm2dp:paper"]))
 def test_usual_descriptors_have_a_threshold_for_every_source(name: str, source: str) -> None:
     fusion = FusionConfig.model_validate({"source": source})
     detector = LoopDetector(name, fusion=fusion)
@@ -67,7 +70,7 @@ def test_usual_descriptors_have_a_threshold_for_every_source(name: str, source: 
         assert detector.describe_config.preset == preset
 
 
-@pytest.mark.parametrize("name", [name for name in DESCRIPTORS if name not in USUAL])
+@rows("name", [name for name in DESCRIPTORS if name not in USUAL])
 def test_others_need_a_threshold_or_verification(name: str) -> None:
     with pytest.raises(ConfigError, check=has_code("no-threshold", name, "lidar")):
         LoopDetector(name, verify=False)
@@ -95,7 +98,7 @@ def test_only_distances_up_to_the_threshold_are_loops() -> None:
         assert detector.nearest == Loop(1, 0, distance)
 
 
-@pytest.mark.parametrize("window", [0, 1, 4])
+@rows("window", [0, 1, 4])
 def test_frames_within_the_window_are_no_candidates(window: int) -> None:
     detector = LoopDetector(threshold=0.0, window=window, length=3)
     same = np.ones(3, np.float32)
@@ -137,7 +140,7 @@ def test_the_nearest_candidate_is_known_even_if_it_is_no_loop() -> None:
     assert detector.nearest is None
     for cloud in DRIVE:
         assert detector.add(cloud) is None
-    assert detector.nearest is not None and detector.nearest.match == 7
+    assert detector.nearest.match == 7
 
 
 def test_a_frame_is_fused_and_its_stamp_is_used() -> None:
@@ -146,20 +149,14 @@ def test_a_frame_is_fused_and_its_stamp_is_used() -> None:
 
     def frame(number: int, stamp_ns: int) -> Frame:
         points = place(number).points[:, [1, 2, 0]]
-        return Frame(
-            index=number,
-            stamp_ns=stamp_ns,
-            points=points,
-            images={"left": image},
-            cameras={"left": camera},
-        )
+        seen = {"images": {"left": image}, "cameras": {"left": camera}}
+        return Frame(index=number, stamp_ns=stamp_ns, points=points, **seen)
 
     detector = LoopDetector("cm2dp", threshold=0.1, window=0, window_seconds=10.0)
-    assert detector.add(frame(0, 0)) is None
-    assert detector.add(frame(1, 5 * SECOND)) is None
+    assert detector.add(frame(0, 0)) is None is detector.add(frame(1, 5 * SECOND))
     assert detector.nearest is None  # five seconds ago is too fresh
     loop = detector.add(frame(0, 11 * SECOND))
-    assert loop is not None and (loop.query, loop.match) == (2, 0)
+    assert (loop.query, loop.match) == (2, 0)
 
 
 def test_the_configurations_are_obeyed() -> None:
@@ -176,14 +173,11 @@ def test_the_configurations_are_obeyed() -> None:
         detector.add(Frame(points=cloud.points, colors=cloud.colors))
     vectors = [describe(cloud, "cm2dp", describe_config) for cloud in DRIVE[:5]]
     distances = [float(np.linalg.norm(vectors[4] - other)) for other in vectors[:3]]
-    assert detector.nearest is not None
     assert detector.nearest.match == int(np.argmin(distances))
     assert detector.nearest.distance == pytest.approx(min(distances), rel=1e-4)
 
 
 def test_the_first_cloud_fixes_the_radius_for_normals() -> None:
-    from fusionslam import cloud_resolution
-
     detector = LoopDetector("shot", window=0, verify=False)
     for cloud in DRIVE[:3]:
         detector.add(cloud)
@@ -191,12 +185,12 @@ def test_the_first_cloud_fixes_the_radius_for_normals() -> None:
     assert detector.describe_config.normal_radius == pytest.approx(radius)
     vectors = [describe(c, "shot", DescriptorConfig(normal_radius=radius)) for c in DRIVE[:3]]
     expected = min(float(np.linalg.norm(vectors[2] - other)) for other in vectors[:2])
-    assert detector.nearest is not None
     assert detector.nearest.distance == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("descriptor", ["m2dp", "scan_context", "cscan_context", "bev_spectrum"])
-@pytest.mark.parametrize("window", [0, 3])
+@rows(
+    "descriptor, window", product(["m2dp", "scan_context", "cscan_context", "bev_spectrum"], [0, 3])
+)
 def test_the_candidates_are_the_nearest_frames_before_the_window(
     descriptor: str, window: int, tmp_path: Path
 ) -> None:
@@ -209,8 +203,7 @@ def test_the_candidates_are_the_nearest_frames_before_the_window(
         detector.add(cloud, stamp_ns=number * SECOND)
         rows = indices[number] >= 0
         expected = [*zip(indices[number, rows], distances[number, rows], strict=True)]
-        assert detector.candidates(4) == expected
-        assert detector.candidates(1) == expected[:1]
+        assert detector.candidates(4) == expected and detector.candidates(1) == expected[:1]
         nearest = detector.nearest
         assert (nearest and (nearest.match, nearest.distance)) == (expected or [None])[0]
     detector.save(tmp_path)
@@ -235,28 +228,97 @@ def test_candidates_leave_out_what_is_too_fresh_or_forgotten_or_zero() -> None:
     assert detector.candidates(9) == []
 
 
+# Memory and threads
+
+
+def test_a_bounded_detector_keeps_the_first_visit_to_every_place() -> None:
+    descriptors = wander(places=60, frames=3000)
+    detector = LoopDetector(threshold=0.5, window=2, max_frames=100, length=8)
+    for row in descriptors:
+        detector.add_descriptor(row)
+        assert len(detector.frames) < 100
+    assert len(detector) == 3000
+    assert set(range(60)) <= set(detector.frames.tolist())
+    for k in range(50):  # not seen for 2900 frames
+        assert detector.add_descriptor(descriptors[k]) == Loop(3000 + k, k, 0.0)
+
+
+def test_the_newest_frames_are_never_forgotten() -> None:
+    detector = LoopDetector(threshold=9.0, window=7, max_frames=20, length=8)
+    for count, row in enumerate(wander(places=20, frames=300), start=1):
+        loop = detector.add_descriptor(row)
+        assert loop is None or loop.query - loop.match > 7
+        newest = detector.frames[-min(count, 7) :]
+        assert newest.tolist() == list(range(count - len(newest), count))
+
+
+def test_below_the_bound_nothing_is_forgotten_and_nothing_changes() -> None:
+    bounded = LoopDetector(threshold=0.5, window=3, max_frames=301, length=8)
+    free = LoopDetector(threshold=0.5, window=3, max_frames=0, length=8)
+    for row in wander(places=60, frames=300):
+        assert bounded.add_descriptor(row) == free.add_descriptor(row)
+    assert len(bounded.frames) == 300
+
+
+def test_a_bounded_detector_is_saved_and_pickled_with_what_it_has_left(tmp_path: Path) -> None:
+    descriptors = wander(places=30, frames=200)
+    detector = LoopDetector(threshold=0.5, window=2, max_frames=50, length=8)
+    for row in descriptors[:150]:
+        detector.add_descriptor(row)
+    detector.save(tmp_path)
+    for copy in (LoopDetector.load(tmp_path), pickle.loads(pickle.dumps(detector))):
+        assert len(copy) == 150 and np.array_equal(copy.frames, detector.frames)
+        original = LoopDetector.load(tmp_path)
+        for row in descriptors[150:]:
+            assert copy.add_descriptor(row) == original.add_descriptor(row)
+        assert np.array_equal(copy.frames, original.frames)
+
+
+@rows("descriptor", ["m2dp", "shot"])
+def test_frames_that_threads_add_first_at_once_are_all_kept(descriptor: str) -> None:
+    for _ in range(2):
+        detector = LoopDetector(descriptor, window=0)
+        run_together(*[partial(detector.add, cloud) for cloud in DRIVE[:3]])
+        assert len(detector) == 3 and detector.frames.tolist() == [0, 1, 2]
+        for cloud in DRIVE[:3]:  # all three were stored with the same radius
+            detector.add(cloud)
+            assert detector.nearest.distance < 1e-6
+
+
+def test_no_number_is_given_twice_or_lost_while_threads_add_and_frames_are_forgotten() -> None:
+    detector = LoopDetector(threshold=9.0, window=0, max_frames=40, length=8)
+    descriptors, queries = wander(places=30, frames=400), []
+
+    def add_all(part: Any) -> None:
+        for row in part:
+            if loop := detector.add_descriptor(row):
+                queries.append(loop.query)
+
+    run_together(*[partial(add_all, descriptors[k::4]) for k in range(4)])
+    assert len(detector) == 400 and sorted(queries) == list(range(1, 400))
+
+
 # Bad input
 
-BAD_CLOUDS = {
-    "empty": Cloud(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)),
-    "three points": Cloud(DRIVE[0].points[:3], DRIVE[0].colors[:3]),
-    "all equal": Cloud(np.ones((50, 3), np.float32), np.zeros((50, 3), np.uint8)),
-    "with a NaN": Cloud(DRIVE[0].points * [[np.nan, 1, 1]], DRIVE[0].colors),
-    "without colours": Cloud(DRIVE[0].points),
-    "with colours of another length": Cloud(DRIVE[0].points, DRIVE[0].colors[:-1]),
-    "of integers": Cloud(DRIVE[0].points.astype(int), DRIVE[0].colors),
-}
+BAD_CLOUDS = [
+    Cloud(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)),
+    Cloud(DRIVE[0].points[:3], DRIVE[0].colors[:3]),
+    Cloud(np.ones((50, 3), np.float32), np.zeros((50, 3), np.uint8)),
+    Cloud(DRIVE[0].points * [[np.nan, 1, 1]], DRIVE[0].colors),
+    Cloud(DRIVE[0].points),
+    Cloud(DRIVE[0].points, DRIVE[0].colors[:-1]),
+    Cloud(DRIVE[0].points.astype(int), DRIVE[0].colors),
+]
 
 
-@pytest.mark.parametrize("kind", BAD_CLOUDS)
-@pytest.mark.parametrize("descriptor", ["cm2dp", "cshot"])
-def test_a_bad_cloud_adds_nothing_and_the_drive_goes_on(descriptor: str, kind: str) -> None:
+@rows("descriptor", ["cm2dp", "cshot"])
+def test_a_bad_cloud_adds_nothing_and_the_drive_goes_on(descriptor: str) -> None:
     disturbed = LoopDetector(descriptor, threshold=0.5, window=3)
     plain = LoopDetector(descriptor, threshold=0.5, window=3)
     for number, cloud in enumerate(DRIVE[:8]):
-        if number in (0, 5):
+        for bad in BAD_CLOUDS if number in (0, 5) else []:
             with pytest.raises(FusionSlamError):
-                disturbed.add(BAD_CLOUDS[kind])
+                disturbed.add(bad)
             assert len(disturbed) == number
         assert disturbed.add(cloud) == plain.add(cloud)
         assert disturbed.nearest == plain.nearest
@@ -271,8 +333,8 @@ def test_a_first_cloud_too_thin_for_normals_does_not_fix_their_radius() -> None:
     assert detector.describe_config.normal_radius is None
 
 
-@pytest.mark.parametrize(
-    ("bad", "error"),
+@rows(
+    "bad, error",
     [
         (np.full(192, np.nan, np.float32), DataError),
         (np.zeros((192, 1), np.float32), ShapeError),
@@ -300,8 +362,8 @@ def test_a_missing_stamp_adds_nothing() -> None:
     assert len(detector) == 0
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
+@rows(
+    "options, message",
     [
         ({"descriptor": "m3dp"}, "'m3dp'"),
         ({"threshold": -0.1}, r"loop_closure\.threshold .*-0\.1"),
@@ -323,8 +385,8 @@ def test_items_other_than_frames_and_clouds_are_refused() -> None:
     assert len(detector) == 0
 
 
-@pytest.mark.parametrize(
-    ("frame", "field", "remedy"),
+@rows(
+    "frame, field, remedy",
     [
         (Frame(images=dict.fromkeys(["left", "right"], IMAGE)), "points", "stereo"),
         (Frame(points=DRIVE[0].points), "left", "cloud"),

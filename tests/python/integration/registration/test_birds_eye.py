@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Poses searched in images from above."""
 
+from itertools import combinations, product
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,14 +15,9 @@ from fusionslam.registration import (
     compare_images,
     search_poses,
 )
-from fusionslam.storage.arrays import Floats, Matrix, Points
-
-
-def place(x: float, y: float, yaw_deg: float) -> Matrix:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    pose[:3, 3] = x, y, 1.7
-    return pose
+from fusionslam.storage.arrays import Floats, Points
+from rows import rows
+from streets import at
 
 
 def posts(places: Floats) -> Points:
@@ -31,10 +28,9 @@ def posts(places: Floats) -> Points:
     return np.array(upright + floor, np.float32)
 
 
-@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 178.0, -67.0])
-@pytest.mark.parametrize("there", [(2.0, 1.0), (12.0, -9.0)])
+@rows("yaw_deg, there", product([0.0, 90.0, 178.0, -67.0], [(2.0, 1.0), (12.0, -9.0)]))
 def test_a_pose_is_found_whatever_the_turn(there: tuple[float, float], yaw_deg: float) -> None:
-    here, other = place(3, -2, 20), place(*there, yaw_deg)
+    here, other = at(3, -2, 20), at(*there, yaw_deg)
     (found,) = search_poses(
         PreparedCloud(scan_blocks(other, 1)), PreparedCloud(scan_blocks(here, 2))
     )
@@ -53,34 +49,32 @@ def test_posts_shifted_by_whole_cells_are_found_to_the_cell() -> None:
 
 
 def test_a_cloud_equals_itself_and_other_turns_are_less_alike() -> None:
-    cloud = PreparedCloud(scan_blocks(place(3, -2, 20), 1))
+    cloud = PreparedCloud(scan_blocks(at(3, -2, 20), 1))
     poses = search_poses(cloud, cloud, 3)
     np.testing.assert_allclose(poses[0].pose, np.eye(4), atol=1e-9)
     assert poses[0].correlation == pytest.approx(1, abs=1e-5)
     assert 1 > poses[1].correlation >= poses[2].correlation
     turns = [np.degrees(np.arctan2(*each.pose[[1, 0], 0])) for each in poses]
-    for one, other in [(0, 1), (0, 2), (1, 2)]:
-        apart = abs((turns[one] - turns[other] + 180) % 360 - 180)
-        assert apart > 20
+    for one, other in combinations(turns, 2):
+        assert abs((one - other + 180) % 360 - 180) > 20
 
 
-@pytest.mark.parametrize("there", [(3.0, -2.0), (4.0, -1.0), (12.0, -9.0)])
+@rows("there", [(3.0, -2.0), (4.0, -1.0), (12.0, -9.0)])
 def test_a_coarse_comparison_has_the_scale_of_the_fine_one(there: tuple[float, float]) -> None:
-    cloud = PreparedCloud(scan_blocks(place(3, -2, 20), 1))
-    other = PreparedCloud(scan_blocks(place(*there, 20), 1))
+    cloud = PreparedCloud(scan_blocks(at(3, -2, 20), 1))
+    other = PreparedCloud(scan_blocks(at(*there, 20), 1))
     fine = search_poses(cloud, other)[0].correlation
     assert fine / 2 < compare_images(cloud, other.search_image) < fine + 0.1
 
 
 def test_nothing_above_the_ground_gives_no_pose() -> None:
     empty = PreparedCloud(np.empty((0, 3), np.float32))
-    some = PreparedCloud(scan_blocks(place(3, -2, 20), 1))
-    assert search_poses(empty, some) == []
-    assert search_poses(some, empty) == []
+    some = PreparedCloud(scan_blocks(at(3, -2, 20), 1))
+    assert search_poses(empty, some) == [] and search_poses(some, empty) == []
 
 
 def test_heights_are_those_of_the_ground() -> None:
-    cloud = scan_blocks(place(3, -2, 20), 1)
+    cloud = scan_blocks(at(3, -2, 20), 1)
     raised = cloud + np.float32([0, 0, 1])
     (found,) = search_poses(PreparedCloud(cloud), PreparedCloud(raised))
     assert found.pose[2, 3] == pytest.approx(1, abs=0.02)
@@ -88,7 +82,7 @@ def test_heights_are_those_of_the_ground() -> None:
 
 def test_smaller_cells_are_for_smaller_places() -> None:
     scale = np.float32(0.2)
-    here, other = place(3, -2, 20), place(6, 1, 100)
+    here, other = at(3, -2, 20), at(6, 1, 100)
     rooms = RegistrationConfig(voxel=0.1, search_cell=0.4, ground_height=0.1)
     (found,) = search_poses(
         PreparedCloud(scan_blocks(other, 1) * scale, rooms),

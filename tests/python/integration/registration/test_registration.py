@@ -16,6 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
+from error_codes import has_code
 from fusionslam import Cloud
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.registration import (
@@ -27,6 +28,7 @@ from fusionslam.registration import (
 )
 from fusionslam.registration.map_extra import search_pose
 from fusionslam.storage.arrays import Floats, Matrix, Points
+from rows import rows
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("kiss_matcher", reason="the libraries of registration are an extra")
@@ -42,17 +44,17 @@ def pose_of(x: float, y: float, z: float, *angles_deg: float) -> Matrix:
 
 def error_between(found: Matrix | None, truth: Matrix) -> Floats:
     """Float64 (6,): metres, then radians, in the source's frame."""
-    assert found is not None
     off = np.linalg.inv(truth) @ found
     return np.concatenate([off[:3, 3], Rotation.from_matrix(off[:3, :3]).as_rotvec()])
 
 
+Scans = tuple[Points, Points]
 HERE = pose_of(3, -2, 1.7, 0, 0, 20)
 THERE = pose_of(8, 1, 1.9, 1, -2, 175)
 
 
 @pytest.fixture(scope="module")
-def scans() -> tuple[Points, Points]:
+def scans() -> Scans:
     """A source and a target, 6 m apart and 155 degrees turned."""
     return scan_blocks(THERE, 1), scan_blocks(HERE, 2)
 
@@ -62,62 +64,47 @@ FREE = RegistrationConfig(gravity=False)
 
 
 @pytest.fixture(scope="module")
-def found(scans: tuple[Points, Points]) -> Registration:
+def found(scans: Scans) -> Registration:
     return register(*scans)
 
 
 def test_a_pose_is_found_without_a_guess(found: Registration) -> None:
-    assert found.accepted
-    assert found.reason is None
+    assert found.accepted and found.reason is None
     error = error_between(found.target_from_source, TRUTH)
-    assert np.linalg.norm(error[:3]) < 0.05
-    assert np.degrees(np.linalg.norm(error[3:])) < 0.1
+    assert np.linalg.norm(error[:3]) < 0.05 and np.degrees(np.linalg.norm(error[3:])) < 0.1
     assert found.overlap > 0.7
     upright = np.degrees(np.arccos(TRUTH[2, 2]))
-    assert found.tilt == pytest.approx(upright, abs=0.1)
-    assert len(found.degenerate) == 0
+    assert found.tilt == pytest.approx(upright, abs=0.1) and len(found.degenerate) == 0
     assert found.seconds > 0
 
 
 def test_the_covariance_is_its_floor_where_the_clouds_hold_firmly(found: Registration) -> None:
-    assert found.covariance is not None
     sds = np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(sds[:3], 0.05, rtol=0.05)
     np.testing.assert_allclose(np.degrees(sds[3:]), 0.3, rtol=0.05)
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
 
 
-def test_a_guess_gives_the_same_pose_as_the_search(
-    scans: tuple[Points, Points], found: Registration
-) -> None:
+def test_a_guess_gives_the_same_pose_as_the_search(scans: Scans, found: Registration) -> None:
     guess = TRUTH @ pose_of(0.8, -0.6, 0, 0, 0, 3)
     again = register(*scans, guess)
-    assert found.target_from_source is not None
     error = error_between(again.target_from_source, found.target_from_source)
     assert np.abs(error).max() < 2e-3
 
 
-def test_a_wrong_guess_is_no_worse_than_none(
-    scans: tuple[Points, Points], found: Registration
-) -> None:
+def test_a_wrong_guess_is_no_worse_than_none(scans: Scans, found: Registration) -> None:
     again = register(*scans, pose_of(-20, 5, 0, 0, 0, 90))
     np.testing.assert_array_equal(again.target_from_source, found.target_from_source)
 
 
-def test_swapping_the_clouds_inverts_the_pose(
-    scans: tuple[Points, Points], found: Registration
-) -> None:
+def test_swapping_the_clouds_inverts_the_pose(scans: Scans, found: Registration) -> None:
     source, target = scans
     back = register(target, source)
-    assert back.target_from_source is not None
-    assert found.target_from_source is not None
     error = error_between(back.target_from_source @ found.target_from_source, np.eye(4))
     assert np.abs(error).max() < 0.02
 
 
-def test_prepared_clouds_and_clouds_give_equal_bits(
-    scans: tuple[Points, Points], found: Registration
-) -> None:
+def test_prepared_clouds_and_clouds_give_equal_bits(scans: Scans, found: Registration) -> None:
     source, target = PreparedCloud(Cloud(scans[0])), PreparedCloud(scans[1].astype(np.float64))
     for _ in range(2):
         assert same(register(source, target), found)
@@ -145,63 +132,51 @@ for _ in range(2):
 """
 
 
-def test_every_run_and_number_of_threads_gives_equal_bits(
-    scans: tuple[Points, Points], tmp_path: Any
-) -> None:
+@pytest.mark.slow
+def test_every_run_and_number_of_threads_gives_equal_bits(scans: Scans, tmp_path: Any) -> None:
     paths = [str(tmp_path / f"{name}.npy") for name in ("source", "target")]
     for path, points in zip(paths, scans, strict=True):
         np.save(path, points)
     digests = []
-    for threads in ("1", "2", "8"):
+    for threads in ("1", "8"):
         run = subprocess.run(
             [sys.executable, "-c", REPEAT, *paths],
             env=os.environ | {"OMP_NUM_THREADS": threads},
             capture_output=True,
             text=True,
             check=True,
-            timeout=300,
         )
         digests += run.stdout.split()
         assert not run.stderr
-    assert len(digests) == 6
-    assert len(set(digests)) == 1
+    assert len(digests) == 4 and len(set(digests)) == 1
 
 
-def test_an_upside_down_copy_is_refused_unless_there_is_no_gravity(
-    scans: tuple[Points, Points],
-) -> None:
+def test_an_upside_down_copy_is_refused_unless_there_is_no_gravity(scans: Scans) -> None:
     source = scans[1] * np.array([1, -1, -1], np.float32)
     over = np.diag([1.0, -1, -1, 1])
     refused = register(source, scans[1], over, search=False)
-    assert refused.target_from_source is None
-    assert refused.covariance is None
-    assert refused.reason is not None
+    assert refused.target_from_source is None is refused.covariance
     assert (refused.reason.code, round(refused.reason.number)) == ("tilted", 180)
     assert refused.estimate is not None
     free = register(source, scans[1], config=FREE)
     assert np.abs(error_between(free.target_from_source, over)).max() < 0.01
 
 
-def test_another_place_is_refused_with_its_overlap(scans: tuple[Points, Points]) -> None:
+def test_another_place_is_refused_with_its_overlap(scans: Scans) -> None:
     elsewhere = scan_blocks(pose_of(-45, 40, 1.7, 0, 0, 0), 3)
     refused = register(elsewhere, scans[1], np.eye(4), search=False)
-    assert refused.target_from_source is None
-    assert refused.reason is not None
-    assert refused.reason.code == "low-overlap"
+    assert refused.target_from_source is None and refused.reason.code == "low-overlap"
     assert refused.reason.number == refused.overlap == pytest.approx(0.085, abs=0.005)
     tolerant = register(
         elsewhere, scans[1], np.eye(4), search=False, config=RegistrationConfig(min_overlap=0)
     )
-    assert tolerant.reason is not None
     assert tolerant.reason.code == "degenerate"
-    assert tolerant.estimate is not None
     np.testing.assert_array_equal(tolerant.estimate, refused.estimate)
 
 
-def test_bare_ground_has_nothing_to_search_by(scans: tuple[Points, Points]) -> None:
+def test_bare_ground_has_nothing_to_search_by(scans: Scans) -> None:
     floor = np.random.default_rng(4).uniform([-30, -30, -1.7], [30, 30, -1.7], (20000, 3))
     refused = register(floor.astype(np.float32), scans[1])
-    assert refused.reason is not None
     assert (refused.reason.code, refused.reason.number) == ("no-match", 0)
     assert refused.estimate is None
 
@@ -241,11 +216,8 @@ def test_a_corridor_is_degenerate_along_itself() -> None:
     found = register(source, corridor(2), np.linalg.inv(turn))
     assert found.accepted
     np.testing.assert_allclose(np.abs(found.degenerate), [[0, 1, 0]], atol=0.02)
-    assert found.covariance is not None
     sds = np.sqrt(np.diag(found.covariance))
-    assert sds[1] > 9
-    assert max(sds[0], sds[2]) < 0.3
-    assert found.target_from_source is not None
+    assert sds[1] > 9 and max(sds[0], sds[2]) < 0.3
     error = error_between(found.target_from_source, np.linalg.inv(turn))
     assert np.abs(error[[0, 2, 3, 4, 5]]).max() < 0.02
 
@@ -258,21 +230,19 @@ def test_a_plane_is_refused_as_degenerate_along_both_of_its_axes() -> None:
         floors.append((floor + rng.normal(0, 0.01, floor.shape)).astype(np.float32))
     found = register(*floors, np.eye(4), config=RegistrationConfig(gravity=False))
     assert found.target_from_source is None
-    assert found.reason is not None
     assert (found.reason.code, found.reason.number) == ("degenerate", 2)
     assert len(found.degenerate) == 2
     np.testing.assert_allclose(found.degenerate[:, 2], 0, atol=0.02)
 
 
-@pytest.mark.parametrize("count", [0, 1, 5, 19])
-def test_few_points_are_a_reason(count: int, scans: tuple[Points, Points]) -> None:
+@rows("count", [0, 1, 5, 19])
+def test_few_points_are_a_reason(count: int, scans: Scans) -> None:
     few = scans[0][:: len(scans[0]) // 20][:count]
     for clouds in ((few, scans[1]), (scans[1], few)):
         refused = register(*clouds)
         assert refused.reason is not None
         assert (refused.reason.code, refused.reason.number) == ("few-points", count)
-        assert refused.estimate is None
-        assert refused.overlap == 0
+        assert refused.estimate is None and refused.overlap == 0
 
 
 NEAR = HERE @ pose_of(0.6, -0.4, 0.1, 1, -2, 4)
@@ -280,7 +250,7 @@ NEAR = HERE @ pose_of(0.6, -0.4, 0.1, 1, -2, 4)
 
 
 def test_views_from_nearly_one_pose_are_registered_though_no_features_match(
-    scans: tuple[Points, Points], monkeypatch: pytest.MonkeyPatch
+    scans: Scans, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pose_estimation, "search_pose", lambda *_: None)
     found = register(scan_blocks(NEAR, 3), scans[1], thorough=False, config=FREE)
@@ -289,7 +259,7 @@ def test_views_from_nearly_one_pose_are_registered_though_no_features_match(
 
 
 def test_a_thorough_search_matches_the_features_of_all_voxels(
-    scans: tuple[Points, Points], monkeypatch: pytest.MonkeyPatch
+    scans: Scans, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source, target = (PreparedCloud(cloud, FREE) for cloud in scans)
     searched: list[tuple[int, int]] = []
@@ -331,37 +301,33 @@ def test_the_pose_with_the_right_colours_wins_over_one_with_as_much_overlap(
 def test_scattered_points_have_no_features() -> None:
     scattered = np.random.default_rng(3).uniform(-1e4, 1e4, (300, 3)).astype(np.float32)
     refused = register(scattered, scattered + np.float32(1), config=FREE)
-    assert refused.reason is not None
     assert (refused.reason.code, refused.reason.number) == ("no-features", 0)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+ONES = np.ones((30, 3), np.float32)
+
+
+@rows("value", [np.nan, np.inf])
 def test_a_point_that_is_not_finite_is_named(value: float) -> None:
-    points = np.ones((30, 3), np.float32)
+    points = ONES.copy()
     points[7, 1] = value
     with pytest.raises(DataError, match="point 7 is"):
-        register(points, np.ones((30, 3), np.float32))
+        register(points, ONES)
 
 
-@pytest.mark.parametrize("cloud", [None, [1, 2], np.ones((5, 2)), np.ones((5, 3), np.int32), "a"])
+@rows("cloud", [None, [1, 2], np.ones((5, 2)), np.ones((5, 3), np.int32), "a"])
 def test_what_is_no_cloud_is_refused(cloud: Any) -> None:
     with pytest.raises(ShapeError, match="expected a Cloud"):
-        register(cloud, np.ones((30, 3), np.float32))
+        register(cloud, ONES)
 
 
-@pytest.mark.parametrize(
-    "guess",
-    [np.eye(3), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), 2 * np.eye(4), "a"],
-)
+@rows("guess", [np.eye(3), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), 2 * np.eye(4), "a"])
 def test_a_guess_that_is_no_rigid_motion_is_refused(guess: Any) -> None:
-    points = np.ones((30, 3), np.float32)
     with pytest.raises((DataError, ShapeError), match="guess"):
-        register(points, points, guess)
+        register(ONES, ONES, guess)
 
 
-def test_a_packed_cloud_registers_as_before(
-    scans: tuple[Points, Points], found: Registration
-) -> None:
+def test_a_packed_cloud_registers_as_before(scans: Scans, found: Registration) -> None:
     config = RegistrationConfig()
     packed = [PreparedCloud(points).to_bytes() for points in scans]
     assert max(map(len, packed)) < 150_000
@@ -377,12 +343,12 @@ def test_points_farther_than_16_bits_reach_are_packed_all_the_same() -> None:
     np.testing.assert_array_equal(again.points, cloud.points)
 
 
-def test_a_guess_or_a_search_is_needed(scans: tuple[Points, Points]) -> None:
+def test_a_guess_or_a_search_is_needed(scans: Scans) -> None:
     with pytest.raises(ConfigError, match="neither a guess nor a search"):
         register(*scans, search=False)
 
 
-def test_prepared_clouds_keep_their_configuration(scans: tuple[Points, Points]) -> None:
+def test_prepared_clouds_keep_their_configuration(scans: Scans) -> None:
     fine = RegistrationConfig(voxel=0.3)
     prepared = PreparedCloud(scans[0], fine)
     assert same(register(prepared, scans[1]), register(*scans, config=fine))
@@ -390,43 +356,40 @@ def test_prepared_clouds_keep_their_configuration(scans: tuple[Points, Points]) 
         register(prepared, PreparedCloud(scans[1]))
 
 
-@pytest.mark.parametrize("module", ["small_gicp", "kiss_matcher"])
+@rows("module", ["small_gicp", "kiss_matcher"])
 def test_a_missing_extra_is_named(
-    module: str, monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
+    module: str, monkeypatch: pytest.MonkeyPatch, scans: Scans
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(FusionSlamError, match=r"pip install 'fusionslam\[map\]'") as caught:
+    with pytest.raises(FusionSlamError, match=r"\[map\]", check=has_code("missing-extra", "map")):
         register(*scans, config=FREE)
-    assert (caught.value.code, caught.value.fields) == ("missing-extra", ("map",))
 
 
 def test_without_a_package_of_kiss_matcher_for_this_python_a_guess_is_asked_for(
-    monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
+    monkeypatch: pytest.MonkeyPatch, scans: Scans
 ) -> None:
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)
     later = SimpleNamespace(version_info=(3, 13))
     monkeypatch.setattr("fusionslam.registration.map_extra.sys", later)
-    with pytest.raises(FusionSlamError, match="give a guess") as caught:
+    check = has_code("no-package", "kiss-matcher")
+    with pytest.raises(FusionSlamError, match="give a guess", check=check):
         register(*scans, config=FREE)
-    assert (caught.value.code, caught.value.fields) == ("no-package", ("kiss-matcher",))
 
 
 def test_without_kiss_matcher_a_guess_is_judged_alone(
-    monkeypatch: pytest.MonkeyPatch, scans: tuple[Points, Points]
+    monkeypatch: pytest.MonkeyPatch, scans: Scans
 ) -> None:
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)
     assert register(*scans, TRUTH, config=FREE).accepted
     refused = register(*scans, pose_of(-20, 5, 0, 0, 0, 90), config=FREE)
-    assert refused.reason is not None
     assert refused.reason.code in ("low-overlap", "degenerate")
-    assert refused.estimate is not None
 
 
-@pytest.mark.parametrize("is_built_from_source", [True, False])
+@rows("is_built_from_source", [True, False])
 def test_another_package_of_kiss_matcher_than_that_of_pypi_is_refused(
     is_built_from_source: bool,
     monkeypatch: pytest.MonkeyPatch,
-    scans: tuple[Points, Points],
+    scans: Scans,
     tmp_path: Path,
 ) -> None:
     kiss_matcher = sys.modules["kiss_matcher"]
@@ -438,6 +401,6 @@ def test_another_package_of_kiss_matcher_than_that_of_pypi_is_refused(
             (libraries / name).symlink_to(openmp)
     monkeypatch.setattr(kiss_matcher, "__file__", str(tmp_path / "kiss_matcher" / "__init__.py"))
     found = "nothing" if is_built_from_source else r"libgomp-1\.so, libtbb-1\.so"
-    with pytest.raises(FusionSlamError, match=f"found there: {found}") as caught:
+    check = has_code("other-package", "kiss-matcher")
+    with pytest.raises(FusionSlamError, match=f"found there: {found}", check=check):
         register(*scans, config=FREE)
-    assert (caught.value.code, caught.value.fields) == ("other-package", ("kiss-matcher",))

@@ -5,6 +5,7 @@
 import json
 import os
 import pickle
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,33 +15,39 @@ import pytest
 from detector_places import DRIVE, SECOND
 from fusionslam import DataError, LoopDetector
 from refusals import refuses
+from rows import rows
 from stored import change_archive, write_as_former_detector
 
 
-@pytest.mark.parametrize(
-    "descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"]
-)
-@pytest.mark.parametrize("pause", [1, 6, 13])
-def test_a_saved_detector_goes_on_exactly(tmp_path: Path, descriptor: str, pause: int) -> None:
+@rows("descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"])
+def test_a_saved_or_pickled_detector_goes_on_exactly(tmp_path: Path, descriptor: str) -> None:
     whole = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
     part = LoopDetector(descriptor, threshold=0.5, window=2, window_seconds=1.5)
     for number, cloud in enumerate(DRIVE):
-        if number == pause:
+        if number in (1, 6, 13):
             part.save(tmp_path / "loops")
             part = LoopDetector.load(tmp_path / "loops")
+        if number in (0, 9):
+            part = pickle.loads(pickle.dumps(part))
+            assert part.nearest == whole.nearest
+        assert len(part) == number
         stamp = number * SECOND
         assert part.add(cloud, stamp_ns=stamp) == whole.add(cloud, stamp_ns=stamp)
         assert part.nearest == whole.nearest
-    assert len(part) == len(whole) == len(DRIVE)
     assert part.config == whole.config and part.fusion_config == whole.fusion_config
     assert part.describe_config == whole.describe_config
 
 
-def save_detector(folder: Path) -> Path:
+@cache
+def pickled_detector() -> bytes:
     detector = LoopDetector("m2dp", window=2)
     for cloud in DRIVE[:5]:
         detector.add(cloud)
-    detector.save(folder)
+    return pickle.dumps(detector)
+
+
+def save_detector(folder: Path) -> Path:
+    pickle.loads(pickled_detector()).save(folder)
     return folder
 
 
@@ -93,20 +100,6 @@ def test_a_save_that_is_cut_off_leaves_the_old_file(
     assert len(LoopDetector.load(folder)) == len(before)
 
 
-@pytest.mark.parametrize(
-    "descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"]
-)
-def test_a_pickled_detector_goes_on_exactly(descriptor: str) -> None:
-    whole = LoopDetector(descriptor, threshold=0.5, window=2)
-    empty = pickle.loads(pickle.dumps(whole))
-    assert len(empty) == 0 and empty.config == whole.config
-    for cloud in DRIVE[:9]:
-        assert empty.add(cloud) == whole.add(cloud)
-    copy = pickle.loads(pickle.dumps(whole))
-    assert copy.nearest == whole.nearest and len(copy) == 9
-    assert [copy.add(cloud) for cloud in DRIVE[9:]] == [whole.add(cloud) for cloud in DRIVE[9:]]
-
-
 def test_an_empty_detector_has_nothing_to_save(tmp_path: Path) -> None:
     with refuses("empty"):
         LoopDetector().save(tmp_path)
@@ -126,41 +119,27 @@ def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
         LoopDetector.load(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "changes",
+@rows(
+    "changes, arrays",
     [
-        {"format": "fusionslam.loop_detector.99"},
-        {"descriptor": "m3dp"},
-        {"loop_closure": {"windw": 3}},
-        {"loop_closure": {"window": -1}},
-        {"loop_closure": None},
-        {"fusion": 3},
-        {"frames": 4},
+        ({"format": "fusionslam.loop_detector.99"}, {}),
+        ({"descriptor": "m3dp"}, {}),
+        *[({"loop_closure": value}, {}) for value in ({"windw": 3}, {"window": -1}, None)],
+        ({"fusion": 3}, {}),
+        ({"frames": 4}, {}),
+        # Arrays that do not belong together.
+        ({}, {"numbers": np.array([0, 1, 2, 2, 3])}),
+        ({}, {"numbers": np.array([-1, 1, 2, 3, 4])}),
+        ({}, {"stamps_ns": np.zeros(4, np.int64)}),
+        ({}, {"descriptors": np.zeros((4, 192), np.float32)}),
+        ({}, {"descriptors": np.full((5, 192), np.nan, np.float32)}),
     ],
 )
 def test_a_detector_of_another_version_or_kind_is_refused(
-    tmp_path: Path, changes: dict[str, Any]
+    tmp_path: Path, changes: Any, arrays: Any
 ) -> None:
     path = save_detector(tmp_path) / "detector.npz"
-    change_archive(path, lambda about, _: about.update(changes))
-    with pytest.raises(DataError, match=r"detector\.npz"):
-        LoopDetector.load(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "arrays",
-    [
-        {"numbers": np.array([0, 1, 2, 2, 3])},
-        {"numbers": np.array([-1, 1, 2, 3, 4])},
-        {"stamps_ns": np.zeros(4, np.int64)},
-        {"descriptors": np.zeros((4, 192), np.float32)},
-        {"descriptors": np.full((5, 192), np.nan, np.float32)},
-    ],
-)
-def test_arrays_that_do_not_belong_together_are_refused(
-    tmp_path: Path, arrays: dict[str, Any]
-) -> None:
-    change_archive(save_detector(tmp_path) / "detector.npz", **arrays)
+    change_archive(path, lambda about, _: about.update(changes), **arrays)
     with pytest.raises(DataError, match=r"detector\.npz"):
         LoopDetector.load(tmp_path)
 

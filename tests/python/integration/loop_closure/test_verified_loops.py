@@ -6,7 +6,7 @@ import pickle
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -26,27 +26,25 @@ from fusionslam.loop_closure import verification
 from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.registration import Refusal, Registration, RegistrationConfig
 from fusionslam.storage.arrays import Matrix
+from rows import rows
+from streets import WAY, at
 from worlds import AHEAD, room, scan, seen_from
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
 PLANAR = RegistrationConfig(method="planar")
+DRIVE = [Cloud(scan_blocks(pose, seed, 15_000)) for seed, pose in enumerate(WAY[:16])]
 
 
-def at(x: float, y: float, yaw_deg: float, z: float = 1.7) -> Matrix:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    pose[:3, 3] = x, y, z
-    return pose
+class Driven(NamedTuple):
+    """A detector that was driven over the way, its loops, and itself after twelve frames."""
+
+    detector: LoopDetector
+    loops: list[Loop | None]
+    halfway: bytes
 
 
-# Out, and back in the opposite direction, 1 m to the side.
-WAY = [at(6 * step, 0, 0) for step in range(-4, 5)]
-WAY += [at(6 * step, 1, 180) for step in range(4, -5, -1)]
-DRIVE = [Cloud(scan_blocks(pose, seed)) for seed, pose in enumerate(WAY)]
-
-
-def drive(detector: LoopDetector, first: int = 0, last: int = len(WAY)) -> list[Loop | None]:
+def drive(detector: LoopDetector, first: int = 0, last: int = len(DRIVE)) -> list[Loop | None]:
     return [detector.add(DRIVE[k], stamp_ns=10 * k, odometry=WAY[k]) for k in range(first, last)]
 
 
@@ -55,29 +53,27 @@ def new_detector(**options: object) -> LoopDetector:
 
 
 @pytest.fixture(scope="module")
-def driven() -> tuple[LoopDetector, list[Loop | None]]:
+def driven() -> Driven:
     detector = new_detector()
-    return detector, drive(detector)
+    loops = drive(detector, 0, 12)
+    halfway = pickle.dumps(detector)
+    return Driven(detector, loops + drive(detector, 12), halfway)
 
 
-def test_places_are_found_in_the_opposite_direction_with_their_poses(
-    driven: tuple[LoopDetector, list[Loop | None]],
-) -> None:
-    detector, loops = driven
+def test_places_are_found_in_the_opposite_direction_with_their_poses(driven: Driven) -> None:
+    detector, loops, _ = driven
     assert detector.verifies
     assert loops[:9] == [None] * 9  # a street that is driven for the first time
     found = [loop for loop in loops[11:] if loop is not None]
-    assert len(found) == 7
+    assert len(found) == 5
     for loop in found:
-        assert loop.match_from_query is not None and loop.covariance is not None
         truth = np.linalg.inv(WAY[loop.match]) @ WAY[loop.query]
         off = np.linalg.inv(truth) @ loop.match_from_query
         assert np.linalg.norm(off[:3, 3]) < 0.1
         assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 0.5
         assert np.linalg.norm(loop.match_from_query[:3, 3]) <= detector.config.max_distance
-        assert loop.covariance.shape == (6, 6)
-        assert loop.overlap is not None and loop.overlap > 0.6
-        assert loop.probability is not None and loop.probability >= 0.95
+        assert loop.covariance.shape == (6, 6) and loop.overlap > 0.6
+        assert loop.probability >= 0.95
 
 
 def test_without_gravity_the_nearest_candidates_are_searched_thoroughly(
@@ -99,8 +95,7 @@ def test_without_gravity_the_nearest_candidates_are_searched_thoroughly(
 def test_the_nearest_and_the_rejected_are_known_of_the_last_frame() -> None:
     detector = new_detector()
     drive(detector, 0, 8)
-    assert detector.nearest is not None and detector.nearest.reason is not None
-    assert detector.nearest.match_from_query is not None
+    assert detector.nearest.reason and detector.nearest.match_from_query is not None
     matches = [match for match, _, _, _ in detector.rejected]
     assert matches[0] == detector.nearest.match
     assert sorted(matches) == [0, 1, 2, 3]
@@ -109,12 +104,10 @@ def test_the_nearest_and_the_rejected_are_known_of_the_last_frame() -> None:
 
 
 def test_what_is_farther_than_a_place_is_wide_is_no_loop() -> None:
-    detector = new_detector(config=LoopConfig(max_distance=0.5))
-    assert not any(drive(detector))
-    codes = {code for _, code, _, _ in detector.rejected}
-    assert "far" in codes
+    detector = LoopDetector("m2dp", window=0, config=LoopConfig(max_distance=0.5))
+    drive(detector, 6, 10)  # the last one is where the one before was, turned around
     far = next(each for each in detector.rejected if each.code == "far")
-    truth = np.linalg.inv(WAY[far.match]) @ WAY[-1]
+    truth = np.linalg.inv(WAY[6 + far.match]) @ WAY[9]
     assert far.number == pytest.approx(np.linalg.norm(truth[:3, 3]), abs=0.1)
 
 
@@ -129,8 +122,7 @@ def test_loops_of_robots_on_a_floor_are_aligned() -> None:
     detector = LoopDetector("cm2dp", window=1, registration=PLANAR)
     *first, loop = [detector.add(cloud) for cloud in clouds]
     assert first == [None] * 3
-    assert loop is not None and (loop.query, loop.match) == (3, 0)
-    assert loop.match_from_query is not None
+    assert (loop.query, loop.match) == (3, 0)
     x, y, yaw = seen_from(there, back)
     np.testing.assert_allclose(loop.match_from_query[:2, 3], [x, y], atol=0.03)
     assert np.arctan2(*loop.match_from_query[[1, 0], 0]) == pytest.approx(yaw, abs=0.03)
@@ -139,30 +131,32 @@ def test_loops_of_robots_on_a_floor_are_aligned() -> None:
     assert len(detector) == 4
 
 
-@pytest.mark.parametrize("pause", [1, 12])
 def test_a_stored_detector_goes_on_as_if_it_had_never_stopped(
-    pause: int, tmp_path: Path, driven: tuple[LoopDetector, list[Loop | None]]
+    tmp_path: Path, driven: Driven
 ) -> None:
-    first = new_detector()
-    drive(first, 0, pause)
-    first.save(tmp_path)
-    for again in (LoopDetector.load(tmp_path), pickle.loads(pickle.dumps(first))):
-        rest = drive(again, pause)
-        assert rest == driven[1][pause:]
-        for one, other in zip(rest, driven[1][pause:], strict=True):
-            if one is not None and other is not None:
+    halfway = pickle.loads(driven.halfway)
+    halfway.save(tmp_path)
+    for again in (LoopDetector.load(tmp_path), halfway):
+        rest = drive(again, 12)
+        assert rest == driven.loops[12:]
+        for one, other in zip(rest, driven.loops[12:], strict=True):
+            if one is not None:
                 np.testing.assert_array_equal(one.match_from_query, other.match_from_query)
-        assert again.rejected == driven[0].rejected
+        assert again.rejected == driven.detector.rejected
+    begun = new_detector()
+    drive(begun, 0, 1)
+    assert drive(pickle.loads(pickle.dumps(begun)), 1, 4) == driven.loops[1:4]
 
 
-def test_submitted_and_observed_frames_give_the_same_loops(
-    driven: tuple[LoopDetector, list[Loop | None]],
-) -> None:
-    behind, apart = new_detector(), new_detector()
-    assert [behind.submit(cloud).result() for cloud in DRIVE] == driven[1]
+def test_submitted_and_observed_frames_give_the_same_loops() -> None:
+    added, behind, apart = (LoopDetector("m2dp", window=1) for _ in range(3))
+    clouds = [DRIVE[k] for k in (1, 4, 7, 10, 13)]
+    loops = [added.add(cloud) for cloud in clouds]
+    assert any(loops)
+    assert [behind.submit(cloud).result() for cloud in clouds] == loops
     assert behind.unverified == 0
-    seen = [pickle.loads(pickle.dumps(apart.observe(cloud))) for cloud in DRIVE]
-    assert [apart.add_observation(each) for each in seen] == driven[1]
+    seen = [pickle.loads(pickle.dumps(apart.observe(cloud))) for cloud in clouds]
+    assert [apart.add_observation(each) for each in seen] == loops
 
 
 def test_excluded_frames_are_no_candidates_and_leave_room_for_others() -> None:
@@ -173,7 +167,6 @@ def test_excluded_frames_are_no_candidates_and_leave_room_for_others() -> None:
     seen = detector.observe(DRIVE[9])  # at the place of frame 8, turned around
     detector.add_observation(seen, excluded=[8])
     tried = {match for match, *_ in detector.rejected}
-    assert detector.nearest is not None
     assert len(tried | {detector.nearest.match}) >= 2 and 8 not in tried
 
 
@@ -183,12 +176,12 @@ def test_answers_stay_recent_when_frames_come_too_fast(monkeypatch: pytest.Monke
 
     def slowly(self: LoopDetector, pending: Any) -> Loop | None:
         begun.set()
-        assert release.wait(60)
+        assert release.wait(300)
         return verify(self, pending)
 
     monkeypatch.setattr(LoopDetector, "_verify", slowly)
     waiting = [detector.submit(DRIVE[0])]
-    assert begun.wait(60)
+    assert begun.wait(300)
     waiting += [detector.submit(cloud) for cloud in DRIVE[1:]]
     release.set()
     found = [each.result() for each in waiting]
@@ -198,9 +191,9 @@ def test_answers_stay_recent_when_frames_come_too_fast(monkeypatch: pytest.Monke
 
 
 def test_clouds_are_forgotten_with_their_frames() -> None:
-    detector = new_detector(max_frames=8)
+    detector = new_detector(max_frames=8, candidates=1)
     loops = [loop for loop in drive(detector) if loop is not None]
-    assert len(detector) == len(WAY) and len(detector.frames) < 8
+    assert len(detector) == len(DRIVE) and len(detector.frames) < 8
     assert loops
     assert [loop.match_stamp_ns for loop in loops] == [10 * loop.match for loop in loops]
 
@@ -215,7 +208,7 @@ def test_errors_of_submitted_frames_are_those_of_their_futures() -> None:
 
 
 def test_another_limit_of_frames_counts_at_once() -> None:
-    detector = new_detector()
+    detector = new_detector(candidates=1)
     drive(detector, 0, 9)
     detector.limit_frames(8)
     drive(detector, 9, 10)
@@ -232,11 +225,9 @@ def test_rooms_are_still_fitted_after_an_empty_detector_was_pickled() -> None:
     assert again.registration_config == detector.registration_config
 
 
-def test_descriptors_alone_are_not_verified(
-    driven: tuple[LoopDetector, list[Loop | None]],
-) -> None:
+def test_descriptors_alone_are_not_verified(driven: Driven) -> None:
     with pytest.raises(ConfigError, match="verify=False"):
-        driven[0].add_descriptor(np.ones(192, np.float32))
+        driven.detector.add_descriptor(np.ones(192, np.float32))
     plain = new_detector()
     plain.add_descriptor(np.ones(192, np.float32))
     assert not plain.verifies
@@ -255,19 +246,14 @@ def test_a_threshold_or_a_missing_extra_means_loops_are_not_verified(
     assert new_detector(registration=PLANAR).verifies
 
 
-@pytest.mark.parametrize("count", [0, 3])
-def test_clouds_that_cannot_be_registered_leave_no_trace_or_a_reason(count: int) -> None:
+def test_clouds_that_cannot_be_registered_leave_no_trace_or_a_reason() -> None:
     detector = new_detector()
     drive(detector, 0, 5)
-    few = Cloud(DRIVE[0].points[:count])
-    if count == 0:
-        with pytest.raises(DataError):
-            detector.add(few)
-        assert len(detector) == 5
-        return
+    with pytest.raises(DataError):
+        detector.add(Cloud(DRIVE[0].points[:0]))
+    assert len(detector) == 5
     few = Cloud(DRIVE[0].points[:: len(DRIVE[0].points) // 30])
-    assert detector.add(few) is None
-    assert detector.rejected
+    assert detector.add(few) is None and detector.rejected
 
 
 def loop_of(query: int, match: int, pose: Matrix, probability: float) -> Loop:
@@ -286,19 +272,13 @@ def test_two_loops_of_four_frames_that_agree_count() -> None:
         pose[0, 3] += off
         return gate.judge(loop_of(100 + k, k, pose, probability), queries[k], matches[k])
 
-    first = judge(0, 0.92)
-    assert first is not None and first.reason is not None and first.reason.code == "alone"
-    wrong = judge(1, 0.92, off=5)
-    assert wrong is not None and wrong.reason is not None
-    agrees = judge(2, 0.92)
-    assert agrees is not None and agrees.reason is None
-    improbable = judge(3, 0.4)
-    assert improbable is not None and improbable.reason is not None
-    assert improbable.reason.code == "improbable"
+    assert judge(0, 0.92).reason.code == "alone"
+    assert judge(1, 0.92, off=5).reason is not None and judge(2, 0.92).reason is None
+    assert judge(3, 0.4).reason.code == "improbable"
 
 
-@pytest.mark.parametrize(
-    ("stretches", "counts"),
+@rows(
+    "stretches, counts",
     [([(1, 0), (1, 0)], True), ([(1, 0), (2, 0)], False), ([(1, 0), (1, 3)], False)],
 )
 def test_loops_of_different_stretches_of_odometry_do_not_confirm_each_other(
@@ -308,22 +288,18 @@ def test_loops_of_different_stretches_of_odometry_do_not_confirm_each_other(
     for k, between in enumerate(stretches):
         pose = at(2 * k, 0, 0)
         judged = gate.judge(loop_of(100 + k, k, np.eye(4), 0.92), pose, pose, between)
-    assert judged is not None and (judged.reason is None) == counts
+    assert (judged.reason is None) == counts
 
 
 def test_a_pose_that_was_refused_is_not_supported() -> None:
     gate = SequenceGate(LoopConfig())
     refused = replace(loop_of(9, 1, np.eye(4), 0.92), covariance=None)
     for _ in range(3):
-        judged = gate.judge(refused, np.eye(4), np.eye(4))
-        assert judged is not None and judged.reason is not None
+        assert gate.judge(refused, np.eye(4), np.eye(4)).reason is not None
 
 
 def test_a_loop_without_odometry_stands_alone() -> None:
     gate = SequenceGate(LoopConfig())
     for _ in range(3):
-        judged = gate.judge(loop_of(9, 1, np.eye(4), 0.7), None, None)
-        assert judged is not None and judged.reason is not None
-        assert judged.reason.code == "improbable"
-    certain = gate.judge(loop_of(9, 1, np.eye(4), 0.99), None, None)
-    assert certain is not None and certain.reason is None
+        assert gate.judge(loop_of(9, 1, np.eye(4), 0.7), None, None).reason.code == "improbable"
+    assert gate.judge(loop_of(9, 1, np.eye(4), 0.99), None, None).reason is None
