@@ -2,11 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tiny networks, shapes and places for tests of the learned second stage."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
+from artefacts import artefact
 from fusionslam.learning.places import Places, Sights
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats
+from fusionslam.views.scene_set import CloudArray
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 
 TINY = PointNetConfig(
@@ -49,3 +54,19 @@ def line(*poses: tuple[float, float, float]) -> tuple[list[Cloud], Floats]:
     """One-point clouds at these poses."""
     clouds = [cloud(1, n) for n in range(len(poses))]
     return clouds, np.asarray(poses, np.float64)
+
+
+def simulated_places(seed: int, **values: Any) -> Sights:
+    """Places of a simulated world, seen some times; simulated once on a machine."""
+    from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
+
+    def make(folder: Path) -> None:
+        config = SimulatedPlacesConfig(seed=seed, worlds=1, **values)
+        name, clouds, poses = next(simulate_places(config))
+        stored = CloudArray.of(clouds)
+        arrays = {"points": stored.points, "colors": stored.colors, "offsets": stored.offsets}
+        np.savez(folder / "places.npz", name=name, poses=poses, **arrays)
+
+    with np.load(artefact(f"places_{seed}", make) / "places.npz") as file:
+        kept = CloudArray(file["points"], file["colors"], file["offsets"])
+        return str(file["name"]), [kept[i] for i in range(len(kept))], file["poses"]

@@ -5,19 +5,23 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from error_codes import has_code
 from fusionslam.errors import DataError
-from fusionslam.learning.places import Places, same_places
+from fusionslam.learning.places import PairConfig, Places, Sights, make_pairs, same_places
 from fusionslam.sensors.frame import Cloud
+from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
+from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.second_stage import MODELS, SecondStage
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.network_files import SHIPPED, check_digest
 from fusionslam.views.second_stage.scores import area_under_curve
-from learning import cloud
+from fusionslam.views.two_stage_comparison import TwoStageComparison
+from learning import cloud, simulated_places
 from refusals import refuses
 from rows import rows
 from stored import change_json
@@ -54,8 +58,7 @@ def test_a_network_of_which_one_bit_changed_is_refused(
     if suffix == "onnx" and stem.endswith("features"):
         with pytest.raises(DataError, check=has_code("wrong-digest", path)):
             SecondStage(path, tmp_path / path.name)
-    card = tmp_path / f"{stem}.json"
-    change_json(card, sha256={})
+    change_json(tmp_path / f"{stem}.json", sha256={})
     check_digest(path)
 
 
@@ -105,33 +108,60 @@ def test_a_sight_is_the_same_place_as_itself() -> None:
     assert stage.probability(row, row) > 0.9
 
 
-@rows("model, least", [("places", 0.95), ("thesis", 0.85)])
-def test_places_of_a_world_never_trained_on_are_told_apart(model: str, least: float) -> None:
+@pytest.fixture(scope="session")
+def unknown_places() -> Places:
+    """Of a world that no network was trained on."""
     pytest.importorskip("embreex", reason="the simulator is not installed")
-    from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
+    return Places.of([simulated_places(seed=900, places=16, sights=5)])
 
-    config = SimulatedPlacesConfig(seed=900, worlds=1, places=16, sights=5)
-    places = Places.of(simulate_places(config))
+
+WAREHOUSE: dict[str, Any] = {"seed": 3, "kinds": ("warehouse",), "places": 3, "sights": 3}
+
+
+@pytest.fixture(scope="session")
+def warehouse() -> Sights:
+    pytest.importorskip("embreex", reason="the simulator is not installed")
+    return simulated_places(**WAREHOUSE)
+
+
+@rows("model, least", [("places", 0.95), ("thesis", 0.85)])
+def test_places_of_a_world_never_trained_on_are_told_apart(
+    model: str, least: float, unknown_places: Places
+) -> None:
+    places = unknown_places
     stage, everything = SecondStage(model), range(len(places))
-    rows = np.stack([stage.features(places[index]) for index in everything])
+    table = np.stack([stage.features(places[index]) for index in everything])
     first, second = np.triu_indices(len(places), 1)
-    scores = np.stack([stage.probabilities(row, rows) for row in rows])[first, second]
+    scores = np.stack([stage.probabilities(row, table) for row in table])[first, second]
     same, _ = same_places(places, first, second)
     assert area_under_curve(scores, same) > least
 
 
 def test_the_matcher_takes_it_as_its_second_stage() -> None:
-    from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
-    from fusionslam.views.object_comparison import ObjectComparison
-    from fusionslam.views.two_stage_comparison import TwoStageComparison
-
-    def ids(threshold: float) -> list[int]:
+    near, far = cloud(400, 1, (2.0, 0.0)), cloud(400, 2, (6.0, -2.0))
+    for threshold, expected in ((0.0, [0, 0, 0, 0]), (0.9, [0, 1, 0, 1])):
         # Every scene is like every other one to this first stage.
         first = ObjectComparison(SceneConfig(), SimilarityConfig(), 0.0)
-        second = SecondStage("places")
-        matcher = ViewMatcher(comparison=TwoStageComparison(first, second, threshold=threshold))
-        return [matcher.process(seen).id for seen in (near, far, near, far)]
+        both = TwoStageComparison(first, SecondStage("places"), threshold=threshold)
+        one = ViewMatcher(comparison=both)
+        assert [one.process(seen).id for seen in (near, far, near, far)] == expected
 
-    near, far = cloud(400, 1, (2.0, 0.0)), cloud(400, 2, (6.0, -2.0))
-    assert ids(0.0) == [0, 0, 0, 0]
-    assert ids(0.9) == [0, 1, 0, 1]
+
+def test_simulated_places_are_seen_several_times_and_repeat_with_their_seed(
+    warehouse: Sights,
+) -> None:
+    from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
+
+    name, clouds, poses = warehouse
+    config = SimulatedPlacesConfig(worlds=1, **WAREHOUSE)
+    _, again, _ = next(simulate_places(config))
+    assert name == "warehouse_0" and poses is not None and len(clouds) == len(poses)
+    places = Places.of([(name, clouds, poses)])
+    assert make_pairs(places, PairConfig(), np.random.default_rng(0)).same.any()
+    for one, other in zip(clouds, again, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        np.testing.assert_array_equal(one.colors, other.colors)
+        assert len(one) >= config.least and (one.points[:, 2] > 0.1).all()
+        # The sector looks forward.
+        assert (np.abs(np.arctan2(one.points[:, 1], one.points[:, 0] + 0.064)) < 0.56).all()
+        assert one.colors is not None and np.ptp(one.colors) > 20

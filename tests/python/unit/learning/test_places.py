@@ -24,11 +24,10 @@ from rows import rows
 
 def test_a_place_is_the_same_within_half_a_metre_and_36_degrees() -> None:
     deg = np.pi / 180
-    clouds, poses = line(
+    seen = line(
         (0, 0, 0), (0.49, 0, 0), (0.51, 0, 0), (0, 0, 35 * deg), (0, 0, 37 * deg), (0.3, 0.3, 0)
     )
-    places = Places.of([("w", clouds, poses)])
-    same, doubtful = same_places(places, np.zeros(6, int), np.arange(6))
+    same, doubtful = same_places(Places.of([("w", *seen)]), np.zeros(6, int), np.arange(6))
     assert same.tolist() == [True, True, False, True, False, True]
     assert doubtful.tolist() == [False, False, True, False, True, False]
 
@@ -45,6 +44,12 @@ def test_equal_poses_in_other_worlds_are_other_places() -> None:
     places = Places.of([("a", clouds, poses), ("b", clouds, poses)])
     same, doubtful = same_places(places, np.array([0]), np.array([1]))
     assert not same[0] and not doubtful[0]
+
+
+def test_limits_of_a_place_are_configuration() -> None:
+    places = Places.of([("w", *line((0, 0, 0), (0.8, 0, 0)))])
+    same, _ = same_places(places, np.array([0]), np.array([1]), SamePlaceConfig(radius_m=0.9))
+    assert same[0]
 
 
 def test_sights_come_back_as_they_were_given() -> None:
@@ -102,16 +107,9 @@ def test_pairs_are_labelled_within_their_world_and_repeat_with_their_seed() -> N
 
 
 def test_pairs_need_places_seen_twice() -> None:
-    clouds, poses = line((0, 0, 0), (5, 0, 0), (10, 0, 0))
+    places = Places.of([("w", *line((0, 0, 0), (5, 0, 0), (10, 0, 0)))])
     with refuses("no-pairs"):
-        make_pairs(Places.of([("w", clouds, poses)]), PairConfig(), np.random.default_rng(0))
-
-
-def test_limits_of_a_place_are_configuration() -> None:
-    clouds, poses = line((0, 0, 0), (0.8, 0, 0))
-    places = Places.of([("w", clouds, poses)])
-    same, _ = same_places(places, np.array([0]), np.array([1]), SamePlaceConfig(radius_m=0.9))
-    assert same[0]
+        make_pairs(places, PairConfig(), np.random.default_rng(0))
 
 
 def test_the_area_under_the_curve_counts_pairs_in_the_right_order() -> None:
@@ -126,8 +124,8 @@ def test_the_area_under_the_curve_counts_pairs_in_the_right_order() -> None:
 
 def test_calibrated_distances_mean_probabilities() -> None:
     rng = np.random.default_rng(0)
-    same = rng.random(20_000) < 0.2
-    distances = np.where(same, rng.normal(0.4, 0.1, 20_000), rng.normal(0.8, 0.1, 20_000))
+    same = rng.random(6_000) < 0.2
+    distances = np.where(same, rng.normal(0.4, 0.1, 6_000), rng.normal(0.8, 0.1, 6_000))
     offset, slope = calibrate(distances, same)
     # Normal distributions of equal width: the exact log odds are a line, 24 - 40 d.
     assert slope == pytest.approx(40, rel=0.08) and offset == pytest.approx(24, rel=0.08)
@@ -139,21 +137,3 @@ def test_distances_that_never_overlap_still_have_a_finite_slope() -> None:
     offset, slope = calibrate([0.1, 0.2, 0.9, 1.0], [True, True, False, False])
     assert np.isfinite([offset, slope]).all() and slope > 0
     assert np.isfinite(probability_of([1e6, -1e6], offset, slope)).all()
-
-
-def test_simulated_places_are_seen_several_times_and_repeat_with_their_seed() -> None:
-    pytest.importorskip("embreex", reason="the simulator is not installed")
-    from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
-
-    config = SimulatedPlacesConfig(kinds=("warehouse",), worlds=1, places=3, sights=3)
-    (name, clouds, poses), (_, again, _) = (next(simulate_places(config)) for _ in range(2))
-    assert name == "warehouse_0" and len(clouds) == len(poses)
-    places = Places.of([(name, clouds, poses)])
-    assert make_pairs(places, PairConfig(), np.random.default_rng(0)).same.any()
-    for one, other in zip(clouds, again, strict=True):
-        np.testing.assert_array_equal(one.points, other.points)
-        np.testing.assert_array_equal(one.colors, other.colors)
-        assert len(one) >= config.least and (one.points[:, 2] > 0.1).all()
-        # The sector looks forward.
-        assert (np.abs(np.arctan2(one.points[:, 1], one.points[:, 0] + 0.064)) < 0.56).all()
-        assert one.colors is not None and np.ptp(one.colors) > 20
