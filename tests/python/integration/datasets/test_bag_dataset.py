@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from bags import (
     BLUE,
@@ -29,17 +30,21 @@ from bags import (
     picture,
     put_bag,
     scan,
+    static,
     translation,
     without,
     write_bag,
 )
 from cli import error_of, fails, succeeds
 from error_codes import has_code
-from fusionslam import fuse, open_dataset
-from fusionslam.datasets import write_poses_tum
+from fusionslam import fuse
+from fusionslam.datasets import open_dataset, write_poses_tum
 from fusionslam.datasets.bags.dataset import BagDataset
 from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.pipelines.overview import look_at
+from fusionslam.pipelines.recording import Recording
+from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import Event, FrameTransforms
 from fusionslam.sensors.synchronizer import SyncConfig
 from rows import rows
@@ -335,3 +340,121 @@ def test_shared_recording_is_fused_by_its_own_transforms(test_data: Path) -> Non
     assert kinds == {**counts, "FrameTransforms": 601}
     np.testing.assert_allclose(dataset.body_from_points[:3, 3], (-0.064, 0, 0.17), atol=1e-3)
     assert min(len(fuse(dataset[k])) for k in (0, 20, 39)) > 1000
+
+
+def calib_yaml(path: Path, camera: Camera, **changes: object) -> Path:
+    entry = {
+        "projection": camera.projection.tolist(),
+        "rectified_from_points": camera.rectified_from_points.tolist(),
+        "size": list(camera.size or ()),
+    }
+    content = {key: value for key, value in (entry | changes).items() if value is not None}
+    path.write_text(yaml.safe_dump({"left": content}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bags") / "whole.bag", drive())
+
+
+@pytest.fixture(scope="module")
+def camera(whole: Path) -> Camera:
+    return open_dataset(whole)[0].cameras["left"]
+
+
+@rows("missing", ["/tf_static", "/camera/camera_info"])
+def test_a_calibration_stands_for_what_a_bag_lacks(
+    tmp_path: Path, camera: Camera, whole: Path, missing: str
+) -> None:
+    bag = write_bag(tmp_path / "poor.bag", without(drive(), missing))
+    file = calib_yaml(tmp_path / "calib.yaml", camera)
+    with pytest.raises(DataError):
+        open_dataset(bag, sensors=("points", "left"))
+    dataset = open_dataset(bag, sensors=("points", "left"), calibration=file)
+    expected_frames = open_dataset(whole)
+    assert len(dataset) == len(expected_frames)
+    for frame, expected in zip(dataset, expected_frames, strict=True):
+        found = frame.cameras["left"]
+        assert np.allclose(found.projection_from_points, camera.projection_from_points)
+        assert np.array_equal(frame.images["left"], expected.images["left"])
+
+
+def test_a_calibration_wins_over_that_of_the_bag(
+    tmp_path: Path, camera: Camera, whole: Path
+) -> None:
+    moved = camera.rectified_from_points.copy()
+    moved[0, 3] += 0.5
+    file = calib_yaml(tmp_path / "other.yaml", camera, rectified_from_points=moved.tolist())
+    (found, own) = (
+        open_dataset(whole, calibration=each)[0].cameras["left"] for each in (file, None)
+    )
+    assert np.allclose(found.rectified_from_points, moved)
+    assert not np.allclose(own.rectified_from_points, moved)
+
+
+@rows(
+    "changes, message",
+    [
+        ({"size": None}, "left .*size"),
+        ({"size": [640, 480]}, "640x480"),
+        ({"projection": [0.0] * 12}, "projection"),
+    ],
+)
+def test_a_calibration_that_does_not_fit_is_named(
+    tmp_path: Path, camera: Camera, whole: Path, changes: dict[str, object], message: str
+) -> None:
+    file = calib_yaml(tmp_path / "calib.yaml", camera, **changes)
+    with pytest.raises(DataError, match=message):
+        _ = open_dataset(whole, calibration=file)[0].images["left"]
+
+
+def test_a_calibration_that_is_not_there_or_of_kitti_is_refused(
+    kitti: Path, tmp_path: Path, camera: Camera, whole: Path
+) -> None:
+    with pytest.raises(DataError, check=has_code("missing-file", tmp_path / "gone.yaml")):
+        open_dataset(whole, calibration=tmp_path / "gone.yaml")
+    with pytest.raises(ConfigError, match="kitti-odometry"):
+        open_dataset(kitti, calibration=calib_yaml(tmp_path / "calib.yaml", camera))
+
+
+def test_commands_take_a_calibration_and_info_says_so(tmp_path: Path, camera: Camera) -> None:
+    bag = write_bag(tmp_path / "poor.bag", without(drive(), "/tf_static"))
+    file = calib_yaml(tmp_path / "calib.yaml", camera)
+    seen = dict(look_at(Recording.at(bag, calibration=file)).rows)
+    assert "from the calibration" in seen["extrinsics"]
+    assert seen["fusion"].startswith("possible")
+    words = ("fuse", bag, "--source", "lidar", "-o")
+    line = fails(1, *words, tmp_path / "without")
+    assert "velodyne" in line and "--calib" in line and "--source cloud" in line
+    succeeds(*words, tmp_path / "with", "--calib", file)
+    assert open_dataset(tmp_path / "with")[0].colors is not None
+
+
+def test_the_file_places_a_scanner_that_tf_does_not_link_to_the_robot(tmp_path: Path) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text("robot_from_points: [1,0,0,0.2, 0,1,0,0, 0,0,1,0.5, 0,0,0,1]\n")
+    rest = without(drive(), "/tf_static")
+    bag = write_bag(tmp_path / "poor.bag", rest)
+    placed = open_dataset(bag, sensors=("points",), calibration=file)[0]
+    assert placed.robot_from_points[:3, 3].tolist() == [0.2, 0, 0.5]
+    assert open_dataset(bag, sensors=("points",))[0].robot_from_points is None
+    # One that it links to something else is named.
+    mast = FrameTransforms(transforms=(static("mast", "velodyne", np.eye(4)),))
+    bag = write_bag(tmp_path / "mast.bag", [Event("/tf_static", START, mast), *rest])
+    with pytest.raises(DataError, check=has_code("two-parents", "velodyne", "mast", "base")):
+        open_dataset(bag, sensors=("points",), calibration=file)
+
+
+@rows("missing", ["/tf_static", "/camera/camera_info"])
+def test_scans_serve_where_the_camera_is_not_calibrated_and_the_cure_is_named(
+    tmp_path: Path, missing: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    bag = write_bag(tmp_path / "poor.bag", without(drive(), missing))
+    assert open_dataset(bag).sensors == ("points",)
+    (record,) = caplog.records
+    assert "--calib" in record.getMessage()
+    assert ("--topic camera_info=" in record.getMessage()) == (missing != "/tf_static")
+    line = fails(1, "calib-check", bag, "-o", tmp_path / "out")
+    assert "--calib" in line and "--source" not in line
+    succeeds("ratslam", bag, "-o", tmp_path / "map", "--source", "cloud", "--no-report")

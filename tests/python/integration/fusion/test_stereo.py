@@ -129,18 +129,13 @@ def test_a_shifted_texture_has_that_disparity(shift: int, config: dict[str, obje
     assert np.mean(np.abs(found - shift) < 0.3) > 0.98
 
 
-def test_colour_images_are_matched_by_their_brightness() -> None:
-    left, right = shifted_pair(9)
-    coloured = [np.repeat(image[:, :, None], 3, axis=2) for image in (left, right)]
-    given = fusionslam.stereo_disparity(*coloured)
-    assert np.array_equal(given, fusionslam.stereo_disparity(left, right))
-
-
-def test_two_runs_give_the_same_disparity() -> None:
+@rows("config", [{}, SGBM])
+def test_two_runs_and_colour_images_give_the_same_disparity(config: dict[str, object]) -> None:
     left, right = shifted_pair(11)
-    for config in (StereoConfig(), StereoConfig(**SGBM)):
-        first, second = (fusionslam.stereo_disparity(left, right, config=config) for _ in range(2))
-        assert first.tobytes() == second.tobytes()
+    coloured = [np.repeat(image[:, :, None], 3, axis=2) for image in (left, right)]
+    pairs = ((left, right), (left, right), coloured)
+    found = [fusionslam.stereo_disparity(*pair, config=StereoConfig(**config)) for pair in pairs]
+    assert len({disparity.tobytes() for disparity in found}) == 1
 
 
 # Disparity to cloud
@@ -167,16 +162,11 @@ def test_a_cloud_from_disparity_projects_back_onto_its_pixels() -> None:
     assert np.array_equal(pixels, np.arange(depth.size))
     assert np.array_equal(colors, image.reshape(-1, 3))
     assert points[:, 2] == pytest.approx(depth.ravel(), rel=1e-4)
-    seen_left, seen_right = (
-        projection @ np.c_[points.astype(np.float64), np.ones(len(points))].T
-        for projection in (LEFT, RIGHT)
-    )
-    rows, columns = np.divmod(pixels, 160)
-    assert np.abs(seen_left[0] / seen_left[2] - columns).max() < 1e-3
-    assert np.abs(seen_left[1] / seen_left[2] - rows).max() < 1e-3
-    assert np.abs(seen_right[1] / seen_right[2] - rows).max() < 1e-3
-    difference = seen_left[0] / seen_left[2] - seen_right[0] / seen_right[2]
-    assert np.abs(difference - disparity.ravel()).max() < 1e-3
+    place = np.c_[points.astype(np.float64), np.ones(len(points))].T
+    left, right = (seen[:2] / seen[2] for seen in (LEFT @ place, RIGHT @ place))
+    row, column = np.divmod(pixels, 160)
+    assert np.abs([left[0] - column, left[1] - row, right[1] - row]).max() < 1e-3
+    assert np.abs(left[0] - right[0] - disparity.ravel()).max() < 1e-3
 
 
 def test_the_cloud_is_given_in_the_frame_that_is_asked_for() -> None:
@@ -205,41 +195,27 @@ def test_only_depths_within_the_range_become_points() -> None:
     assert np.array_equal(kept[clear.ravel()], expected[clear])
 
 
-def test_pixels_without_a_disparity_give_no_points() -> None:
-    disparity = disparity_of(depths(4))
+def test_pixels_without_a_disparity_give_no_points_and_what_is_not_finite_is_refused() -> None:
+    disparity, image = disparity_of(depths(4)), np.zeros((120, 160), np.uint8)
     disparity[::2], disparity[1, :1] = 0, -5
-    _, _, pixels = fusionslam.cloud_from_disparity(
-        disparity, np.zeros((120, 160), np.uint8), LEFT, RIGHT
-    )
+    _, _, pixels = fusionslam.cloud_from_disparity(disparity, image, LEFT, RIGHT)
     assert not (pixels // 160 % 2 == 0).any()
     assert 160 not in pixels
-
-
-@rows("value", [np.nan, np.inf])
-def test_a_disparity_that_is_not_finite_is_refused_by_its_place(value: float) -> None:
-    disparity = disparity_of(depths(4))
-    disparity[1, 2] = value
-    with pytest.raises(DataError, match=r"disparity .*\b1, .*\b2\b"):
-        fusionslam.cloud_from_disparity(disparity, np.zeros((120, 160), np.uint8), LEFT, RIGHT)
+    for value in (np.nan, np.inf):
+        disparity[1, 2] = value
+        with pytest.raises(DataError, match=r"disparity .*\b1, .*\b2\b"):
+            fusionslam.cloud_from_disparity(disparity, image, LEFT, RIGHT)
 
 
 def test_fuse_makes_the_same_cloud_in_the_frame_of_the_scan() -> None:
     left, right = shifted_pair(12)
-    rectified_from_points = np.array(
-        [[0, -1.0, 0, 0.1], [0, 0, -1, 0.2], [1, 0, 0, 0.3], [0, 0, 0, 1]]
-    )
-    cameras = {
-        "left": Camera(LEFT, rectified_from_points),
-        "right": Camera(RIGHT, rectified_from_points),
-    }
+    place = np.array([[0, -1.0, 0, 0.1], [0, 0, -1, 0.2], [1, 0, 0, 0.3], [0, 0, 0, 1]])
+    cameras = {"left": Camera(LEFT, place), "right": Camera(RIGHT, place)}
     frame = Frame(images={"left": left, "right": right}, cameras=cameras)
     made = fusionslam.fuse(frame, FusionConfig(source="stereo"))
+    disparity = fusionslam.stereo_disparity(left, right)
     expected, colors, _ = fusionslam.cloud_from_disparity(
-        fusionslam.stereo_disparity(left, right),
-        left,
-        LEFT,
-        RIGHT,
-        cloud_from_rectified=np.linalg.inv(rectified_from_points),
+        disparity, left, LEFT, RIGHT, cloud_from_rectified=np.linalg.inv(place)
     )
     assert len(made) > 1000
     assert np.array_equal(made.points, expected) and np.array_equal(made.colors, colors)
@@ -247,12 +223,6 @@ def test_fuse_makes_the_same_cloud_in_the_frame_of_the_scan() -> None:
 
 
 # What is refused
-
-
-def test_images_of_different_size_are_refused() -> None:
-    left, right = shifted_pair(5)
-    with pytest.raises(fusionslam.ShapeError, match=r"160x120.*150x120"):
-        fusionslam.stereo_disparity(left, right[:, :150])
 
 
 @rows(
@@ -270,6 +240,12 @@ def test_images_of_different_size_are_refused() -> None:
 def test_sizes_that_opencv_refuses_are_named(config: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=f"stereo.*{message}"):
         fusionslam.stereo_disparity(*shifted_pair(6), config=StereoConfig(**config))
+
+
+def test_images_of_different_size_are_refused() -> None:
+    left, right = shifted_pair(5)
+    with pytest.raises(fusionslam.ShapeError, match=r"160x120.*150x120"):
+        fusionslam.stereo_disparity(left, right[:, :150])
 
 
 @rows("method", ["bm", "sgbm"])

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that are cut, damaged, or written to disks that are full."""
+"""Bags that are cut, damaged, on full disks, or expand to more than a limit."""
 
+import bz2
 import os
 import resource
 import struct
@@ -12,14 +13,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader, Writer
+from rosbags.rosbag1 import reader as rosbag1_reader
+from rosbags.rosbag2 import reader as rosbag2_reader
+from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2 import writer as rosbag2_writer
 
 from bags import SECOND, START, SUFFIXES, drive, odometry, picture, same, without, write_bag
 from cli import succeeds
 from error_codes import has_code
 from fusionslam.datasets import open_bag, open_dataset, open_writer
+from fusionslam.datasets.bags import decompression
 from fusionslam.datasets.bags.dataset import BagDataset
+from fusionslam.datasets.bags.decompression import bound_decompression
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
+from fusionslam.storage import files
 from rows import rows
 
 
@@ -292,3 +301,76 @@ def test_without_rosbags_it_is_said_what_to_install(
     monkeypatch.setitem(sys.modules, "rosbags.rosbag1", None)
     with pytest.raises(DataError, check=has_code("missing-extra", "bags")):
         open_bag(path)
+
+
+lz4 = pytest.importorskip("lz4.frame")
+ZEROS = bytes(1 << 20)
+
+
+def limit_expansion(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    bound_decompression()
+    for module in (files, decompression):
+        monkeypatch.setattr(module, "MOST_EXPANDED", most)
+
+
+def test_what_expands_beyond_the_limit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit_expansion(monkeypatch, 1 << 19)
+    packed = rosbag2_writer.zstd.compress(ZEROS)  # of Python, or its backport
+    from_lz4, from_zstd = (storage_mcap.DECOMPRESSORS[name] for name in ("lz4", "zstd"))
+    of_whole = (
+        (rosbag1_reader.decompressors["bz2"], bz2.compress(ZEROS)),
+        (rosbag1_reader.decompressors["lz4"], lz4.compress(ZEROS)),
+        (rosbag2_reader.zstd.decompress, packed),
+    )
+    declared = (
+        (lambda data: from_lz4(data, 1000), lz4.compress(ZEROS)),
+        (lambda data: from_zstd(data, 1000), packed),
+        (lambda data: from_zstd(data, 1 << 40), packed),
+    )
+    for expand, data in (*of_whole, *declared):
+        with pytest.raises(ValueError, match="expand"):
+            expand(data)
+    limit_expansion(monkeypatch, 1 << 21)
+    for expand, data in of_whole:
+        assert expand(data) == ZEROS
+        with pytest.raises((ValueError, EOFError)):
+            expand(data[: len(data) // 2])
+    two = lz4.compress(b"one") + lz4.compress(b"two")
+    assert rosbag1_reader.decompressors["lz4"](two) == b"onetwo"
+
+
+@rows("compression", ["BZ2", "LZ4"])
+def test_a_compressed_bag_is_read_as_before_and_refused_beyond_the_limit(
+    tmp_path: Path, compression: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit_expansion(monkeypatch, 1 << 26)
+    plain, path = write_bag(tmp_path / "plain.bag", drive(0.5)), tmp_path / "a.bag"
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat[compression])
+    with Reader(plain) as read, writer:
+        made = {
+            each.id: writer.add_connection(
+                each.topic, each.msgtype, msgdef=each.msgdef.data, md5sum=each.digest
+            )
+            for each in read.connections
+        }
+        for connection, time_ns, data in read.messages():
+            writer.write(made[connection.id], time_ns, data)
+    with open_bag(plain) as one, open_bag(path) as other:
+        pairs = list(zip(one.events(), other.events(), strict=True))
+    assert len(pairs) > 10 and all(same(*pair) for pair in pairs)
+    limit_expansion(monkeypatch, 1)
+    for module in (files, decompression):
+        monkeypatch.setattr(module, "EXPANSION", 1)
+    with pytest.raises(DataError, match=r"a\.bag"), open_bag(path) as bag:
+        list(bag.events())
+
+
+def test_a_bag_that_names_files_elsewhere_reads_none_of_them(tmp_path: Path) -> None:
+    folder = write_bag(tmp_path / "in" / "a.db3", drive(0.3))
+    (database,) = folder.glob("*.db3")
+    database.rename(folder.parent / "other.db3")
+    about = folder / "metadata.yaml"
+    about.write_text(about.read_text().replace(database.name, "../other.db3"))
+    with pytest.raises(DataError), open_bag(folder) as bag:
+        list(bag.events())

@@ -61,7 +61,7 @@ def test_a_point_takes_the_camera_to_whose_centre_it_is_nearest() -> None:
         "between": camera_at(40, (40, 30)),
         "rear": camera_at(180),
     }
-    points = points_around()
+    points = points_around(2000)
     images, projections = inputs(cameras)
     kept, colors, indices, chosen, _ = fusionslam.colorize_all_round(
         points, images, projections, balance=False
@@ -82,8 +82,7 @@ def test_a_point_takes_the_camera_to_whose_centre_it_is_nearest() -> None:
 
 def test_equally_near_cameras_leave_the_point_to_the_first() -> None:
     image = np.full((60, 80, 3), 50, np.uint8)
-    camera = camera_at(0)
-    twice = [camera.projection_from_points] * 2
+    twice = [camera_at(0).projection_from_points] * 2
     _, colors, _, cameras, _ = fusionslam.colorize_all_round(
         points_around(), [image, 2 * image], twice, balance=False
     )
@@ -114,35 +113,32 @@ def test_cameras_without_common_points_keep_their_colours() -> None:
     assert np.abs(gains[0] / gains[1] / (GAINS[1] / GAINS[0]) - 1).max() < 0.01
 
 
-def test_gains_stay_within_their_limits() -> None:
+def test_gains_stay_within_their_limits_and_few_or_dark_or_saturated_pixels_say_nothing() -> None:
+    points = points_around()
     images, projections = inputs(ring())
     images[0] = (images[0] // 5).astype(np.uint8)
-    gains = fusionslam.colorize_all_round(points_around(), images, projections)[4]
+    gains = fusionslam.colorize_all_round(points, images, projections)[4]
     assert gains.max() == 2 and gains.min() >= 0.5
-
-
-def test_dark_and_saturated_pixels_and_few_points_say_nothing_of_exposure() -> None:
     images, projections = inputs(ring(), GAINS)
-    few = points_around(200)
-    for changed, points in (
-        ([np.full_like(image, 255) for image in images], points_around()),
-        ([np.full_like(image, 15) for image in images], points_around()),
-        (images, few),
+    for changed, seen in (
+        ([np.full_like(image, 255) for image in images], points),
+        ([np.full_like(image, 15) for image in images], points),
+        (images, points_around(200)),
     ):
-        gains = fusionslam.colorize_all_round(points, changed, projections)[4]
+        gains = fusionslam.colorize_all_round(seen, changed, projections)[4]
         assert np.array_equal(gains, np.ones((4, 3)))
 
 
 def test_wrong_cameras_are_refused() -> None:
     points, image = scene(1)
-    with pytest.raises(ShapeError):
-        fusionslam.colorize_all_round(points, [image], [PROJECTION] * 2)
-    with pytest.raises(DataError):
-        fusionslam.colorize_all_round(points, [], [])
-    with pytest.raises(DataError):
-        fusionslam.colorize_all_round(points, [image, image], [PROJECTION, np.zeros((3, 4))])
-    with pytest.raises(ConfigError):
-        fusionslam.colorize_all_round(points, [image], [PROJECTION], interpolation="cubic")
+    for images, projections, error, options in (
+        ([image], [PROJECTION] * 2, ShapeError, {}),
+        ([], [], DataError, {}),
+        ([image, image], [PROJECTION, np.zeros((3, 4))], DataError, {}),
+        ([image], [PROJECTION], ConfigError, {"interpolation": "cubic"}),
+    ):
+        with pytest.raises(error):
+            fusionslam.colorize_all_round(points, images, projections, **options)
     points[7, 1] = np.nan
     with pytest.raises(DataError):
         fusionslam.colorize_all_round(points, [image], [PROJECTION])
@@ -171,10 +167,8 @@ def test_fuse_colours_by_all_cameras_of_a_frame() -> None:
 
 def test_a_stereo_pair_still_colours_by_its_left_camera_alone() -> None:
     points, image = scene(18)
-    left = Camera(PROJECTION)
-    shifted = PROJECTION.copy()
-    shifted[0, 3] -= 40
-    pair = {"left": left, "right": Camera(shifted)}
+    shifted = PROJECTION - [[0, 0, 0, 40], [0] * 4, [0] * 4]
+    pair = {"left": Camera(PROJECTION), "right": Camera(shifted)}
     given = Frame(points=points, images={"left": image, "right": image[::-1]}, cameras=pair)
     made, expected = fusionslam.fuse(given), fusionslam.colorize(points, image, PROJECTION)
     assert np.array_equal(made.points, expected[0]) and np.array_equal(made.colors, expected[1])
@@ -203,19 +197,18 @@ def test_a_camera_that_lacks_something_is_left_out_and_logged(
     expected = fusionslam.fuse(whole, FusionConfig(cameras=three))
     assert np.array_equal(made.points, expected.points)
     assert np.array_equal(made.colors, expected.colors)
-
-
-def test_an_image_of_another_size_is_left_out_and_logged(caplog: pytest.LogCaptureFixture) -> None:
-    images = dict(frame().images) | {"rear": np.zeros((30, 40, 3), np.uint8)}
-    assert len(fusionslam.fuse(frame(images=images))) < len(points_around())
+    caplog.clear()  # as if it were of another size
+    small = dict(whole.images) | {"rear": np.zeros((30, 40, 3), np.uint8)}
+    assert len(fusionslam.fuse(frame(images=small))) < len(points_around())
     (record,) = caplog.records
     assert "image-size" in getattr(record, PER_FRAME)
 
 
 def test_only_a_frame_without_any_usable_camera_is_an_error() -> None:
-    with pytest.raises(DataError, check=has_code("missing-sensor", "left")):
-        fusionslam.fuse(frame(images={}))
-    with pytest.raises(DataError, check=has_code("no-calibration", "left")):
-        fusionslam.fuse(frame(cameras={}))
-    with pytest.raises(DataError, check=has_code("missing-sensor", "roof")):
-        fusionslam.fuse(frame(), FusionConfig(cameras=("roof",)))
+    for given, config, *error in (
+        (frame(images={}), FusionConfig(), "missing-sensor", "left"),
+        (frame(cameras={}), FusionConfig(), "no-calibration", "left"),
+        (frame(), FusionConfig(cameras=("roof",)), "missing-sensor", "roof"),
+    ):
+        with pytest.raises(DataError, check=has_code(*error)):
+            fusionslam.fuse(given, config)

@@ -52,14 +52,8 @@ def picture(channels: int = 3) -> NDArray[np.uint8]:
 
 
 def rectified(image: NDArray[np.uint8], **changes: Any) -> NDArray[np.uint8]:
-    settings: dict[str, Any] = {
-        "camera_matrix": K,
-        "distortion": np.zeros(0),
-        "model": "plumb_bob",
-        "rectification": np.eye(3),
-        "projection": P,
-        "size": SIZE,
-    }
+    settings: dict[str, Any] = {"camera_matrix": K, "distortion": np.zeros(0), "size": SIZE}
+    settings |= {"model": "plumb_bob", "rectification": np.eye(3), "projection": P}
     return fusionslam.rectify_image(image, **(settings | changes))
 
 
@@ -80,9 +74,8 @@ def test_a_rectified_image_is_read_where_the_published_formulas_say(
     column, row = K[0, 0] * x + K[0, 2], K[1, 1] * y + K[1, 2]
     inside = (column > 1) & (row > 1) & (column < SIZE[0] - 2) & (row < SIZE[1] - 2)
     assert inside.mean() > 0.5
-    for plane, result in zip(
-        np.atleast_3d(image).transpose(2, 0, 1), np.atleast_3d(made).transpose(2, 0, 1), strict=True
-    ):
+    planes, results = (np.moveaxis(np.atleast_3d(each), 2, 0) for each in (image, made))
+    for plane, result in zip(planes, results, strict=True):
         expected = map_coordinates(plane.astype(float), [row, column], order=1)
         assert np.abs(result - expected)[inside].max() < 1.2
 
@@ -116,18 +109,14 @@ def test_a_dot_appears_where_its_point_projects() -> None:
         ({"rectification": np.eye(2)}, ShapeError, r"rectification .*\(2, 2\)"),
         ({"projection": np.eye(3)}, ShapeError, r"projection .*\(3, 3\)"),
         ({"distortion": np.eye(4)}, ShapeError, r"distortion .*\(4, 4\)"),
+        ({"image": picture()[:0], "size": (160, 0)}, DataError, "empty"),
     ],
 )
-def test_what_is_no_calibration_is_refused(
+def test_what_is_no_calibration_or_image_is_refused(
     changes: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        rectified(picture(), **changes)
-
-
-def test_an_empty_image_is_refused() -> None:
-    with pytest.raises(DataError, match="empty"):
-        rectified(picture()[:0], size=(160, 0))
+        rectified(**{"image": picture(), **changes})
 
 
 def numpy_demosaic(mosaic: NDArray[np.uint8], pattern: str) -> NDArray[np.float64]:
@@ -136,10 +125,8 @@ def numpy_demosaic(mosaic: NDArray[np.uint8], pattern: str) -> NDArray[np.float6
     square = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
     planes = []
     for color, kernel in (("r", square), ("g", cross), ("b", square)):
-        mask = np.tile(
-            np.array([letter == color for letter in pattern]).reshape(2, 2),
-            (mosaic.shape[0] // 2, mosaic.shape[1] // 2),
-        )
+        cell = np.array([letter == color for letter in pattern]).reshape(2, 2)
+        mask = np.tile(cell, (mosaic.shape[0] // 2, mosaic.shape[1] // 2))
         planes.append(convolve(np.where(mask, mosaic, 0).astype(float), kernel, mode="constant"))
     return np.stack(planes, axis=-1)
 
@@ -155,12 +142,17 @@ def test_demosaiced_colours_are_means_of_the_nearest_pixels(pattern: str) -> Non
     assert np.array_equal(made[:, -1], made[:, -2])
 
 
-def test_demosaicing_refuses_what_is_no_mosaic() -> None:
-    with pytest.raises(ConfigError, match=r"'xyzw'.* rggb"):
-        fusionslam.demosaic(picture(1), "xyzw")
-    with pytest.raises(ShapeError, match="3 channels"):
-        fusionslam.demosaic(picture(3), "rggb")
-    with pytest.raises(DataError, match="2x120"):
-        fusionslam.demosaic(picture(1)[:, :2].copy(), "rggb")
-    with pytest.raises(ShapeError, match="uint8"):
-        fusionslam.demosaic(picture(1).astype(np.uint16), "rggb")
+@rows(
+    "image, pattern, error, message",
+    [
+        (picture(1), "xyzw", ConfigError, r"'xyzw'.* rggb"),
+        (picture(3), "rggb", ShapeError, "3 channels"),
+        (picture(1)[:, :2].copy(), "rggb", DataError, "2x120"),
+        (picture(1).astype(np.uint16), "rggb", ShapeError, "uint8"),
+    ],
+)
+def test_demosaicing_refuses_what_is_no_mosaic(
+    image: NDArray[Any], pattern: str, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        fusionslam.demosaic(image, pattern)
