@@ -4,6 +4,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from fleets import (
     digests,
     keys_of,
     plan_of,
+    settings_for,
     with_fleet,
     write_drive,
 )
@@ -29,11 +31,9 @@ from fusionslam.descriptors import describe
 from fusionslam.fleet import chunk as chunks
 from fusionslam.fleet.chunk import StoredChunk, describe_chunk, is_stored
 from fusionslam.fleet.chunk_store import ChunkStore
-from fusionslam.fleet.config import FleetConfig, FleetSettings
+from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.recordings import Labels, find_recordings
-from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.work import Plan
-from fusionslam.pipelines.describe import PipelineConfig
 from kitti import write_sequence
 from refusals import refuses
 from rows import rows
@@ -49,10 +49,7 @@ def test_keys_stay_for_what_decides_nothing(fleet: Path, described: Path) -> Non
     expected = keys_of(fleet, settings)
     assert keys_of(fleet, with_fleet(settings, tries=9)) == expected
     threads = settings.descriptors.model_copy(update={"threads": 2})
-    other = FleetSettings(
-        settings.names, settings.fusion, threads, settings.registration, settings.fleet
-    )
-    assert keys_of(fleet, other) == expected
+    assert keys_of(fleet, replace(settings, descriptors=threads)) == expected
     assert len({key for keys in expected.values() for key in keys}) == 9
 
 
@@ -90,9 +87,7 @@ def _calibrate(drive: Path) -> None:
     (drive / "calib.yaml").write_text(f"robot_from_points: [{rows}]\n")
 
 
-def test_keys_change_with_the_input_of_that_recording_alone(
-    own_fleet: Path, described: Path
-) -> None:
+def test_keys_change_with_the_input_of_a_recording_alone(own_fleet: Path, described: Path) -> None:
     settings = FleetSettings.load(described)
     before = keys_of(own_fleet, settings)
     for change in (_touch, _replace_scan, _move_poses, _change_odometry, _calibrate):
@@ -114,11 +109,8 @@ def test_each_frame_is_in_one_file_once(described: Path) -> None:
 
 def test_arrays_are_those_that_are_documented(fleet: Path, described: Path) -> None:
     settings = FleetSettings.load(described)
-    (first,) = (
-        each
-        for each in stored(described)
-        if (each.about["session"], each.about["first"]) == (MONDAY, 0)
-    )
+    chunks = {(each.about["session"], each.about["first"]): each for each in stored(described)}
+    first = chunks[MONDAY, 0]
     arrays, data = first.arrays, open_dataset(fleet / MONDAY)
     assert_array_equal(arrays["rows"], range(4))
     assert_array_equal(arrays["stamps_ns"], data.stamps_ns[:4])
@@ -149,7 +141,7 @@ def test_a_place_of_no_chunk_has_no_cloud(described: Path, key: str) -> None:
         ChunkStore(described, FleetSettings.load(described)).cloud(key)
 
 
-def test_frames_that_cannot_be_described_are_left_out_with_reasons(
+def test_frames_without_a_description_are_left_out_with_reasons(
     own_fleet: Path, tmp_path: Path
 ) -> None:
     (own_fleet / MONDAY / "clouds/000001.bin").write_bytes(b"12345")
@@ -189,7 +181,7 @@ def test_a_turn_on_the_spot_makes_places_too(tmp_path: Path) -> None:
     assert_array_equal(each.arrays["frames"][each.arrays["is_place"]], [0, 2, 4])
 
 
-def test_a_vector_of_zeros_is_no_place(
+def test_zeros_are_no_place(
     own_fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan, settings = plan_of(own_fleet, tmp_path / "a", keyframe_distance=100.0)
@@ -233,9 +225,7 @@ def test_the_file_of_another_chunk_is_refused(own_places: Path) -> None:
 def test_true_poses_of_kitti_have_z_up(tmp_path: Path) -> None:
     root = write_sequence(tmp_path, [0, 1, 2], [500] * 3, metres=2.0, width=80)
     found = find_recordings(root.parents[1], Labels())
-    settings = settle_settings(
-        found, ["m2dp"], PipelineConfig(), FleetConfig(), tmp_path / "places", source="cloud"
-    )
+    settings = settings_for(found, tmp_path / "places", chunk=50)
     plan = Plan.make(root.parents[1], found, settings)
     ((chunk,),) = (each.chunks(50) for each in plan.recordings)
     describe_chunk(chunk, settings, tmp_path / "places")

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from clouds import scan_blocks
 from error_codes import has_code
 from fleets import (
     FRAMES,
@@ -23,7 +23,6 @@ from fleets import (
     plan_of,
 )
 from fleets import describe_with_database as describe
-from fusionslam.datasets import write_cloud
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet import folder as folders
 from fusionslam.fleet.chunk import Chunk
@@ -36,6 +35,7 @@ from fusionslam.fleet.work import Failure, Plan, load_failures
 from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.sensors.frame import Cloud
 from rows import rows
+from streets import WAY
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
 pytest.importorskip("pyarrow", reason="the table of places is an extra")
@@ -65,9 +65,7 @@ def test_each_frame_is_a_place_once(
     assert_nothing_to_do(fleet, places)
 
 
-def test_places_that_a_killed_run_did_not_add_are_added_by_the_next(
-    fleet: Path, places: Path
-) -> None:
+def test_places_that_a_killed_run_did_not_add_are_added_later(fleet: Path, places: Path) -> None:
     with FleetFolder.open(places).database(read_only=False) as database:
         database.delete(PlaceFilter(session=MONDAY))
     assert_nothing_to_do(fleet, places)
@@ -80,9 +78,7 @@ def changing(own_fleet: Path, tmp_path: Path) -> Path:
     return tmp_path / "places"
 
 
-def test_places_of_a_changed_recording_stay_until_the_new_ones_replace_them(
-    own_fleet: Path, changing: Path
-) -> None:
+def test_places_of_a_changed_recording_stay_until_replaced(own_fleet: Path, changing: Path) -> None:
     (own_fleet / MONDAY / "clouds/000003.bin").touch()
     for _ in range(2):
         plan, settings = plan_of(own_fleet, changing)
@@ -115,7 +111,7 @@ class Interrupted(InProcess):
         yield
 
 
-def test_recordings_that_were_moved_or_damaged_keep_their_places(
+def test_moved_or_damaged_recordings_keep_places(
     own_fleet: Path, changing: Path, tmp_path: Path
 ) -> None:
     moved = own_fleet.rename(tmp_path / "moved")
@@ -128,9 +124,7 @@ def test_recordings_that_were_moved_or_damaged_keep_their_places(
     assert counts(changing) == ALL
 
 
-def test_robots_that_were_forgotten_stay_forgotten(
-    fleet: Path, places: Path, described: Path
-) -> None:
+def test_forgotten_robots_stay_forgotten(fleet: Path, places: Path, described: Path) -> None:
     folder = FleetFolder.open(places)
     assert folder.forget(PlaceFilter(robot="r1")) == 9
     left = {TUESDAY: 9, WEDNESDAY: 9}
@@ -276,7 +270,7 @@ def test_a_robot_that_is_forgotten_while_describe_runs_stays_forgotten(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_places_that_a_database_in_use_cannot_take_are_added_by_the_next_run(
+def test_places_that_a_database_in_use_cannot_take_are_added_later(
     fleet: Path, tmp_path: Path
 ) -> None:
     others = []
@@ -329,13 +323,6 @@ def test_a_plan_without_a_database_is_described(fleet: Path, own_places: Path) -
     assert describe(fleet, own_places)[0] == [] and counts(own_places) == ALL
 
 
-def test_clouds_that_are_empty_are_no_places(own_fleet: Path, tmp_path: Path) -> None:
-    empty = Cloud(np.empty((0, 3), np.float32))
-    write_cloud(own_fleet / WEDNESDAY / "clouds/000000.bin", empty)
-    describe(own_fleet, tmp_path / "places")
-    assert counts(tmp_path / "places") == ALL | {WEDNESDAY: 8}
-
-
 def test_a_database_that_was_not_finished_is_made_anew(fleet: Path, places: Path) -> None:
     shutil.rmtree(places / "database")
     (places / "database").mkdir()
@@ -351,6 +338,8 @@ def test_places_without_clouds_are_not_looked_for_and_the_others_are(
     folder.describe(plan, InProcess())
     with folder.database() as database:
         assert find_encounters(folder, database, Plan.load(tmp_path)) == []
+        found = folder.locator(database).localize(Cloud(scan_blocks(WAY[2], 9005)))
+    assert found.place is None and found.reason is not None and found.reason.code == "no-cloud"
     assert len(caplog.records) == 3
 
 
@@ -360,7 +349,5 @@ def test_drives_of_one_site_meet_and_no_others(with_database: Path) -> None:
     with folder.database() as database:
         found = find_encounters(folder, database, Plan.load(with_database), most=3)
     met = {each.session: each.found.place for each in found if each.found.place is not None}
-    assert {name: place.session for name, place in met.items()} == {
-        MONDAY: TUESDAY,
-        TUESDAY: MONDAY,
-    }
+    sessions = {name: place.session for name, place in met.items()}
+    assert sessions == {MONDAY: TUESDAY, TUESDAY: MONDAY}

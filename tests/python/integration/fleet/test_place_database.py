@@ -57,9 +57,7 @@ def test_neighbours_and_distances_are_those_of_scikit_learn(drives: PlaceDatabas
         assert_allclose([[one.distance for one in row] for row in found], distances, rtol=1e-5)
 
 
-def test_a_stored_vector_finds_its_place_and_all_that_is_known_of_it(
-    drives: PlaceDatabase,
-) -> None:
+def test_a_stored_vector_finds_its_place_and_all_of_it(drives: PlaceDatabase) -> None:
     ((found,),) = drives.query(made_vectors(40, seed=2)[7], k=1)
     assert found.key == "tuesday:7"
     about = (found.session, found.robot, found.site, found.region)
@@ -85,9 +83,7 @@ def test_a_stored_vector_finds_its_place_and_all_that_is_known_of_it(
         ({"site": "yard", "since_ns": 5 * 10**9, "until_ns": 7 * 10**9}, 4),
     ],
 )
-def test_filters_choose_before_the_search(
-    drives: PlaceDatabase, where: dict[str, Any], expected: int
-) -> None:
+def test_filters_choose_first(drives: PlaceDatabase, where: dict[str, Any], expected: int) -> None:
     assert len(keys_of(drives, PlaceFilter(**where))) == expected
 
 
@@ -345,7 +341,7 @@ def test_tables_of_others_and_of_other_versions_are_refused(tmp_path: Path) -> N
 
 @rows("part", ["data", "_versions"])
 @rows("is_cut", [True, False])
-def test_damage_is_found_when_the_database_is_opened(
+def test_damage_is_found_at_once(
     drives: PlaceDatabase, tmp_path: Path, part: str, is_cut: bool
 ) -> None:
     drives.close()

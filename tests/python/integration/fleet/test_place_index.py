@@ -8,18 +8,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.neighbors import NearestNeighbors
 
+from artefacts import artefact, copy_artefact
 from error_codes import has_code
-from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
+from fleet_places import (
+    LENGTH,
+    NUMBERS,
+    SEGMENT_ROWS,
+    SETTINGS,
+    VECTORS,
+    made_places,
+    made_segment,
+    made_vectors,
+)
 from fusionslam.errors import DataError
 from fusionslam.fleet import vector_index
 from fusionslam.fleet.index_report import IndexReport, Kind, write_report
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.row_search import Search
+from fusionslam.fleet.segment import Segment, delete_segments, size_of
 from fusionslam.storage.arrays import Floats32
+from rows import rows
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
 
@@ -46,22 +58,55 @@ def kind(request: pytest.FixtureRequest) -> Kind:
     return found
 
 
+mostly_faiss = pytest.mark.parametrize(
+    "kind", ["faiss", pytest.param("lance", marks=pytest.mark.nightly)], indirect=True
+)
+
+
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory, kind: Kind) -> Path:
+def built(kind: Kind) -> Path:
     """A database with an index, which tests copy or only read."""
-    path = tmp_path_factory.mktemp("fleet") / "database"
-    with PlaceDatabase.create(path, SETTINGS) as database:
-        database.add(many_places())
-        database.build_index(kind=kind)
-    return path
+
+    def build(folder: Path) -> None:
+        with PlaceDatabase.create(folder / "database", SETTINGS) as database:
+            database.add(many_places())
+            database.build_index(kind=kind)
+
+    return artefact(f"places-of-{kind}", build) / "database"
 
 
 @pytest.fixture
 def indexed(built: Path, tmp_path: Path) -> Iterator[PlaceDatabase]:
-    import shutil
-
-    with PlaceDatabase.open(shutil.copytree(built, tmp_path / "database")) as database:
+    with PlaceDatabase.open(copy_artefact(built, tmp_path / "database")) as database:
         yield database
+
+
+@pytest.fixture(scope="module")
+def segment() -> Path:
+    """A smaller database with an index of FAISS, which tests only read."""
+
+    def build(folder: Path) -> None:
+        with PlaceDatabase.create(folder / "database", SETTINGS) as database:
+            database.add(made_places("all", 5000))
+            database.build_index()
+
+    return artefact("places-of-a-segment", build) / "database"
+
+
+@pytest.fixture
+def segmented(segment: Path, tmp_path: Path) -> Iterator[PlaceDatabase]:
+    with PlaceDatabase.open(copy_artefact(segment, tmp_path / "database")) as database:
+        yield database
+
+
+def share_found(database: PlaceDatabase, vectors: Floats32, k: int) -> float:
+    """Of the nearest places by comparing all, the share that the index finds."""
+    found = database.query(vectors, k=k)
+    right = database.query(vectors, k=k, exact=True)
+    assert [len(row) for row in found] == [len(row) for row in right]
+    pairs = zip(found, right, strict=True)
+    same = [len({x.key for x in a} & {x.key for x in b}) / len(b) for a, b in pairs]
+    return float(np.mean(same))
 
 
 def queries(count: int = 50) -> Floats32:
@@ -87,17 +132,17 @@ def test_the_report_tells_the_recall_that_scikit_learn_confirms(built: Path, kin
     assert_allclose([row[0].distance for row in found], distances[:, 0], rtol=1e-4)
 
 
+@mostly_faiss
 def test_one_query_answers_as_many_do(built: Path) -> None:
     with PlaceDatabase.open(built, read_only=True) as database:
         together = database.query(queries(40), k=3)
-        assert [database.query(query, k=3)[0][0].key for query in queries(40)] == [
-            row[0].key for row in together
-        ]
+        alone = [database.query(query, k=3)[0] for query in queries(40)]
         exact = database.query(queries(40), k=3, exact=True)
-        assert [row[0].key for row in exact] == [row[0].key for row in together]
+    keys = [row[0].key for row in together]
+    assert [row[0].key for row in alone] == [row[0].key for row in exact] == keys
 
 
-def test_places_of_a_filter_are_found_though_others_are_nearer(
+def test_places_of_a_filter_are_found_behind_others(
     built: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for few in (0, 20_000):  # with the index, and without
@@ -121,6 +166,7 @@ def test_places_that_are_not_in_the_index_yet_are_found(indexed: PlaceDatabase) 
     assert [row[0].key for row in found] == [f"new:{row}" for row in range(60)]
 
 
+@mostly_faiss
 def test_deleted_places_are_not_found_by_the_index(indexed: PlaceDatabase) -> None:
     with PlaceDatabase.open(indexed.location, read_only=True) as reader:
         reader.query(queries(2))
@@ -142,6 +188,7 @@ def test_a_database_that_was_emptied_takes_places_again(indexed: PlaceDatabase) 
     assert [len(row) for row in indexed.query(queries(2), k=30)] == [20, 20]
 
 
+@mostly_faiss
 def test_compaction_puts_new_places_into_the_index(indexed: PlaceDatabase) -> None:
     for day in range(4):
         indexed.add(made_places(f"day{day}", 200, seed=20 + day))
@@ -155,9 +202,8 @@ def test_compaction_puts_new_places_into_the_index(indexed: PlaceDatabase) -> No
     assert indexed.index == report  # nothing was to be done
 
 
-def test_an_index_that_was_not_measured_is_searched_with_care(
-    indexed: PlaceDatabase, kind: Kind
-) -> None:
+@mostly_faiss
+def test_an_unmeasured_index_is_searched_with_care(indexed: PlaceDatabase, kind: Kind) -> None:
     before = [row[0].key for row in indexed.query(queries())]
     assert indexed.index is not None
     write_report(indexed._table, replace(indexed.index, index="of another", rows=1))
@@ -179,6 +225,7 @@ def test_a_small_database_needs_no_index(tmp_path: Path) -> None:
         assert database.index is None
 
 
+@mostly_faiss
 def test_an_index_is_built_anew(indexed: PlaceDatabase, kind: Kind) -> None:
     steps: list[str] = []
     indexed.add(made_places("more", 4000, seed=5))
@@ -200,37 +247,27 @@ def test_a_damaged_index_of_lance_is_named(segmented: PlaceDatabase) -> None:
         reader.query(np.zeros(LENGTH))
 
 
-@pytest.fixture
-def segmented(tmp_path: Path) -> Iterator[PlaceDatabase]:
-    """A smaller database with an index of FAISS."""
-    with PlaceDatabase.create(tmp_path / "segmented", SETTINGS) as database:
-        database.add(made_places("all", 5000))
-        database.build_index()
-        yield database
-
-
-@pytest.mark.parametrize("left", [None, 0, 50_000, -1])
+@rows("left", [None, 0, 50_000, -1])
 def test_without_a_whole_segment_all_places_are_compared(
-    segmented: PlaceDatabase, left: int | None, caplog: pytest.LogCaptureFixture
+    segment: Path, tmp_path: Path, left: int | None, caplog: pytest.LogCaptureFixture
 ) -> None:
-    report = segmented.index
-    assert report is not None
-    path = Path(segmented.location) / "segments" / report.index
-    content = path.read_bytes()
-    path.unlink()
-    if left is not None:
-        path.write_bytes(content[:left])
-    with PlaceDatabase.open(segmented.location, read_only=True) as reader:
-        found = reader.query(queries(), k=5)
-        assert report.index in caplog.text
-        exact = reader.query(queries(), k=5, exact=True)
-    assert [[one.key for one in row] for row in found] == [[one.key for one in r] for r in exact]
-    if left is None:
-        segmented.compact()  # builds anew what is gone
-    else:
-        segmented.build_index()
-    assert segmented.index is not None and segmented.index.first == 1.0
-    assert {one.stem for one in path.parent.iterdir()} == {Path(segmented.index.index).stem}
+    with PlaceDatabase.open(copy_artefact(segment, tmp_path / "database")) as database:
+        assert database.index is not None
+        name = database.index.index
+        path = tmp_path / "database/segments" / name
+        content = path.read_bytes()
+        path.unlink()
+        if left is not None:
+            path.write_bytes(content[:left])
+        with PlaceDatabase.open(database.location, read_only=True) as reader:
+            assert share_found(reader, queries(), 5) == 1
+        assert name in caplog.text
+        if left is None:
+            database.compact()  # builds anew what is gone
+        else:
+            database.build_index()
+        assert database.index.first == 1.0
+        assert {one.stem for one in path.parent.iterdir()} == {Path(database.index.index).stem}
 
 
 def test_a_database_that_has_become_small_has_no_index(segmented: PlaceDatabase) -> None:
@@ -239,21 +276,16 @@ def test_a_database_that_has_become_small_has_no_index(segmented: PlaceDatabase)
     segmented.compact(keep_s=0)
     assert segmented.index is not None and segmented.index.kind == "exact"
     assert not [*(Path(segmented.location) / "segments").iterdir()]
-    assert [row[0].key for row in segmented.query(made_vectors(3, seed=4))] == [
-        f"few:{row}" for row in range(3)
-    ]
+    found = segmented.query(made_vectors(3, seed=4))
+    assert [row[0].key for row in found] == [f"few:{row}" for row in range(3)]
     segmented.add(made_places("more", 6000, seed=6))
     assert segmented.build_index().kind == "faiss"
 
 
 def test_more_neighbours_are_found_in_more_lists(segmented: PlaceDatabase) -> None:
     for k in (100, 1000, 6000):
-        found = segmented.query(made_vectors(5), k=k)
-        right = segmented.query(made_vectors(5), k=k, exact=True)
-        assert [len(row) for row in found] == [min(k, 5000)] * 5
-        pairs = zip(found, right, strict=True)
-        same = [len({x.key for x in a} & {x.key for x in b}) / len(b) for a, b in pairs]
-        assert np.mean(same) >= 0.98
+        assert len(segmented.query(made_vectors(1), k=k)[0]) == min(k, 5000)
+        assert share_found(segmented, made_vectors(5), k) >= 0.98
 
 
 def test_what_changes_while_a_reader_looks_is_looked_up_again(
@@ -275,6 +307,7 @@ def test_what_changes_while_a_reader_looks_is_looked_up_again(
         assert reader._lookup is not None and reader._lookup.usual is not None
 
 
+@mostly_faiss
 def test_more_later_places_than_memory_should_hold_are_found(
     indexed: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -293,23 +326,15 @@ def test_more_later_places_than_memory_should_hold_are_found(
                 assert found[0][0].key == "new:0"
 
 
-def test_a_segment_knows_which_rows_are_gone_from_version_to_version(
-    indexed: PlaceDatabase,
-) -> None:
+@mostly_faiss
+def test_a_segment_knows_which_rows_are_gone_from_it(indexed: PlaceDatabase) -> None:
     """Each robot's places are near each other: without them, as many others have to be found."""
     with PlaceDatabase.open(indexed.location, read_only=True) as reader:
         for robot in ("r1", "r2", "r3"):
             indexed.delete(PlaceFilter(robot=robot))
             indexed.add(made_places(f"after {robot}", 10, seed=9))
-            found = reader.query(queries(20), k=20)
-            right = reader.query(queries(20), k=20, exact=True)
-            assert [len(row) for row in found] == [20] * 20
-            pairs = zip(found, right, strict=True)
-            same = [len({x.key for x in a} & {x.key for x in b}) for a, b in pairs]
-            assert np.mean(same) >= 19
-
-
-# How much is searched.
+            assert len(reader.query(queries(1), k=20)[0]) == 20
+            assert share_found(reader, queries(20), 20) >= 0.95
 
 
 def choose(
@@ -342,3 +367,29 @@ def test_as_few_rows_are_compared_exactly_as_do() -> None:
 
 def test_without_the_recall_the_best_is_chosen() -> None:
     assert choose({0: (0.5, 0.5), 4: (0.97, 1.0), 9: (0.98, 1.0), 32: (0.9, 1.0)}) == (9, 30)
+
+
+def test_rows_are_found_by_their_numbers_with_their_vectors(tmp_path: Path) -> None:
+    path = made_segment(tmp_path / "segments")
+    segment = Segment(path, size_of(path))
+    assert (len(segment), segment.lists) == (SEGMENT_ROWS, 77)
+    assert_array_equal(segment.vectors[NUMBERS], VECTORS)
+    assert not segment.vectors[1000:1500].any()
+    queries = VECTORS[::300]
+    peer = NearestNeighbors(n_neighbors=5, algorithm="brute").fit(VECTORS)
+    near = NUMBERS[peer.kneighbors(queries, return_distance=False)]
+    found = segment.search(queries, segment.lists, 30, None)
+    assert all(set(right) <= set(some) for right, some in zip(near, found, strict=True))
+    numbers = np.arange(NUMBERS[-1] + 1)
+    found = segment.search(queries, segment.lists, 30, numbers % 2 == 1)
+    assert (found % 2 == 1).all()
+    (few,) = segment.search(queries[:1], segment.lists, 30, numbers < 3)
+    assert_array_equal(np.sort(few[few >= 0]), [0, 1, 2])
+
+
+def test_all_segments_but_one_are_deleted(tmp_path: Path) -> None:
+    first, second = made_segment(tmp_path), made_segment(tmp_path)
+    delete_segments(tmp_path, but=second.name)
+    assert not first.exists() and size_of(second)
+    delete_segments(tmp_path, but="")
+    assert not [*tmp_path.iterdir()]

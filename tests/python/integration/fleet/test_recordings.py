@@ -12,11 +12,15 @@ import pytest
 from bags import drive as drive_events
 from bags import write_bag
 from error_codes import has_code
-from fleets import LABELS, MONDAY, TUESDAY, WEDNESDAY, describe_fleet
+from fleets import LABELS, MONDAY, TUESDAY, WEDNESDAY, describe_fleet, settings_for, write_drive
 from fusionslam.errors import ConfigError
+from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
 from fusionslam.fleet.places import ABOUT
 from fusionslam.fleet.recordings import FleetRecording, Labels, find_recordings
+from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.work import load_failures
+from fusionslam.fleet.write_lock import WriteLock
+from fusionslam.pipelines.describe import PipelineConfig
 from kitti import write_sequence
 from permissions import bound_by_permissions
 from recordings import write_drive as write_ranges
@@ -55,9 +59,7 @@ def test_bags_range_recordings_and_sequences_are_recordings(tmp_path: Path) -> N
     assert all(len(each.recording.open()) for each in found.recordings)
 
 
-def test_two_recordings_of_one_name_are_told_apart_by_leaving_the_second_out(
-    tmp_path: Path,
-) -> None:
+def test_of_two_recordings_of_one_name_the_second_is_left_out(tmp_path: Path) -> None:
     write_ranges(tmp_path / "drive.npz")
     write_street(tmp_path / "drive", WAY[:2])
     found = find_recordings(tmp_path, Labels())
@@ -66,9 +68,7 @@ def test_two_recordings_of_one_name_are_told_apart_by_leaving_the_second_out(
     assert (Path(path).stem, error.code, error.fields) == ("drive", "same-name", ("drive",))
 
 
-def test_folders_of_results_hidden_ones_and_links_back_are_not_looked_into(
-    own_fleet: Path,
-) -> None:
+def test_results_hidden_folders_and_links_back_are_not_looked_into(own_fleet: Path) -> None:
     expected = names_of(own_fleet)
     describe_fleet(own_fleet, own_fleet / "north/older")
     (own_fleet / "south/back").symlink_to(own_fleet)
@@ -142,3 +142,100 @@ def test_cut_and_unreadable_files_are_failures_and_the_rest_goes_on(own_fleet: P
     assert [each.session for each in failures] == ["south/cut", "south/short"]
     assert all(str(own_fleet / each.session) in each.reason for each in failures)
     assert load_failures(own_fleet.parent / "places") == failures
+
+
+def test_settings_are_the_same_after_they_were_stored(described: Path, tmp_path: Path) -> None:
+    settings = FleetSettings.load(described)
+    assert settings.names == ("m2dp:robust",)
+    settings.save(tmp_path)
+    assert FleetSettings.load(tmp_path) == settings
+    assert FleetSettings.load(tmp_path).digest == settings.digest
+
+
+def test_what_was_fitted_to_streets_stays_in_a_room(own_fleet: Path, own_places: Path) -> None:
+    before = FleetSettings.load(own_places)
+    write_room(own_fleet / "a/r0/sunday")
+    found = find_recordings(own_fleet, LABELS)
+    assert found.recordings[0].session == "a/r0/sunday"
+    assert settings_for(found, own_places).dump() == before.dump()
+    new = settings_for(found, own_places.parent / "new").registration
+    assert new.voxel < before.registration.voxel
+
+
+def write_room(folder: Path) -> None:
+    """Clouds that do not reach far, for which registration has smaller lengths."""
+    write_drive(folder, WAY[:2], 0)
+    for path in (folder / "clouds").iterdir():
+        points = np.fromfile(path, np.float32).reshape(-1, 4)
+        (points * np.float32([0.1, 0.1, 0.1, 1])).tofile(path)
+
+
+@rows(
+    "name, voxel, chunk, field",
+    [
+        ("shot", 0.0, 4, "names"),
+        ("m2dp", 0.3, 4, "fusion.voxel"),
+        ("m2dp", 0.0, 9, "fleet.chunk"),
+    ],
+)
+def test_a_folder_made_with_others_is_refused_by_the_name_of_what_differs(
+    fleet: Path, described: Path, name: str, voxel: float, chunk: int, field: str
+) -> None:
+    fusion = FleetSettings.load(described).fusion
+    config = PipelineConfig(fusion=fusion.model_copy(update={"voxel": voxel or fusion.voxel}))
+    found = find_recordings(fleet, LABELS)
+    with pytest.raises(ConfigError, check=has_code("other-configuration", described, field)):
+        settle_settings(found, [name], config, FleetConfig(chunk=chunk), described)
+
+
+def test_what_decides_nothing_may_differ_and_counts(fleet: Path, own_places: Path) -> None:
+    found = find_recordings(fleet, LABELS)
+    assert settings_for(found, own_places, tries=7).fleet.tries == 7
+
+
+def test_a_first_recording_of_bad_scans_is_passed_over(own_fleet: Path, tmp_path: Path) -> None:
+    bad = own_fleet / "a/r0/sunday/clouds"
+    bad.mkdir(parents=True)
+    for number in range(3):
+        (bad / f"{number:06d}.bin").write_bytes(b"12345")
+    found = find_recordings(own_fleet, LABELS)
+    assert settings_for(found, tmp_path / "places").names == ("m2dp:robust",)
+
+
+def test_without_any_recording_nothing_is_made(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with refuses("no-recording"):
+        settings_for(find_recordings(tmp_path / "empty", Labels()), tmp_path / "places")
+    assert not (tmp_path / "places").exists()
+
+
+def test_an_unknown_descriptor_is_refused(fleet: Path, tmp_path: Path) -> None:
+    found = find_recordings(fleet, LABELS)
+    with pytest.raises(ConfigError):
+        settle_settings(found, ["m3dp"], PipelineConfig(), FleetConfig(), tmp_path / "places")
+    assert not (tmp_path / "places").exists()
+
+
+def test_damaged_settings_are_named(fleet: Path, own_places: Path) -> None:
+    text = (own_places / FILE).read_text()
+    (own_places / FILE).write_text(text.replace('"tries": 3', '"tries": 4'))
+    with refuses("wrong-digest"):
+        settings_for(find_recordings(fleet, LABELS), own_places)
+    (own_places / FILE).write_text(text[:50])
+    with refuses("damaged-file"):
+        settings_for(find_recordings(fleet, LABELS), own_places)
+
+
+def test_two_processes_do_not_settle_one_folder_at_once(fleet: Path, tmp_path: Path) -> None:
+    lock = WriteLock(tmp_path)
+    with refuses("locked"):
+        settings_for(find_recordings(fleet, LABELS), tmp_path)
+    lock.release()
+    assert settings_for(find_recordings(fleet, LABELS), tmp_path).names == ("m2dp:robust",)
+
+
+def test_a_folder_that_cannot_be_written_is_named(fleet: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    with refuses("cannot-write"):
+        settings_for(find_recordings(fleet, LABELS), tmp_path / "file/places")
+    assert (tmp_path / "file").read_text() == "kept"

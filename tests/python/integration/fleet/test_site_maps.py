@@ -6,18 +6,24 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from artefacts import artefact, copy_artefact
 from error_codes import has_code
+from fleet_service import map_pose_at, write_joint_map
 from fleets import plan_of, write_drive
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.joint_map import JoinedDrive, JointMap
 from fusionslam.fleet.site_maps import MAPS, SiteMerge, forget_drive, merge_site, site_map_path
 from fusionslam.fleet.site_records import SiteRecord
 from fusionslam.fleet.work import PlannedRecording
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
+from fusionslam.storage.arrays import Floats
+from rows import rows
 from streets import RETURN, WAY
 
 pytest.importorskip("gtsam", reason="maps are an extra")
@@ -140,9 +146,7 @@ def test_a_drive_that_was_refused_is_compared_again_once_something_has_changed(
 
 
 @pytest.mark.nightly
-def test_a_drive_that_waits_is_mapped_anew_with_another_configuration(
-    drives: Path, tmp_path: Path
-) -> None:
+def test_a_drive_that_waits_is_mapped_as_configured(drives: Path, tmp_path: Path) -> None:
     counts = []
     for distance in (1.0, 1.0, 100.0):
         recordings, settings = planned(drives, tmp_path, "a-elsewhere", "b-monday")
@@ -156,7 +160,7 @@ def test_a_drive_that_waits_is_mapped_anew_with_another_configuration(
 
 
 @pytest.mark.slow
-def test_a_drive_whose_recording_changed_is_mapped_and_joined_anew(
+def test_a_changed_drive_is_mapped_and_joined_anew(
     drives: Path, joined: Path, tmp_path: Path
 ) -> None:
     root = copy_artefact(drives, tmp_path / "drives")
@@ -212,3 +216,50 @@ def test_any_name_of_a_site_has_a_file_of_its_own(tmp_path: Path) -> None:
         path = site_map_path(tmp_path, site)
         assert path.parent == tmp_path / MAPS and path.suffix == ".fsmap"
         assert path != site_map_path(tmp_path, site.replace("/", "_") + "_")
+
+
+def turned(degrees: float, x: float) -> Floats:
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    pose[0, 3] = x
+    return pose
+
+
+DRIVE = JoinedDrive(
+    frames=np.array([10, 20, 24, 30, 40]),
+    poses=np.array(
+        [turned(0, 0), turned(90, 4), turned(0, 5), turned(0, 9), np.full((4, 4), np.nan)]
+    ),
+    stretches=np.array([0, 0, 2, 2, 4]),
+)
+
+
+@rows(
+    "frame, expected",
+    [
+        (10, turned(0, 0)),
+        (15, turned(45, 2)),
+        (20, turned(90, 4)),
+        (22, turned(90, 4)),  # odometry was lost after frame 20
+        (27, turned(0, 7)),
+        (35, turned(0, 9)),  # the next keyframe is in another part
+        (3, turned(0, 0)),
+        (40, None),
+        (50, None),
+    ],
+)
+def test_a_frame_lies_between_connected_keyframes(frame: int, expected: Floats | None) -> None:
+    found = DRIVE.pose_at(frame)
+    if expected is None:
+        assert found is None
+    else:
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_drives_of_the_first_part_of_a_map_are_read(tmp_path: Path) -> None:
+    drives = {"monday": {0: 0, 2: 0, 4: 5}, "tuesday": {1: 0}, "elsewhere": {0: 9}}
+    joint = JointMap.read(write_joint_map(tmp_path, "yard", drives))
+    assert [*joint.drives] == ["monday", "tuesday"]
+    assert joint.drives["monday"].frames.tolist() == [0, 2, 4]
+    np.testing.assert_allclose(joint.pose_at("monday", 2), map_pose_at(2))
+    assert joint.pose_at("monday", 4) is None and joint.pose_at("elsewhere", 0) is None

@@ -172,9 +172,7 @@ class Reader:
         return skipped
 
 
-def test_bad_frames_are_in_the_list_of_later_runs_until_they_are_good(
-    own_fleet: Path, tmp_path: Path
-) -> None:
+def test_bad_frames_are_listed_until_they_are_good(own_fleet: Path, tmp_path: Path) -> None:
     scan = own_fleet / "north/r1/monday/clouds/000005.bin"
     whole = scan.read_bytes()
     scan.write_bytes(b"12345")
@@ -314,9 +312,7 @@ def test_recordings_that_are_gone_stay_known_and_others_may_not_take_their_names
     assert [(each.session, each.code) for each in joined.failures] == [(TUESDAY, "same-name")]
 
 
-def test_a_recording_that_is_known_by_another_name_is_refused(
-    own_fleet: Path, own_places: Path
-) -> None:
+def test_a_recording_of_two_names_is_refused(own_fleet: Path, own_places: Path) -> None:
     earlier, settings = plan_of(own_fleet, own_places)
     below = Plan.make(own_fleet / "north", find_recordings(own_fleet / "north", LABELS), settings)
     joined = below.joined(earlier)

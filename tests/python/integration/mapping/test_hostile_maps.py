@@ -49,30 +49,19 @@ MIRRORED[2, 2] = -1
 SHEARED[3] = 1, 2, 3, 4
 
 
-@rows(
-    "odometry, code",
-    [
-        (np.full((4, 4), np.nan), "not-finite"),
-        (at(np.inf, 0, 0), "not-finite"),
-        (SCALED, "not-a-rotation"),
-        (MIRRORED, "not-a-rotation"),
-        (SHEARED, "not-a-rotation"),
-        (np.zeros((4, 4)), "not-a-rotation"),
-        (np.eye(3), "shape"),
-        ("north", "shape"),
-    ],
-)
-def test_odometry_that_is_no_rigid_motion_changes_nothing(
-    short: Path, tmp_path: Path, odometry: Any, code: str
-) -> None:
-    path = copy_artefact(short, tmp_path / "site.fsmap")
-    error = ShapeError if code == "shape" else DataError
-    with PlaceMap.open(path, "monday") as site:
-        with refuses(code, error=error):
-            site.add(FRAMES[STORED], odometry=odometry)
-        with refuses(code, error=error):
-            site.localize(FRAMES[STORED], odometry=odometry)
-        assert len(site) == STORED
+def test_odometry_that_is_no_rigid_motion_changes_nothing(short: Path) -> None:
+    wrong: dict[str, list[Any]] = {
+        "not-finite": [np.full((4, 4), np.nan), at(np.inf, 0, 0)],
+        "not-a-rotation": [SCALED, MIRRORED, SHEARED, np.zeros((4, 4))],
+        "shape": [np.eye(3), "north"],
+    }
+    with PlaceMap.open(short, "monday") as site:
+        for code, odometry in ((code, one) for code, some in wrong.items() for one in some):
+            error = ShapeError if code == "shape" else DataError
+            for ask in (site.add, site.localize):
+                with refuses(code, error=error):
+                    ask(FRAMES[STORED], odometry=odometry)
+            assert len(site) == STORED
         assert site.add(FRAMES[STORED]).why is None  # what was refused was no jump either
 
 
@@ -106,9 +95,9 @@ def test_threads_share_a_map(short: Path) -> None:
             assert site.localize(FRAMES[0]).reason is None and site.sessions
             return site.add(FRAMES[number]).keyframe
 
-        keyframes = [*pool.map(add, range(STORED, STORED + 6))]
-        assert sorted(k for k in keyframes if k is not None) == [*range(STORED, STORED + 6)]
-        assert site.check() == [] and len(site) == STORED + 6
+        keyframes = [*pool.map(add, range(STORED, STORED + 4))]
+        assert sorted(k for k in keyframes if k is not None) == [*range(STORED, STORED + 4)]
+        assert site.check() == [] and len(site) == STORED + 4
 
 
 def test_an_open_map_cannot_be_pickled(short: Path) -> None:
@@ -186,7 +175,7 @@ def test_a_part_of_a_page_that_a_full_disk_left_is_no_damage(short: Path, tmp_pa
         "DROP TABLE edge",
     ],
 )
-def test_values_that_make_no_sense_are_damage(
+def test_senseless_values_are_damage(
     first_part: Path, tmp_path: Path, statement: str, written: str
 ) -> None:
     path = copy_artefact(first_part, tmp_path / "site.fsmap")
@@ -234,10 +223,9 @@ def test_clouds_of_another_frame_or_unit_change_nothing(
 ) -> None:
     seen = seen_from(FRAMES[1], mount, scale)
     with PlaceMap.open(short, "tuesday") as site:
-        with refuses(code):
-            site.add(seen)
-        with refuses(code):
-            site.localize(seen)
+        for ask in (site.add, site.localize):
+            with refuses(code):
+                ask(seen)
         assert len(site) == STORED and [each.name for each in site.sessions] == ["monday"]
 
 
@@ -256,7 +244,7 @@ def test_a_robot_whose_scanner_is_mounted_otherwise_is_found_where_it_is(short: 
         ({"fusion": FusionConfig(source="cloud", frame="robot")}, "no-transform"),
     ],
 )
-def test_sensors_that_lack_what_the_map_needs_are_named(
+def test_sensors_that_lack_something_are_named(
     tmp_path: Path, changes: dict[str, Any], code: str
 ) -> None:
     with PlaceMap.open(tmp_path / "site.fsmap", "monday", **OPTIONS | changes) as site:
@@ -278,9 +266,7 @@ def test_sensors_that_lack_what_the_map_needs_are_named(
         ("solution", "poses"),
     ],
 )
-def test_one_flipped_bit_is_damage(
-    first_part: Path, tmp_path: Path, table: str, column: str
-) -> None:
+def test_a_flipped_bit_is_damage(first_part: Path, tmp_path: Path, table: str, column: str) -> None:
     path = copy_artefact(first_part, tmp_path / "site.fsmap")
     if table == "solution":
         with PlaceMap.open(path) as site:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps of a made street: what is kept, found again and forgotten, and what goes wrong."""
 
+import re
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
 from map_fixtures import FRAMES, build
+from pages import DOCS, snippets
 from refusals import refuses
 from rows import rows
 from streets import OPTIONS, RETURN, WAY, at, error, frames
@@ -186,9 +188,7 @@ def test_the_cloud_and_the_grid_are_those_of_the_street(path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_drive_through_another_place_is_a_part_and_a_graph_of_its_own(
-    path: Path, tmp_path: Path
-) -> None:
+def test_a_drive_elsewhere_is_a_part_and_a_graph_of_its_own(path: Path, tmp_path: Path) -> None:
     build(path, frames(RETURN, 200, day=1, place=13), "elsewhere")
     with PlaceMap.open(path) as site:
         assert site.sessions[1].parts == (len(WAY),)
@@ -395,7 +395,7 @@ def test_what_is_no_map_is_named(tmp_path: Path) -> None:
     assert not none.exists()
 
 
-def test_a_configuration_that_a_map_does_not_take_is_named(
+def test_a_configuration_that_is_not_taken_is_named(
     path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with PlaceMap.open(path, "tuesday", **OPTIONS):
@@ -472,3 +472,38 @@ def test_a_descriptor_may_be_named_with_its_preset(tmp_path: Path) -> None:
     with PlaceMap.open(tmp_path / "a", read_only=True) as site:
         assert len(site) == 3 and site.settings.descriptor == "m2dp:author"
         assert site.localize(Cloud(scan_blocks(WAY[1], 77))).keyframe == 1
+
+
+def test_the_tables_of_the_page_are_those_of_the_file(short: Path) -> None:
+    database = sqlite3.connect(short)
+    tables = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+    stored = {
+        (table, column)
+        for (table,) in tables
+        for _, column, *_ in database.execute(f"PRAGMA table_info({table})")
+    }
+    version = database.execute("PRAGMA user_version").fetchone()[0]
+    database.close()
+    text = (DOCS / "reference" / "map_file.md").read_text(encoding="utf-8")
+    told, table = set(), ""
+    for cells in re.findall(r"^\|(.*?)\|(.*?)\|", text, re.MULTILINE):
+        names = [re.findall(r"`(\w+)`", cell) for cell in cells]
+        table = names[0][0] if names[0] else table
+        told |= {(table, column) for column in names[1]}
+    assert told == stored
+    assert f"the version of the format, {version}." in " ".join(text.split())
+
+
+def test_the_programs_of_the_page_read_a_map(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(short.parent)
+    _, read_poses, read_cloud = snippets("reference/map_file")
+    names: dict[str, Any] = {}
+    exec(read_poses, names)
+    exec(read_cloud, names)
+    with PlaceMap.open(short, read_only=True) as site:
+        np.testing.assert_array_equal([*names["odometry"].values()], site.odometry("monday"))
+        assert names["colors"] is None
+        shown = site.cloud(voxel=0.1).points
+        first = FRAMES[0].points
+    assert first is not None and len(shown) >= len(names["points"]) > 100
+    np.testing.assert_allclose(np.ptp(names["points"], axis=0), np.ptp(first, axis=0), atol=0.3)

@@ -96,9 +96,7 @@ def test_a_poisonous_recording_is_named_after_its_tries_and_takes_no_other_with_
 
 
 @pytest.mark.slow
-def test_errors_keep_their_code_and_a_worker_that_ends_is_named(
-    engine: Engine, tmp_path: Path
-) -> None:
+def test_errors_keep_their_code_and_lost_workers_are_named(engine: Engine, tmp_path: Path) -> None:
     chunks = chunks_of("fine", "fault", "refused", "strange", "exit", "fine")
     faults = partial(fleets.chunk_of_faults, folder=tmp_path)
     found = {chunk.first: error for chunk, error in engine.run(chunks, faults)}

@@ -78,9 +78,7 @@ def started(folder: Path, program: str, *words: object) -> Iterator["subprocess.
 
 
 @pytest.mark.slow
-def test_a_killed_driver_leaves_whole_chunks_and_the_next_one_does_the_rest(
-    fleet: Path, tmp_path: Path
-) -> None:
+def test_a_killed_driver_leaves_whole_chunks_to_the_next_one(fleet: Path, tmp_path: Path) -> None:
     places = tmp_path / "places"
     describe_fleet(fleet, tmp_path / "whole", chunk=1)
     with started(tmp_path, DRIVER, fleet, places, "here") as driver:

@@ -79,7 +79,7 @@ def drawn(page: Page, kind: str) -> list[str]:
     return list(found)
 
 
-def test_the_page_shows_a_site_and_where_a_scan_was_found(
+def test_the_page_shows_where_a_scan_was_found(
     page: Page, urls: dict[str, str], scan: Path
 ) -> None:
     open_map(page, f"{urls['open']}/sites/yard")
@@ -95,9 +95,7 @@ def test_the_page_shows_a_site_and_where_a_scan_was_found(
     assert page.messages == []
 
 
-def test_a_joint_map_is_shown_and_a_scan_found_in_it(
-    page: Page, urls: dict[str, str], scan: Path
-) -> None:
+def test_a_scan_is_found_in_the_joint_map(page: Page, urls: dict[str, str], scan: Path) -> None:
     pytest.importorskip("small_gicp", reason="maps are an extra")
     open_map(page, f"{urls['joined']}/sites/yard")
     shown = drawn(page, "path[data-session]:not([hidden])")
@@ -146,9 +144,7 @@ def test_the_page_asks_for_a_key(page: Page, urls: dict[str, str]) -> None:
 
 
 @rows("dark", [False, True])
-def test_the_page_fits_on_a_phone_light_and_dark(
-    page: Page, urls: dict[str, str], dark: bool
-) -> None:
+def test_the_page_fits_on_a_phone(page: Page, urls: dict[str, str], dark: bool) -> None:
     page.screen(360, 740, dark=dark)
     open_map(page, f"{urls['joined']}/sites/yard")
     assert page.run("document.documentElement.scrollWidth") <= 360
@@ -158,9 +154,7 @@ def test_the_page_fits_on_a_phone_light_and_dark(
     assert (shade < 60) == dark and page.messages == []
 
 
-def test_the_page_of_the_interface_works_without_the_internet(
-    page: Page, urls: dict[str, str]
-) -> None:
+def test_the_page_of_the_interface_works_offline(page: Page, urls: dict[str, str]) -> None:
     page.open(f"{urls['open']}/docs")
     page.wait_for("document.querySelectorAll('.opblock').length >= 7")
     assert page.messages == []

@@ -10,7 +10,9 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.se3 import adjoint, exp, inverse, log
 from fusionslam.mapping import DriftModel
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
+from fusionslam.ratslam.map_export import link_offsets
 from fusionslam.storage.arrays import Floats
+from rows import rows
 
 
 def random_steps(rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
@@ -33,14 +35,12 @@ def test_drift_is_the_covariance_of_sampled_odometry() -> None:
     steps, covariances = random_steps(rng, 12)
     tree = chain(steps, covariances)
     roots = np.linalg.cholesky(covariances)
-    errors = []
-    for _ in range(4000):
-        noise = exp(np.einsum("nij,nj->ni", roots, rng.normal(size=(12, 6))))
-        drawn, true = np.eye(4), np.eye(4)
-        for k in range(3, 10):
-            drawn, true = drawn @ steps[k] @ noise[k], true @ steps[k]
-        errors.append(log(inverse(true) @ drawn))
-    expected, found = np.cov(np.array(errors).T), tree.drift(3, 10)
+    drawn, true = np.tile(np.eye(4), (4000, 1, 1)), np.eye(4)
+    for k in range(3, 10):
+        noise = exp(rng.normal(size=(4000, 6)) @ roots[k].T)
+        drawn, true = drawn @ steps[k] @ noise, true @ steps[k]
+    errors = log(inverse(true) @ drawn)
+    expected, found = np.cov(errors.T), tree.drift(3, 10)
     assert np.abs(found - expected).max() < 0.08 * np.abs(expected).max()
 
 
@@ -117,9 +117,8 @@ def test_a_loop_in_the_plane_is_judged_as_ratslam_judges_it() -> None:
 
 
 def test_a_model_states_the_deviations_of_a_motion() -> None:
-    model = DriftModel(
-        drift_m=0.1, drift_height=0.2, drift_heading=0.03, drift_tilt=0.04, drift_turn=0.05
-    )
+    along = {"drift_m": 0.1, "drift_height": 0.2, "drift_heading": 0.03, "drift_tilt": 0.04}
+    model = DriftModel(**along, drift_turn=0.05)
     motion = exp(np.array([0, 0, 0, 0, 0, 0.5])).copy()
     motion[:3, 3] = 0, 4, 0
     tilt, heading = (0.05**2 * 0.5 + sd**2 * 4 for sd in (0.04, 0.03))
@@ -142,3 +141,49 @@ def test_wrong_models_motions_and_nodes_are_refused() -> None:
     for a, b in ((0, 1), (0, 2), (-1, 0)):
         with pytest.raises(DataError):
             tree.drift(a, b)
+
+
+@rows("seed", range(3))
+def test_relaxation_finds_gtsams_optimum(seed: int) -> None:
+    """Three laps of a noisy circle; loops close each place of the later ones with the first.
+
+    GTSAM's error is the logarithm of a pose, RatSLAM's the pose itself: they differ by a part of
+    the rotation's error, so that errors must be small.
+    """
+    gtsam = pytest.importorskip("gtsam", exc_type=ImportError)
+    rng = np.random.default_rng(seed)
+    graph = ExperienceMap(outlier=1e6, sigmas=1e6, tolerance=1e-9)
+    lap = 30
+    graph.apply(Action(ActionKind.CREATE_NODE))
+    for node in range(1, 3 * lap):
+        turn = 2 * np.pi / lap + rng.normal() * 0.01
+        graph.on_odometry(1.0 + rng.normal() * 0.05, turn, 1.0)
+        graph.apply(Action(ActionKind.CREATE_NODE, node - 1, node))
+        if node >= lap and node % 3 == 0:
+            place = tuple(rng.normal(size=2) * 0.05)
+            back, turn = node % lap, rng.normal() * 0.01
+            graph.apply(Action(ActionKind.CREATE_EDGE, node, back, turn, place))
+            graph.apply(Action(ActionKind.CREATE_EDGE, back, node, 0.0, (0.0, 0.0)))
+    for _ in range(20):
+        graph.relax(whole=True)
+    theirs, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    fixed = gtsam.noiseModel.Isotropic.Sigma(3, 1e-8)
+    theirs.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(*graph.nodes[0]), fixed))
+    for node, pose in enumerate(graph.nodes):
+        values.insert(node, gtsam.Pose2(*pose))
+    for link, way in zip(graph.links, link_offsets(graph.links), strict=True):
+        sds = np.array([link["sd_m"], link["sd_m"], link["sd_rad"]])
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sds)
+        ends = int(link["source"]), int(link["target"])
+        theirs.add(gtsam.BetweenFactorPose2(*ends, gtsam.Pose2(*way), noise))
+    moved = gtsam.Values(values)
+    for node in range(len(graph.nodes)):
+        noisy = graph.nodes[node] + rng.normal(size=3) * 0.05 * (node > 0)
+        moved.update(node, gtsam.Pose2(*noisy))
+    exact = gtsam.LevenbergMarquardtParams()
+    exact.setRelativeErrorTol(1e-14)
+    exact.setAbsoluteErrorTol(1e-14)
+    best = gtsam.LevenbergMarquardtOptimizer(theirs, moved, exact).optimize()
+    found = gtsam.utilities.extractPose2(best)
+    assert len(graph.links) > len(graph.nodes) + 15
+    assert np.abs(found[:, :2] - graph.nodes[:, :2]).max() < 1e-4

@@ -1,5 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
+"""What is drawn and written of a map: grids, heights, one cloud, trajectories."""
+
+import json
+import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +12,10 @@ import pytest
 import yaml
 from PIL import Image
 
-from fusionslam import ConfigError, DataError
+from fusionslam import Cloud, ConfigError, DataError
+from fusionslam.mapping import clouds
+from fusionslam.mapping.clouds import join_clouds
+from fusionslam.mapping.geojson import MapOrigin, geographic, write_geojson
 from fusionslam.mapping.grids import (
     GridConfig,
     OccupancyGrid,
@@ -15,6 +23,8 @@ from fusionslam.mapping.grids import (
     draw_heights,
     draw_occupancy,
 )
+from fusionslam.storage.arrays import Matrix
+from rows import rows
 
 CONFIG = GridConfig(resolution=0.1, max_range=8.0)
 
@@ -48,7 +58,7 @@ def draw(*placed: PlacedCloud, config: GridConfig = CONFIG) -> OccupancyGrid:
     return draw_occupancy(placed, np.array([each.map_from_cloud[:2, 3] for each in placed]), config)
 
 
-@pytest.mark.parametrize("yaw", [0.0, np.pi / 2, np.pi])
+@rows("yaw", [0.0, np.pi / 2, np.pi])
 def test_a_room_is_free_up_to_its_walls_and_unknown_behind_them(yaw: float) -> None:
     grid = draw(PlacedCloud(room(6.0, 4.0), pose(10.0, -20.0, yaw), -0.5))
     x, y = (2.4, 1.4) if np.sin(yaw) ** 2 < 0.5 else (1.4, 2.4)
@@ -122,14 +132,8 @@ def test_heights_are_those_of_the_highest_points(tmp_path: Path) -> None:
     np.testing.assert_allclose(grid.origin, (5.0, 5.0))
     grid.save(tmp_path / "heights.asc")
     lines = (tmp_path / "heights.asc").read_text().splitlines()
-    assert [line.split()[0] for line in lines[:6]] == [
-        "ncols",
-        "nrows",
-        "xllcorner",
-        "yllcorner",
-        "cellsize",
-        "NODATA_value",
-    ]
+    names = ["ncols", "nrows", "xllcorner", "yllcorner", "cellsize", "NODATA_value"]
+    assert [line.split()[0] for line in lines[:6]] == names
     assert [float(cell) for cell in lines[6].split()] == [102.0, -9999.0, 99.0]
 
 
@@ -145,3 +149,78 @@ def test_maps_that_are_empty_or_too_wide_are_refused() -> None:
         draw_occupancy([], np.array([[0.0, 0.0], [1e5, 1e5]]), CONFIG)
     with pytest.raises(ConfigError, match="highest"):
         draw(config=GridConfig(lowest=2.0, highest=1.0))
+
+
+def placed(count: int, *, colored: bool = True) -> Iterator[tuple[Matrix, Cloud]]:
+    """Clouds of one place of 10 m, taken from several poses."""
+    rng = np.random.default_rng(1)
+    for k in range(count):
+        pose = np.eye(4)
+        pose[0, 3] = k % 3
+        points = rng.uniform(0, 10, (20_000, 3)).astype(np.float32) - pose[:3, 3]
+        colors = np.full((20_000, 3), 10 * (k % 5), np.uint8) if colored else None
+        yield pose, Cloud(points.astype(np.float32), colors)
+
+
+def test_few_points_at_a_time_give_the_same_voxels(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = join_clouds(placed(10), 1.0)
+    monkeypatch.setattr(clouds, "MOST_POINTS", 50_000)
+    joined = join_clouds(placed(10), 1.0)
+    cells = [
+        {tuple(cell) for cell in np.floor(cloud.points).astype(int).tolist()}
+        for cloud in (whole, joined)
+    ]
+    assert cells[0] == cells[1] and len(joined) == len(cells[1]) == 1000
+    assert joined.colors is not None and joined.colors.shape == (1000, 3)
+
+
+def test_memory_does_not_grow_with_the_number_of_clouds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clouds, "MOST_POINTS", 50_000)
+    peaks = []
+    for count in (8, 32):
+        tracemalloc.start()
+        join_clouds(placed(count), 1.0)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_clouds_without_colours_make_one_without() -> None:
+    mixed = [*placed(2), *placed(1, colored=False)]
+    assert join_clouds(mixed, 1.0).colors is None
+    assert join_clouds(placed(2, colored=False), 1.0).colors is None
+    empty = join_clouds([], 1.0)
+    assert len(empty) == 0 and empty.colors is None
+
+
+KARLSRUHE = MapOrigin(latitude=49.0, longitude=8.4, altitude=110.0, heading=30.0)
+
+
+@rows("x, y, azimuth", [(100.0, 0.0, 60.0), (0.0, 100.0, -30.0)])
+def test_positions_lie_where_geodesics_say(x: float, y: float, azimuth: float) -> None:
+    pyproj = pytest.importorskip("pyproj")
+    longitude, latitude, altitude = geographic(np.array([[x, y, 0.0]]), KARLSRUHE)[0]
+    found, _, metres = pyproj.Geod(ellps="WGS84").inv(8.4, 49.0, longitude, latitude)
+    assert found == pytest.approx(azimuth, abs=1e-3)
+    assert metres == pytest.approx(100, abs=0.01)  # at the ellipsoid, 110 m below
+    assert altitude == pytest.approx(110, abs=0.01)
+
+
+def test_a_trajectory_is_a_line_with_times(tmp_path: Path) -> None:
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 3] = 0.0, 1.0, 2.0
+    stamps = np.array([0, 1_500_000_000, 2_000_000_000])
+    write_geojson(tmp_path / "track.geojson", {"monday": (stamps, poses)}, KARLSRUHE)
+    content = json.loads((tmp_path / "track.geojson").read_text())
+    assert content["type"] == "FeatureCollection"
+    (feature,) = content["features"]
+    assert feature["geometry"]["type"] == "LineString"
+    assert feature["geometry"]["coordinates"][0] == [8.4, 49.0, 110.0]
+    assert feature["properties"]["session"] == "monday"
+    assert feature["properties"]["coordTimes"][1] == "1970-01-01T00:00:01.500000+00:00"
+
+
+def test_one_pose_is_no_line(tmp_path: Path) -> None:
+    write_geojson(tmp_path / "a.geojson", {"a": (np.array([0]), np.eye(4)[None])}, KARLSRUHE)
+    (feature,) = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    assert feature["geometry"]["type"] == "MultiPoint"

@@ -21,6 +21,7 @@ from fusionslam.mapping.localization import (
 )
 from fusionslam.registration import PreparedCloud
 from fusionslam.storage.arrays import Matrix
+from rows import rows
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
@@ -74,7 +75,7 @@ def assert_at(found: Localization, truth: Matrix) -> None:
     assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 0.5
 
 
-@pytest.mark.parametrize("truth", [at(1.0, 0.5, 10), at(-7.0, 1.5, 180), at(9.0, -1.0, -95)])
+@rows("truth", [at(1.0, 0.5, 10), at(-7.0, 1.5, 180), at(9.0, -1.0, -95)])
 def test_a_robot_is_found_without_a_guess_in_any_direction(truth: Matrix) -> None:
     assert_at(Localizer(Street()).localize(Sight(seen_at(truth, 50), EVERY)), truth)
 
@@ -86,7 +87,7 @@ def test_another_place_has_no_pose_but_a_reason() -> None:
     assert found.reason is not None and found.reason.code
 
 
-@pytest.mark.parametrize(("probability", "code"), [(0.7, "improbable"), (0.95, None)])
+@rows("probability, code", [(0.7, "improbable"), (0.95, None)])
 def test_neighbors_that_agree_on_an_improbable_pose_do_not_make_it_right(
     monkeypatch: pytest.MonkeyPatch, probability: float, code: str | None
 ) -> None:

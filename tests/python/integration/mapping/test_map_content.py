@@ -69,8 +69,9 @@ class Drive:
         content.add(keyframe, edges)
 
 
-def test_a_map_is_solved_whole_only_as_it_grows() -> None:
-    drive, way, file, writes = Drive(), circle(12 * LAP), Writes(), []
+@pytest.mark.parametrize("laps", [4, pytest.param(12, marks=pytest.mark.nightly)])
+def test_a_map_is_solved_whole_only_as_it_grows(laps: int) -> None:
+    drive, way, file, writes = Drive(), circle(laps * LAP), Writes(), []
     for number in range(len(way)):
         loops = {number - LAP: way[number - LAP]} if number >= LAP and number % 2 == 0 else {}
         drive.add(1, way, number, loops)
