@@ -11,9 +11,8 @@ import math
 import os
 import re
 import shlex
-from collections import Counter
+import textwrap
 from collections.abc import Callable
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -35,6 +34,7 @@ from scenes import LAPS, drive, write_recording
 
 EXPECTED = PROJECT / "tests/python/integration/cli/expected"
 _PROMPT = "$ fusionslam "
+_SPACE = "\xa0"  # at which no line is broken
 
 
 def _make_kitti(path: Path) -> None:
@@ -101,57 +101,29 @@ def _output(words: list[str], folder: Path) -> str:
 
 
 def _help(words: list[str]) -> str:
-    """What --help says, without the layout, which is typer's and differs between versions.
-
-    Options that several commands share are named there, and explained in the program's own help.
-    """
+    """Commands with their purpose, and options with their values, without typer's layout."""
     program = typer.main.get_command(app)
-    command = _commands(program).get(" ".join(words), program)
-    shared = _shared_options(program)
-    lines = [command.help or ""]
+    command = commands_of(program)[" ".join(words)]
+    lines = []
     for name, each in getattr(command, "commands", {}).items():
         lines.append(f"  {name}: {(each.help or '').partition(chr(10))[0]}")
-    for is_shared, options in groupby(_options(command), key=lambda each: each in shared.items()):
-        if is_shared:
-            lines.append(f"  {', '.join(names for names, _ in options)}")
-        else:
-            lines.extend(f"  {text}" for _, text in options)
-    if command is program:
-        lines.append("Options of several commands:")
-        lines.extend(f"  {text}" for text in shared.values())
-    return "\n".join(lines) + "\n"
+    options = ", ".join(_names(each) for each in command.params if getattr(each, "help", None))
+    lines.extend(textwrap.wrap(options, 98, break_long_words=False, break_on_hyphens=False))
+    return "\n".join(lines).replace(_SPACE, " ") + "\n"
 
 
-def _commands(command: Any, name: str = "") -> dict[str, Any]:
+def commands_of(command: Any, name: str = "") -> dict[str, Any]:
     """Each command by its words, those of groups too."""
     found = {name: command}
     for word, inner in getattr(command, "commands", {}).items():
-        found |= _commands(inner, f"{name} {word}".strip())
+        found |= commands_of(inner, f"{name} {word}".strip())
     return found
 
 
-def _options(command: Any) -> list[tuple[str, str]]:
-    """Each option and argument: its names, and these with its values and help."""
-    found = []
-    for each in command.params:
-        if text := getattr(each, "help", None):
-            words = each.opts if each.opts[0].startswith("-") else []
-            values = [each.metavar] if each.metavar else []
-            names = " ".join(words or values)
-            found.append((names, f"{' '.join([*words, *values])}: {text}"))
-    return found
-
-
-def _shared_options(program: Any) -> dict[str, str]:
-    """The most frequent text of each option that at least two commands explain alike."""
-    counts = Counter(
-        option for command in _commands(program).values() for option in _options(command)
-    )
-    shared: dict[str, str] = {}
-    for (names, text), count in counts.most_common():
-        if count > 1:
-            shared.setdefault(names, text)
-    return shared
+def _names(option: Any) -> str:
+    """The names of an option or argument, and its values."""
+    words = option.opts if option.opts[0].startswith("-") else []
+    return _SPACE.join([*words, *([option.metavar] if option.metavar else [])])
 
 
 def update(folder: Path) -> None:

@@ -9,7 +9,7 @@ from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 import pytest
 from typer.main import get_command
@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import fusionslam
 from cli import error_of, fails, run, succeeds
+from expected_output import commands_of
 from fusionslam.cli import app
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress_lines
@@ -89,11 +90,6 @@ def test_without_a_terminal_steps_begin_with_a_line_and_long_ones_repeat_it() ->
         "describing: 20 of 100, about 44 s left",
         "writing the report",
     ]
-
-
-def test_a_log_names_the_steps_of_a_command(kitti: Path, tmp_path: Path) -> None:
-    text = succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path).stderr
-    assert re.search(r"^describing lidar clouds: \d+ of \d+$", text, re.MULTILINE)
 
 
 def test_choices_are_those_of_the_registries() -> None:
@@ -197,18 +193,12 @@ def test_counts_agree_with_their_nouns(count: int, noun: str, text: str) -> None
     assert counted(count, noun, ",") == text
 
 
-def _commands() -> dict[str, set[str]]:
+def options_of_commands() -> dict[str, set[str]]:
     """The options of each command, by its name."""
-    found: dict[str, set[str]] = {}
-
-    def walk(command: Any, name: str) -> None:
-        for word, inner in getattr(command, "commands", {}).items():
-            walk(inner, f"{name} {word}".strip())
-        options = {option for each in command.params for option in each.opts}
-        found[name] = options | {"--help"}
-
-    walk(get_command(app), "")
-    return found
+    return {
+        name: {option for each in command.params for option in each.opts} | {"--help"}
+        for name, command in commands_of(get_command(app)).items()
+    }
 
 
 FOREIGN = {
@@ -227,7 +217,7 @@ FOREIGN = {
 
 
 def test_every_option_that_a_message_names_exists_in_the_command() -> None:
-    commands = _commands()
+    commands = options_of_commands()
     every = set.union(*commands.values())
     named = "|".join(sorted(filter(None, commands), key=len, reverse=True))
     with_command = re.compile(rf"\b({named}) (--[a-z][a-z-]+)")
@@ -243,7 +233,7 @@ def test_every_option_that_a_message_names_exists_in_the_command() -> None:
 
 
 def test_what_info_advises_is_taken_by_every_command_that_reads_data() -> None:
-    readers = {name: found for name, found in _commands().items() if "--topic" in found}
+    readers = {name: found for name, found in options_of_commands().items() if "--topic" in found}
     del readers["ros2 play"]  # plays messages as they are
     assert len(readers) > 10
     for name, options in readers.items():
