@@ -18,6 +18,7 @@ import pytest
 
 from arrays import SECOND, filled
 from fusionslam import DataError, DescriptorIndex
+from refusals import refuses
 from rows import rows
 
 VERSION_OFFSET = 8
@@ -45,13 +46,11 @@ def test_a_saved_index_continues_where_it_was(tmp_path: Path) -> None:
         assert np.array_equal(index.descriptor(number), loaded.descriptor(number))
 
 
-def test_saving_twice_gives_the_same_bytes_and_leaves_nothing_else(tmp_path: Path) -> None:
-    path = tmp_path / "places.index"
-    filled().save(str(path))
-    first = path.read_bytes()
-    filled().save(str(path))
-    assert path.read_bytes() == first
-    assert os.listdir(tmp_path) == ["places.index"]
+def test_saving_twice_gives_the_same_bytes_and_leaves_nothing_else(stored: Path) -> None:
+    first = stored.read_bytes()
+    filled().save(str(stored))
+    assert stored.read_bytes() == first
+    assert os.listdir(stored.parent) == ["places.index"]
 
 
 def test_an_empty_index_can_be_saved(tmp_path: Path) -> None:
@@ -83,19 +82,17 @@ def test_an_index_of_another_version_is_refused(stored: Path) -> None:
     assert re.search(r"\b3\b.*\b1\b.*\b2\b", refusal(stored))
 
 
-def test_an_index_cut_anywhere_is_refused(stored: Path) -> None:
+def test_an_index_cut_or_changed_anywhere_is_refused(stored: Path) -> None:
     content = stored.read_bytes()
-    for size in (0, 1, 7, 40, len(content) // 2, len(content) - 36, len(content) - 1):
-        stored.write_bytes(content[:size])
-        refusal(stored)
-
-
-def test_a_changed_byte_anywhere_is_noticed(stored: Path) -> None:
-    content = stored.read_bytes()
-    for place in range(0, len(content), 5):
+    size = len(content)
+    contents = [content[:cut] for cut in (0, 1, 7, 40, size // 2, size - 36, size - 1)]
+    for place in range(0, size, 11):
         changed = bytearray(content)
         changed[place] ^= 0x10
-        stored.write_bytes(changed)
+        contents.append(bytes(changed))
+    contents.append(b"I am no index, but long enough to be one. " * 5)
+    for wrong in contents:
+        stored.write_bytes(wrong)
         refusal(stored)
 
 
@@ -106,15 +103,10 @@ def test_bytes_at_the_end_are_noticed(stored: Path) -> None:
         assert re.search(rf"\b{count} byte", refusal(stored))
 
 
-def test_a_file_that_is_no_index_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "notes.txt"
-    path.write_text("I am no index, but long enough to be one. " * 5)
-    refusal(path)
-
-
 def test_a_path_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    refusal(tmp_path / "nowhere.index")
-    refusal(tmp_path)
+    paths = [tmp_path / "nowhere.index", tmp_path]
+    for path in (*paths, *map(Path, ("/dev/zero", "/dev/null", "/dev/tty"))):  # no endless reading
+        refusal(path)
 
 
 @rows("place", ["missing/places.index", "file/places.index", "folder"])
@@ -123,18 +115,16 @@ def test_a_path_that_cannot_be_written_is_named_and_nothing_is_left(
 ) -> None:
     (tmp_path / "file").write_text("not a folder")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(DataError) as error:
+    with refuses("cannot-write", str(tmp_path / place)):
         filled().save(str(tmp_path / place))
-    assert (error.value.code, error.value.fields) == ("cannot-write", (str(tmp_path / place),))
     assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
 
 
 def test_a_path_that_is_no_unicode_is_named(tmp_path: Path) -> None:
     path = os.fsdecode(bytes(tmp_path / "gel") + b"\xf6scht" + b"/places.index")
     refusal(Path(path))
-    with pytest.raises(DataError) as error:
+    with refuses("cannot-write", path):
         filled().save(path)
-    assert error.value.fields == (path,)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
@@ -206,8 +196,7 @@ def test_what_killed_writers_left_goes_with_the_next_save(stored: Path) -> None:
     left = [leave_temporary(stored), leave_temporary(stored, "zzzzzzzz")]
     others = [
         leave_temporary(stored.with_name("other.index")),
-        leave_temporary(stored, "too_long_"),
-        leave_temporary(stored, "UPPER_12"),
+        *(leave_temporary(stored, name) for name in ("too_long_", "UPPER_12")),
     ]
     filled(5).save(stored)
     assert not any(path.exists() for path in left)
@@ -252,19 +241,18 @@ def test_killed_writers_leave_the_old_file_or_the_new_one_and_nothing_that_grows
     stored: Path,
 ) -> None:
     names: set[str] = set()
-    for _ in range(4):
-        with subprocess.Popen(
-            [sys.executable, "-c", KILLED, stored], stdout=subprocess.PIPE
-        ) as writer:
+    command = [sys.executable, "-c", KILLED, stored]
+    for _ in range(3):
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
             assert writer.stdout is not None
             writer.stdout.readline()
             while not (left := set(os.listdir(stored.parent)) - {stored.name} - names):
-                pass
+                assert writer.poll() is None
             writer.kill()
         names |= left
         assert len(DescriptorIndex.load(stored)) in (20, 2000)
         assert len(os.listdir(stored.parent)) <= 2
-    assert len(names) >= 4  # no name twice
+    assert len(names) >= 3  # no name twice
     assert all(re.fullmatch(rf"\.{stored.name}\.[a-z0-9_]{{8}}", name) for name in names)
     filled().save(stored)
     assert os.listdir(stored.parent) == [stored.name]
@@ -277,15 +265,9 @@ def test_what_is_no_file_is_neither_read_nor_replaced(
     path = tmp_path / "special"
     make(path)
     refusal(path)
-    with pytest.raises(DataError) as error:
+    with refuses("cannot-write"):
         filled().save(path)
-    assert error.value.code == "cannot-write"
     assert os.listdir(tmp_path) == ["special"] and not path.is_file()
-
-
-def test_devices_are_refused_without_reading() -> None:
-    for device in ("/dev/zero", "/dev/null", "/dev/tty"):
-        refusal(Path(device))
 
 
 def test_crafted_descriptors_that_are_not_finite_are_refused(stored: Path) -> None:
