@@ -4,6 +4,7 @@
 
 import logging
 import random
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import bags
@@ -37,6 +37,7 @@ from fusionslam.sensors.messages import (
 )
 from fusionslam.sensors.pose_buffer import PoseBuffer
 from fusionslam.sensors.synchronizer import CLOCK_JUMP, SyncConfig
+from fusionslam.storage.arrays import Matrix
 from messages import (
     BASE_FROM_LIDAR,
     CAMERA_MATRIX,
@@ -70,34 +71,25 @@ def test_points_fall_where_the_camera_saw_them_though_the_robot_turned_in_betwee
         assert frame.images["left"].shape == (48, 64, 3)
 
 
-def transform(
-    parent: str, child: str, pose: NDArray[np.float64] | None = None, stamp_ns: int = 0
-) -> FrameTransform:
-    return FrameTransform(
-        stamp_ns=stamp_ns,
-        parent=parent,
-        child=child,
-        parent_from_child=np.eye(4) if pose is None else pose,
-    )
+def transform(parent: str, child: str, stamp_ns: int = 0, **pose: Matrix) -> FrameTransforms:
+    pose = {"parent_from_child": np.eye(4)} | pose
+    moved = FrameTransform(stamp_ns=stamp_ns, parent=parent, child=child, **pose)
+    return FrameTransforms(transforms=(moved,))
 
 
 def test_motion_comes_from_tf_where_there_is_no_odometry() -> None:
-    def moved(m: Odometry) -> FrameTransforms:
-        return FrameTransforms(transforms=(transform("odom", "base", m.pose, m.stamp_ns),))
-
-    messages = [moved(m) if isinstance(m, Odometry) else m for m in drive()]
+    messages = [
+        transform("odom", "base", m.stamp_ns, parent_from_child=m.pose)
+        if isinstance(m, Odometry)
+        else m
+        for m in drive()
+    ]
     frames = run(FrameBuilder(OnlineConfig(robot_frame="base")), messages)
     wanted = run(FrameBuilder(), drive())
     assert len(frames) == 4
     for frame, same in zip(frames, wanted, strict=True):
         np.testing.assert_allclose(pixel(frame), pixel(same), atol=1e-9)
         np.testing.assert_allclose(frame.odometry, same.odometry, atol=1e-12)
-
-
-def test_without_any_motion_the_robot_is_taken_to_stand() -> None:
-    frames = run(FrameBuilder(), [m for m in drive() if not isinstance(m, Odometry)])
-    assert len(frames) == 4 and all(frame.odometry is None for frame in frames)
-    np.testing.assert_allclose(pixel(frames[0]), true_pixel(0.2), atol=1e-3)
 
 
 def test_late_transforms_are_waited_for() -> None:
@@ -119,12 +111,15 @@ def test_what_never_comes_is_waited_for_no_longer_than_wait() -> None:
     assert builder.dropped == {("points", NO_CAMERA_INFO): 4}
 
 
-def test_scans_before_the_first_odometry_are_placed_as_if_standing() -> None:
+def test_scans_before_the_first_odometry_or_without_any_are_placed_as_if_standing() -> None:
     builder = FrameBuilder()
     late = [m for m in drive() if not isinstance(m, Odometry) or m.stamp_ns >= ns(0.22)]
     frames = run(builder, late)
     assert [frame.odometry is None for frame in frames] == [True, False, False, False]
     assert builder.still == 1
+    frames = run(FrameBuilder(), [m for m in drive() if not isinstance(m, Odometry)])
+    assert len(frames) == 4 and all(frame.odometry is None for frame in frames)
+    np.testing.assert_allclose(pixel(frames[0]), true_pixel(0.2), atol=1e-3)
 
 
 PATIENT = OnlineConfig(sync=SyncConfig(lateness=0.3), wait=5.0)
@@ -174,11 +169,16 @@ def test_a_wrong_calibration_is_counted_and_said_once(
     assert [message in text for text in caplog.messages] == [True]
 
 
-def test_transforms_that_form_a_loop_are_refused_and_the_rest_goes_on() -> None:
-    messages = drive()
-    messages[1:1] = [FrameTransforms(transforms=(transform("lidar", "base"),))] * 3
+def test_wrong_transforms_are_refused_and_the_rest_goes_on() -> None:
+    tree, *messages = drive()
+    assert isinstance(tree, FrameTransforms)
     builder = FrameBuilder()
-    assert len(run(builder, messages)) == 4 and builder.refused == {"FrameTransforms": 3}
+    assert len(run(builder, [tree, *[transform("lidar", "base")] * 3, *messages])) == 4
+    assert builder.refused == {"FrameTransforms": 3}  # they would form a loop
+    mixed = replace(tree, transforms=transform("base", "base").transforms + tree.transforms)
+    builder = FrameBuilder()
+    assert len(run(builder, [mixed, *messages])) == 4
+    assert builder.refused == {"FrameTransforms": 1}
 
 
 def test_memory_is_bounded_when_everything_stalls() -> None:
@@ -191,19 +191,33 @@ def test_memory_is_bounded_when_everything_stalls() -> None:
     check(builder, [])
 
 
-def test_a_projection_of_zeros_means_the_camera_matrix_itself() -> None:
+def test_a_projection_of_zeros_means_the_camera_matrix_itself_and_points_are_rectified() -> None:
     camera = camera_from(info(projection=np.zeros((3, 4))), np.eye(4))
     np.testing.assert_array_equal(camera.projection, np.c_[CAMERA_MATRIX, np.zeros(3)])
-    with pytest.raises(DataError, match=r"/image .*K"):
-        camera_from(info(camera_matrix=np.zeros((3, 3))), np.eye(4), "/image")
-    with pytest.raises(DataError, match=r"/image: .*projection"):
-        camera_from(info(projection=np.full((3, 4), np.nan)), np.eye(4), "/image")
-
-
-def test_the_cameras_rectification_turns_points() -> None:
     turn = Rotation.from_euler("y", 0.1).as_matrix()
     camera = camera_from(info(rectification=turn), OPTICAL)
     np.testing.assert_allclose(camera.rectified_from_points[:3, :3], turn @ OPTICAL[:3, :3])
+
+
+BENT = {"distortion": np.full(5, 0.1)}
+
+
+@rows(
+    "use, changes, words",
+    [
+        (camera_from, {"camera_matrix": np.zeros((3, 3))}, ".*K"),
+        (camera_from, {"projection": np.full((3, 4), np.nan)}, ": .*projection"),
+        (rectify, BENT | {"distortion_model": "fov"}, ": .*'fov'"),
+        (rectify, BENT | {"distortion": np.ones(2)}, ": .*plumb_bob"),
+    ],
+)
+def test_a_calibration_that_means_nothing_is_an_error_of_the_data(
+    use: Callable[..., object], changes: dict[str, object], words: str
+) -> None:
+    wrong = info(**changes)
+    given = (wrong, np.eye(4)) if use is camera_from else (picture(0), wrong)
+    with pytest.raises(DataError, match=f"/image ?{words}"):
+        use(*given, "/image")
 
 
 def test_only_distorted_images_are_changed() -> None:
@@ -213,27 +227,6 @@ def test_only_distorted_images_are_changed() -> None:
     bent = rectify(taken, info(distortion=np.array([-0.3, 0.1, 0, 0, 0])))
     assert bent.shape == image.shape and (bent != image).mean() > 0.3
     assert bent[24, 32] == image[24, 32]  # the principal point stays
-
-
-@rows(
-    "changes, message",
-    [({"distortion_model": "fov"}, "'fov'"), ({"distortion": np.ones(2)}, "plumb_bob")],
-)
-def test_a_lens_that_nobody_knows_is_an_error_of_the_data(
-    changes: dict[str, object], message: str
-) -> None:
-    unknown = info(**{"distortion": np.full(5, 0.1), **changes})
-    with pytest.raises(DataError, match=f"/image: .*{message}"):
-        rectify(picture(0), unknown, "/image")
-
-
-def test_a_wrong_transform_does_not_take_the_others_along() -> None:
-    tree, *messages = drive()
-    assert isinstance(tree, FrameTransforms)
-    tree = FrameTransforms(transforms=(transform("base", "base"), *tree.transforms))
-    builder = FrameBuilder()
-    assert len(run(builder, [tree, *messages])) == 4
-    assert builder.refused == {"FrameTransforms": 1}
 
 
 def test_a_robot_sees_the_same_frames_as_those_who_read_its_bag(tmp_path: Path) -> None:
@@ -304,8 +297,8 @@ def test_odometry_without_a_child_frame_is_that_of_the_robots_usual_frame() -> N
 
 def test_transforms_dated_ahead_do_not_end_the_waiting() -> None:
     # A localiser dates its transforms ahead; the odometry comes after its scan.
-    ahead = transform("map", "odom", stamp_ns=ns(9.0))
+    ahead = transform("map", "odom", ns(9.0))
     messages = sorted(drive()[2:], key=lambda m: m.stamp_ns + isinstance(m, Odometry) * ns(0.2))
     builder = FrameBuilder()
-    frames = run(builder, [*drive()[:2], FrameTransforms(transforms=(ahead,)), *messages])
+    frames = run(builder, [*drive()[:2], ahead, *messages])
     assert len(frames) == 4 and not builder.still

@@ -46,9 +46,12 @@ def test_between_two_messages_the_pose_is_interpolated() -> None:
     for t in (0, 0.1, 3.14, 11.055, 20):
         turn = np.angle(np.exp(0.3j * t))
         assert poses.at(round((100 + t) * S)) == pytest.approx((2 * t, 1 - t, turn), abs=1e-9)
+    poses = PoseBuffer()  # of a driver that leaves the names empty
+    poses.add(odometry(1, 3, 4, 0.5, frame_id="", child_frame_id=""))
+    assert poses.at(S) == pytest.approx((3, 4, 0.5))
 
 
-def test_what_is_not_known_yet_may_come_and_what_was_before_never_will() -> None:
+def test_what_is_not_known_yet_may_come_and_what_was_before_or_forgotten_never_will() -> None:
     poses = PoseBuffer()
     assert why_not(poses, 100).may_come and why_not(poses, 100).code == "no-odometry"
     poses = driven(5)
@@ -57,9 +60,6 @@ def test_what_is_not_known_yet_may_come_and_what_was_before_never_will() -> None
     assert not early.may_come and early.code == "too-early"
     poses.add(odometry(105.1, 10.2, -4.1, 1.53))
     assert poses.at(round(105.02 * S))[0] == pytest.approx(10.04)
-
-
-def test_what_was_forgotten_never_comes_again() -> None:
     poses = driven(20, history_s=5)
     assert poses.at(115 * S)[0] == pytest.approx(30)
     assert not why_not(poses, 114.9).may_come
@@ -89,12 +89,6 @@ def test_odometry_of_two_robots_or_that_is_no_pose_is_refused() -> None:
     with pytest.raises(DataError, check=has_code("no-transform")):
         fresh.add(bad)
     assert why_not(fresh, 105).code == "no-odometry"
-
-
-def test_drivers_that_leave_the_names_empty_are_understood() -> None:
-    poses = PoseBuffer()
-    poses.add(odometry(1, 3, 4, 0.5, frame_id="", child_frame_id=""))
-    assert poses.at(S) == pytest.approx((3, 4, 0.5))
 
 
 def waiting(**options: Any) -> PoseQueue[str]:
@@ -156,18 +150,13 @@ def test_a_clock_that_goes_back_is_noticed_although_nothing_waits() -> None:
     assert posed.jumps == 1
 
 
-def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting() -> None:
+@rows("at, x, frame, code", [(101.1, 0, "map", "two-robots"), (3, np.nan, "odom", "no-transform")])
+def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting(
+    at: float, x: float, frame: str, code: str
+) -> None:
     posed = waiting()
     assert posed.add(round(101.05 * S), "late") == []
-    with pytest.raises(DataError, check=has_code("two-robots")):
-        posed.move(odometry(101.1, 0, 0, 0, frame_id="map"))
-    assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]
-
-
-def test_odometry_of_nan_from_long_ago_is_no_clock_that_went_back() -> None:
-    posed = waiting()
-    assert posed.add(round(101.05 * S), "late") == []
-    with pytest.raises(DataError, check=has_code("no-transform")):
-        posed.move(odometry(3, np.nan, 0, 0))
-    assert posed.jumps == 0
+    with pytest.raises(DataError, check=has_code(code)):
+        posed.move(odometry(at, x, 0, 0, frame_id=frame))
+    assert posed.jumps == 0  # nor is NaN from long ago a clock that went back
     assert told(posed.move(odometry(101.1, 11, 0, 0))) == [(101.05, "late", 10.5)]
