@@ -8,6 +8,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Picture, Scan
 from ros_master import needs_ros
 from ros_node import Desk, causes, colored_cloud
+from rows import rows
 
 pytestmark = needs_ros
 
@@ -86,11 +88,11 @@ SPOILED = [
 ]
 
 
-@pytest.mark.parametrize("node", ["lv_builder", "loop_closure"])
-@pytest.mark.parametrize(("spoil", "cause"), SPOILED)
+@rows("case, node", product(SPOILED, ["lv_builder", "loop_closure"]))
 def test_clouds_that_nothing_can_be_recognised_by(
-    spoil: Callable[[Scan], Any], cause: str, node: str, caplog: pytest.LogCaptureFixture
+    case: tuple[Callable[[Scan], Any], str], node: str, caplog: pytest.LogCaptureFixture
 ) -> None:
+    spoil, cause = case
     desk = Desk(node)
     desk.outlet.wanted = {"clustered_viz", "convex_hull_viz"}
     desk.give(CLOUDS, cloud(0), spoil(cloud(1)), spoil(cloud(2)), cloud(3))
@@ -100,7 +102,7 @@ def test_clouds_that_nothing_can_be_recognised_by(
     assert desk.node.report()[done] == 2 + 2 * is_view
 
 
-@pytest.mark.parametrize("source", ["alignment", "objects", "cm2dp"])
+@rows("source", ["alignment", "objects", "cm2dp"])
 def test_a_scan_without_anything_gives_no_place_and_is_not_kept(source: str) -> None:
     builder, matcher = Desk("lv_builder", source=source), Desk("lv_matching", source=source)
     builder.give(CLOUDS, cloud(0), empty(cloud(1)), cloud(3))
@@ -203,8 +205,7 @@ def answers(desk: Desk) -> list[tuple[int, ...]]:
     return found or [(number,) for number in ids(desk)]
 
 
-@pytest.mark.parametrize("kind", MAKERS)
-@pytest.mark.parametrize("closed", [True, False])
+@rows("kind, closed", product(MAKERS, [True, False]))
 def test_a_node_goes_on_where_it_ended_or_was_killed(
     kind: str, closed: bool, tmp_path: Path
 ) -> None:
@@ -234,7 +235,7 @@ def full_disk(bytes_left: int) -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, before)
 
 
-@pytest.mark.parametrize("kind", MAKERS)
+@rows("kind", MAKERS)
 def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
     kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -255,7 +256,7 @@ def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
     assert answers(last)[-3:] == answers(desk)[-3:] and len(answers(desk)) > 6
 
 
-@pytest.mark.parametrize("kind", MAKERS)
+@rows("kind", MAKERS)
 def test_a_damaged_memory_is_refused_at_the_start_with_what_to_do(
     kind: str, tmp_path: Path
 ) -> None:
@@ -273,8 +274,8 @@ def test_a_damaged_memory_is_refused_at_the_start_with_what_to_do(
     each.started()
 
 
-@pytest.mark.parametrize(
-    ("kind", "other", "name"),
+@rows(
+    "kind, other, name",
     [
         ("lv_matching", {"views": {"threshold": 0.5}}, "views"),
         ("lv_matching", {"descriptors": {"preset": "paper"}}, "descriptors"),
@@ -307,7 +308,7 @@ def test_the_threshold_and_the_bound_of_loops_may_change_at_a_start(tmp_path: Pa
     assert (detector.threshold, detector.config.max_frames, len(detector)) == (0.75, 7, 3)
 
 
-@pytest.mark.parametrize("node", ["lv_matching", "loop_closure", "ratslam"])
+@rows("node", ["lv_matching", "loop_closure", "ratslam"])
 def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
     (tmp_path / "photo.jpg").write_bytes(b"no memory")
     with pytest.raises(DataError, match=r"photo\.jpg") as error:

@@ -27,6 +27,7 @@ from fusionslam.ros.ros2.advice import ADVICE
 from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms
 from robots import TOPICS, check_events, faults, finding, problems
 from ros_master import needs_ros
+from rows import rows
 
 ELSEWHERE = {**TOPICS, "left": "/camera/rgb/image_raw", "camera_info": "/camera/rgb/camera_info"}
 CLOUD = {"/points": "sensor_msgs/PointCloud2"}
@@ -179,7 +180,7 @@ def test_odometry_that_data_fusion_takes_for_the_truth_is_reported() -> None:
     assert content.fields == ("_online/odometry_frame:=world",)
 
 
-@pytest.mark.parametrize(
+@rows(
     "changes",
     [
         {"camera_matrix": np.zeros((3, 3)), "projection": np.zeros((3, 4))},
@@ -209,7 +210,7 @@ def test_stamps_that_stand_still_are_a_fault() -> None:
     assert finding(check, "scans rate").code == "constant-stamps"
 
 
-@pytest.mark.parametrize("delay_s", [2.5, 3600])
+@rows("delay_s", [2.5, 3600])
 def test_a_camera_whose_clock_is_off_is_found(delay_s: float) -> None:
     check = check_events(late(drive(), "/camera/image", delay_s))
     clock, fusing = finding(check, "clock"), finding(check, "fusing")

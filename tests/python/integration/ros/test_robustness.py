@@ -17,6 +17,7 @@ from fusionslam.sensors.synchronizer import NO_IMAGE
 from robots import IMAGES, INFOS, SCANS, Sent, drive_messages, only, spoil, without
 from ros_master import needs_ros
 from ros_node import Desk, causes
+from rows import rows
 
 pytestmark = needs_ros
 
@@ -97,7 +98,7 @@ def test_transforms_that_come_very_late_lose_the_scans_before(
     assert len(stamps(desk)) == len(SCAN_STAMPS)
 
 
-@pytest.mark.parametrize("topic", ["odom", IMAGES, INFOS])
+@rows("topic", ["odom", IMAGES, INFOS])
 def test_messages_that_arrive_a_second_late_change_nothing(topic: str, usual: Desk) -> None:
     # At five times the speed, so long takes a thread that waits for a fifth of a second.
     # Before the first odometry, only the parameter tells the robot's name.

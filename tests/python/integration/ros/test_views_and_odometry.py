@@ -12,6 +12,7 @@ from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.messages import Odometry, Scan
 from ros_master import needs_ros
 from ros_node import Desk, causes
+from rows import rows
 from scenes import place
 
 pytestmark = needs_ros
@@ -54,7 +55,7 @@ def ids(matcher: Desk) -> list[int]:
     return [message.current_id for message in matcher.outlet.of(IDS)]
 
 
-@pytest.mark.parametrize("late", [0, 1])
+@rows("late", [0, 1])
 def test_look_alike_places_are_told_apart_however_late_odometry_is(late: int) -> None:
     matcher = Desk("lv_matching", odometry=True)
     for k, view in enumerate(views()):

@@ -8,6 +8,7 @@
 import os
 import re
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -26,6 +27,7 @@ from launch_stand_in import (
     use_stand_in,
 )
 from project import PROJECT
+from rows import rows
 
 ROS1 = PROJECT / "ros"
 ROS2 = PROJECT / "ros2" / "fusionslam_ros2"
@@ -37,6 +39,7 @@ MANY = {
     **{"map_file": "/kept/map.npz", "loops_folder": "/kept/loops", "read_only": "true"},
     **{"site": "/kept/site.fsmap", "session": "monday"},
 }
+GIVEN = [{}, MANY, {**MANY, "views": "cm2dp"}, {"views": "cm2dp", "parameters": "of a file"}]
 GROUND = {"fusion": {"ground": "plane"}}
 
 Started = dict[str, tuple[str, dict[str, Any], dict[str, str]]]
@@ -158,7 +161,7 @@ def test_each_launch_file_of_ros_1_has_one_in_ros_2() -> None:
     assert sorted(p.name.split(".")[0] for p in (ROS2 / "launch").iterdir()) == NAMES
 
 
-@pytest.mark.parametrize("name", NAMES)
+@rows("name", NAMES)
 def test_launch_files_take_the_arguments_of_ros_1_and_the_clock(name: str) -> None:
     file = ElementTree.parse(ROS1 / "launch" / f"{name}.launch").getroot()
     old = {e.attrib["name"]: e.get("default") for e in file.findall("arg") if not e.get("value")}
@@ -168,12 +171,7 @@ def test_launch_files_take_the_arguments_of_ros_1_and_the_clock(name: str) -> No
     assert all(each.description for each in declared)
 
 
-@pytest.mark.parametrize(
-    "given",
-    [{}, MANY, {**MANY, "views": "cm2dp"}, {"views": "cm2dp", "parameters": "of a file"}],
-    ids=["nothing", "everything", "whole clouds", "a file"],
-)
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@rows("name, given", product(EXPERIMENTS, GIVEN))
 def test_launch_files_start_the_nodes_of_ros_1(
     name: str, given: dict[str, str], tmp_path: Path
 ) -> None:
@@ -184,7 +182,7 @@ def test_launch_files_start_the_nodes_of_ros_1(
     assert new == old
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@rows("name", EXPERIMENTS)
 def test_a_bag_is_played_through_each_experiment(name: str, tmp_path: Path) -> None:
     given = {"bag": "/a.bag", "experiment": name, "rate": "2"}
     old, new = read_both("bag", tmp_path, given)
@@ -214,7 +212,7 @@ def read_displays(path: Path) -> dict[str, dict[str, Any]]:
     return {each["Name"]: each for each in picture["Displays"]}
 
 
-@pytest.mark.parametrize("path", sorted((ROS1 / "rviz").iterdir()), ids=lambda path: path.stem)
+@rows("path", sorted((ROS1 / "rviz").iterdir()))
 def test_pictures_show_what_those_of_ros_1_show_as_it_is_published(path: Path) -> None:
     kept = {
         "/" + topic.replace("~", f"{name}/") for name in NODES for topic in node_class(name).latched

@@ -8,9 +8,11 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
 from bags import drive
+from fusionslam.datasets.bags import messages as conversions
 from fusionslam.datasets.bags import open_bag
 from fusionslam.sensors.messages import Event
 from robot_checks import REMAPPINGS, Result, check_live, new_bag

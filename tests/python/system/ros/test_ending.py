@@ -8,11 +8,14 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from benchmarks.ros.world import PATIENCE_S, ROOT
+from fusionslam.errors import ConfigError
 from ros_master import RosWorld, needs_ros, wait_until
+from rows import rows
 
 pytestmark = needs_ros
 
@@ -37,8 +40,9 @@ def state_of(world: RosWorld) -> tuple[set[str], set[str]]:
     return {topic for topic, _ in published}, {topic for topic, _ in heard}
 
 
-@pytest.mark.parametrize(
-    ("name", "argument", "parameter"),
+@pytest.mark.nightly
+@rows(
+    "name, argument, parameter",
     [
         ("data_fusion", "_online/wiat:=1", "~online/wiat"),
         ("lv_builder", "_source:=alignmnt", "~source"),
@@ -67,6 +71,7 @@ def without_logs(folder: str) -> list[str]:
     return ["env", f"ROS_LOG_DIR={folder}", sys.executable, node]
 
 
+@pytest.mark.nightly
 def test_two_robots_with_other_names_and_no_place_to_write_start_and_end(world: RosWorld) -> None:
     places = ["__name:=places", "_memory/file:=/proc/none/views"]
     # A folder that cannot be made, and one that is there but takes no files.
@@ -90,6 +95,7 @@ def test_two_robots_with_other_names_and_no_place_to_write_start_and_end(world: 
     assert "/one/views" not in state_of(world)[1]
 
 
+@pytest.mark.nightly
 def test_a_second_node_of_the_same_name_ends_the_first_one_cleanly(world: RosWorld) -> None:
     first = world.node("lv_builder")
     second = world.node("lv_builder")
@@ -97,6 +103,7 @@ def test_a_second_node_of_the_same_name_ends_the_first_one_cleanly(world: RosWor
     assert world.end(second) == 0 and "Traceback" not in world.log("lv_builder")
 
 
+@pytest.mark.nightly
 def test_a_node_that_waits_for_the_master_can_be_interrupted(tmp_path: Path) -> None:
     alone = RosWorld(tmp_path)
     process = alone.node("lv_builder", ready=False)
@@ -115,3 +122,16 @@ def test_a_node_works_off_the_main_thread_in_which_the_handler_of_ctrl_c_runs(
     monkeypatch.setattr(start, "_serve", lambda *given: threads.append(threading.current_thread()))
     start.start("lv_matching", [])
     assert len(threads) == 1 and threads[0] is not threading.main_thread()
+
+
+def test_a_node_that_cannot_start_says_why_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from fusionslam.ros.ros1 import start
+
+    for error, code in ((ConfigError("~source is x", code="no"), 2), (KeyboardInterrupt(), 130)):
+        monkeypatch.setattr(start, "_run", Mock(side_effect=error))
+        with pytest.raises(SystemExit) as ended:
+            start.start("lv_builder", [])
+        (line,) = capsys.readouterr().err.splitlines()
+        assert ended.value.code == code and "lv_builder: " in line and "Traceback" not in line

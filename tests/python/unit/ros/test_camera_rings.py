@@ -9,6 +9,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig
 from fusionslam.ros.runtime.config import from_parameters
 from ros_master import lacking
+from rows import rows
 
 if lacking:
     pytest.skip(lacking, allow_module_level=True)
@@ -37,7 +38,7 @@ def test_four_cameras_colour_whole_clouds() -> None:
     assert len(clouds) == 6 and {cloud.width * cloud.height for cloud in clouds} == {2000}
 
 
-@pytest.mark.parametrize("name", ["left", "rgb", "a b", "points"])
+@rows("name", ["left", "rgb", "a b", "points"])
 def test_names_that_are_no_further_cameras_are_refused(name: str) -> None:
     with pytest.raises(ConfigError):
         from_parameters(DataFusionConfig(), {"cameras": [name]})

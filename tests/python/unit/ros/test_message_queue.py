@@ -17,6 +17,7 @@ from fusionslam.ros.runtime.config import CommonConfig, from_parameters
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
 from fusionslam.ros.runtime.problem_log import ProblemLog
 from ros_node import causes
+from rows import rows
 
 ONE = "/driver"
 
@@ -136,8 +137,8 @@ def test_causes_made_of_chance_fill_neither_memory_nor_the_log(
     assert len(caplog.messages) == 31
 
 
-@pytest.mark.parametrize(
-    ("given", "name"),
+@rows(
+    "given, name",
     [
         ({"nodes": {"queue": 1}}, "~nodes"),
         ({"node": {"queu": 1}}, "~node/queu"),
@@ -198,7 +199,7 @@ def test_ten_times_as_many_small_messages_may_wait() -> None:
     assert first is not None and first.message == 1
 
 
-@pytest.mark.parametrize("folder", ["/proc/none", "file"])
+@rows("folder", ["/proc/none", "file"])
 def test_a_folder_that_cannot_be_written_is_logged_at_the_start(
     folder: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
