@@ -39,17 +39,13 @@ def test_a_pcd_point_of_too_many_numbers_is_refused(
     path = pcd(tmp_path / "a.pcd", extra, fields)
     with pytest.raises(DataError, check=has_code("damaged-file", path)):
         read_cloud(path)
-
-
-def test_a_pcd_point_may_have_a_descriptor(tmp_path: Path) -> None:
-    assert read_cloud(pcd(tmp_path / "a.pcd", 352)).points.tolist() == [[1, 2, 3]]
+    assert read_cloud(pcd(path, 352)).points.tolist() == [[1, 2, 3]]  # a descriptor
 
 
 def png(path: Path, width: int, height: int) -> Path:
     def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
+        checksum = struct.pack(">I", zlib.crc32(kind + data))
+        return struct.pack(">I", len(data)) + kind + data + checksum
 
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     content = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(100)))
@@ -95,6 +91,8 @@ def test_yaml_beyond_settings_is_refused(tmp_path: Path, content: str) -> None:
 def test_a_setting_that_is_no_yaml_is_refused(value: str) -> None:
     with pytest.raises(ConfigError, match=r"fusion\.voxel"):
         with_settings(PipelineConfig(), [f"fusion.voxel={value}"])
+    with pytest.raises(ConfigError, check=has_code("config-file", "/dev/zero")):
+        with_file(PipelineConfig(), "/dev/zero")
 
 
 def test_yaml_may_use_aliases(tmp_path: Path) -> None:
@@ -108,11 +106,6 @@ def test_yaml_may_use_aliases(tmp_path: Path) -> None:
 
 def test_numbers_without_a_point_before_the_power_are_numbers() -> None:
     assert files.parse_yaml("[2e-5, 2.0e-5, 1E3, 0x10]") == [2e-5, 2e-5, 1000.0, 16]
-
-
-def test_a_recording_without_end_is_no_settings() -> None:
-    with pytest.raises(ConfigError, check=has_code("config-file", "/dev/zero")):
-        with_file(PipelineConfig(), "/dev/zero")
 
 
 def test_voxels_that_expand_beyond_the_limit_are_refused(
