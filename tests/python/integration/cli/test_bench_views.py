@@ -3,6 +3,7 @@
 """Ways to recognise views side by side, on small recordings."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from artefacts import artefact
 from cli import fails, succeeds
+from error_codes import has_code
 from fusionslam.cli.bench_views import default_data
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import judge_views, published_views, rerun_views
@@ -24,16 +27,20 @@ from fusionslam.report.views.comparison_tables import accuracy_table, as_json, c
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 from recordings import PLACES, write_drive
+from rows import rows
 
 SMALL = VisualTemplatesConfig(columns=12, rows=4, bottom=None, shift=2)
 QUICK = ("objects:author", "visual_templates", "always_new", "every_3rd")
 
 
+def write_warehouse(folder: Path) -> None:
+    (folder / "recordings").mkdir()
+    write_drive(folder / "recordings/warehouse.npz", empty=3)
+
+
 @pytest.fixture(scope="module")
-def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("data") / "recordings"
-    folder.mkdir()
-    return write_drive(folder / "warehouse.npz", empty=3)
+def path() -> Path:
+    return artefact("cli-warehouse", write_warehouse) / "recordings/warehouse.npz"
 
 
 @pytest.fixture(scope="module")
@@ -83,16 +90,12 @@ def test_every_figure_is_what_the_judge_says_of_the_ids(drive: Drive) -> None:
         assert report is not None and report.accuracy is not None
         assert shown[0] == f"{100 * report.accuracy:.1f}"
         assert as_json(result)["paper"] == report.metrics()
+    seen_again = results[0].paper
+    assert seen_again is not None and seen_again.revisits == PLACES
+    assert seen_again.loop_recall is not None and seen_again.loop_recall > 0.9
 
 
-def test_places_seen_again_are_recognised(drive: Drive) -> None:
-    (result,) = bench_views([drive], ["objects:author"])
-    assert result.paper is not None
-    assert result.paper.loop_recall is not None and result.paper.loop_recall > 0.9
-    assert result.paper.revisits == PLACES
-
-
-def test_published_and_measured_figures_stand_beside_their_own_rows(drive: Drive) -> None:
+def test_published_figures_stand_in_their_rows(drive: Drive, path: Path, tmp_path: Path) -> None:
     results = bench_views([drive], QUICK, frames=["robot", "drift"])
     by_row = {(r.method, r.frame): r for r in results}
     known = {f.method: f for f in published_views("warehouse")}
@@ -105,9 +108,14 @@ def test_published_and_measured_figures_stand_beside_their_own_rows(drive: Drive
     assert by_row["visual_templates", "robot"].published == known["RatSLAM"]
     assert by_row["always_new", "robot"].published is None
     assert by_row["every_3rd", "robot"].rerun == again["no sensor: new every 3rd"]
+    shutil.copy(path, tmp_path / "cellar.npz")
+    (elsewhere,) = bench_views([open_drive(tmp_path / "cellar.npz")], ["objects:author"])
+    assert elsewhere.published is None and elsewhere.rerun is None
 
 
-def test_all_names_of_the_registry_are_among_the_published_ones() -> None:
+def test_the_registry_is_listed_and_its_names_are_among_the_published_ones() -> None:
+    listed = succeeds("bench", "views", "--methods", "list").stdout.split()
+    assert METHODS.keys() <= {*listed}
     methods = {figures.method for figures in published_views("warehouse")}
     inputs = {figures.input for figures in rerun_views("warehouse")}
     for method in METHODS.values():
@@ -115,22 +123,10 @@ def test_all_names_of_the_registry_are_among_the_published_ones() -> None:
         assert set(method.rerun.values()) <= inputs
 
 
-def test_a_drive_elsewhere_has_no_published_figures(path: Path, tmp_path: Path) -> None:
-    other = tmp_path / "cellar.npz"
-    other.write_bytes(path.read_bytes())
-    (result,) = bench_views([open_drive(other)], ["objects:author"])
-    assert result.published is None and result.rerun is None
-
-
 def test_a_drive_without_images_says_so_and_costs_no_other_row(drive: Drive) -> None:
     results = bench_views([drive], QUICK)
     notes = {result.method: result.note for result in results}
-    assert notes == {
-        "objects:author": "",
-        "visual_templates": "no images",
-        "always_new": "",
-        "every_3rd": "",
-    }
+    assert notes == {**dict.fromkeys(QUICK, ""), "visual_templates": "no images"}
     assert "warehouse: templates: no images" in markdown(results, {"warehouse": 3})
 
 
@@ -171,6 +167,7 @@ def test_the_latest_is_the_one_of_the_same_instant_or_the_first() -> None:
 
 
 def test_clouds_of_one_place_meet_in_the_frame_of_odometry(drive: Drive) -> None:
+    assert move_clouds(drive.scenes, "robot") is drive.scenes
     scenes = move_clouds(drive.scenes, "odometry")
     assert scenes.clouds is not None and drive.scenes.clouds is not None
     assert scenes.frame == "odometry"
@@ -195,10 +192,6 @@ def test_drift_takes_clouds_where_odometry_believes_to_be(drive: Drive) -> None:
     assert np.allclose(scenes.clouds[9].points, expected, atol=0.05)
 
 
-def test_the_robots_own_frame_does_not_know_of_drift(drive: Drive) -> None:
-    assert move_clouds(drive.scenes, "robot") is drive.scenes
-
-
 def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
 
@@ -213,32 +206,27 @@ def test_what_no_frame_changes_is_run_once(drive: Drive, monkeypatch: pytest.Mon
     assert [result.frame for result in results] == ["robot", "odometry", "drift"]
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [({"methods": ["nobody"]}, "method .*'nobody'"), ({"frames": ["x"]}, "frame .*'x'")],
-)
-def test_unknown_names_are_refused(drive: Drive, wrong: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        bench_views([drive], **wrong)
-
-
-def test_two_drives_of_one_name_are_refused(drive: Drive) -> None:
+def test_unknown_names_and_two_drives_of_one_name_are_refused(drive: Drive) -> None:
+    with pytest.raises(ConfigError, match=r"method .*'nobody'"):
+        bench_views([drive], ["nobody"])
+    with pytest.raises(ConfigError, match=r"frame .*'x'"):
+        bench_views([drive], frames=["x"])
     with pytest.raises(DataError, check=lambda error: error.fields == ("warehouse",)):
         bench_views([drive, drive], ["always_new"])
 
 
-def test_recordings_without_poses_are_refused(path: Path, tmp_path: Path) -> None:
+def test_unfit_recordings_are_refused(path: Path, drive: Drive, tmp_path: Path) -> None:
     with np.load(path) as whole:
         arrays = {name: whole[name] for name in whole.files if name != "poses"}
     np.savez(tmp_path / "lost.npz", **arrays)
-    with pytest.raises(DataError, check=lambda error: error.code == "no-poses"):
-        open_drive(tmp_path / "lost.npz").scenes  # noqa: B018
-
-
-def test_recordings_of_nothing_but_the_floor_are_refused(tmp_path: Path) -> None:
-    bare = write_drive(tmp_path / "bare.npz", laps=0, empty=4)
-    with pytest.raises(DataError, check=lambda error: error.code == "only-floor"):
-        open_drive(bare).scenes  # noqa: B018
+    write_drive(tmp_path / "bare.npz", laps=0, empty=4)
+    move_clouds(drive.scenes, "odometry").save(tmp_path / "moved.npz")
+    for name, code in (("lost", "no-poses"), ("bare", "only-floor"), ("moved", "wrong-frame")):
+        with pytest.raises(DataError, check=has_code(code)):
+            open_drive(tmp_path / f"{name}.npz").scenes  # noqa: B018
+    (tmp_path / "cut.npz").write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(DataError, match=r"cut\.npz"):
+        open_drive(tmp_path / "cut.npz")
 
 
 def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
@@ -248,19 +236,6 @@ def test_a_saved_scene_set_is_a_drive(drive: Drive, tmp_path: Path) -> None:
     assert one is not None and other is not None
     assert one.ids.tolist() == other.ids.tolist()
     assert again.with_ground is None
-
-
-def test_a_scene_set_in_another_frame_is_refused(drive: Drive, tmp_path: Path) -> None:
-    move_clouds(drive.scenes, "odometry").save(tmp_path / "scenes.npz")
-    with pytest.raises(DataError, check=lambda error: error.fields == ("odometry",)):
-        open_drive(tmp_path / "scenes.npz").scenes  # noqa: B018
-
-
-def test_a_recording_that_is_cut_short_is_refused(path: Path, tmp_path: Path) -> None:
-    whole = path.read_bytes()
-    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(DataError, match=r"cut\.npz"):
-        open_drive(tmp_path / "cut.npz")
 
 
 def test_without_data_the_recordings_of_the_test_data_are_taken(
@@ -287,6 +262,7 @@ def test_the_command_prints_narrow_tables_and_writes_all_figures(
     assert (out / "views.html").is_file()
 
 
+@pytest.mark.slow
 def test_several_frames_have_a_page_each(path: Path, tmp_path: Path) -> None:
     words = ("bench", "views", path, "-o", tmp_path, "-m", "objects:author", "--frame", "all")
     result = succeeds(*words)
@@ -296,8 +272,8 @@ def test_several_frames_have_a_page_each(path: Path, tmp_path: Path) -> None:
         assert (tmp_path / frame / "views.html").is_file()
 
 
-@pytest.mark.parametrize(
-    ("words", "code", "named"),
+@rows(
+    "words, code, named",
     [
         (("nowhere.npz",), 1, "nowhere.npz"),
         (("warehose",), 1, "'warehouse'"),
@@ -315,8 +291,7 @@ def test_a_mistake_is_named_in_a_line(
 
 
 def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
-    table = cost_table(bench_views([drive], ["objects:author"]))
-    ((label, cells),) = table.rows
+    ((label, cells),) = cost_table(bench_views([drive], ["objects:author"])).rows
     texts = [cell.text for cell in cells]
     assert label == "first stage" and texts[0].isdigit()
     assert (texts[1], texts[3]) == ("194", "78")
@@ -334,9 +309,7 @@ def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
     assert rejected == len(same) or both.run.ids[rejected] > first.run.ids[rejected]
 
 
-def test_what_is_not_installed_is_told_in_its_row(
-    drive: Drive, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_extra_is_told_in_its_row(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     first, both = bench_views([drive], ["objects:author", "two_stages:author"])
     assert first.run is not None

@@ -5,10 +5,12 @@
 import shutil
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from artefacts import artefact
 from bags import changed, drive, translation, write_bag
 from cli import error_of, fails, last_line, run, succeeds
 from fusionslam import datasets
@@ -30,6 +32,7 @@ from fusionslam.views.scenes import SceneConfig
 from kitti import COLORS, POINTS, write_sequence
 from recordings import write_drive
 from refusals import refuses
+from rows import rows
 
 WINDOW = ("--set", "loop_closure.window=2", "--set", "evaluation.window=2")
 KINDS = ("ranges", "scenes", "scenes alone")
@@ -37,12 +40,12 @@ COMMANDS = {
     "info": ("info",),
     "fuse": ("fuse",),
     "describe": ("describe", "-d", "m2dp"),
-    "loops": ("loops", "-d", "m2dp", *WINDOW),
-    "bench": ("bench", "-d", "m2dp", *WINDOW),
+    "loops": ("loops", "-d", "m2dp", "--threshold", "1", *WINDOW),
+    "bench": ("bench", "-d", "m2dp", "--verify", "none", *WINDOW, "--no-report"),
     "views record": ("views", "record"),
     "views match": ("views", "match", "--no-report"),
     "views curve": ("views", "curve", "--set", "views.method=objects"),
-    "bench views": ("bench", "views", "-m", "always_new"),
+    "bench views": ("bench", "views", "-m", "always_new", "--no-report"),
     "ratslam": ("ratslam", "--views", "objects", "--no-report"),
     "calib-check": ("calib-check",),
 }
@@ -55,18 +58,20 @@ REFUSED = {
 """Codes of the errors."""
 
 
+def write_kinds(folder: Path) -> None:
+    data = write_drive(folder / "ranges.npz")
+    succeeds("views", "record", data, "-o", folder / "scenes.npz")
+    succeeds("views", "record", data, "-o", folder / "scenes alone.npz", "--only-scenes")
+
+
 @pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    folder = tmp_path_factory.mktemp("data")
-    paths = {"ranges": write_drive(folder / "ranges.npz")}
-    for name, more in (("scenes", ()), ("scenes alone", ("--only-scenes",))):
-        paths[name] = folder / f"{name.replace(' ', '_')}.npz"
-        succeeds("views", "record", paths["ranges"], "-o", paths[name], *more)
-    return paths
+def data() -> dict[str, Path]:
+    folder = artefact("cli-kinds", write_kinds)
+    return {kind: folder / f"{kind}.npz" for kind in KINDS}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("command", COMMANDS)
+@rows("command", COMMANDS)
 def test_a_command_does_its_work_or_says_what_it_found(
     command: str, kind: str, data: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -82,9 +87,7 @@ def test_an_option_that_was_not_given_is_not_blamed(data: dict[str, Path], tmp_p
     assert "--source" not in fails(1, "fuse", data["scenes alone"], "-o", tmp_path / "out")
 
 
-def test_truth_is_given_to_bench_views_for_one_recording_only(
-    data: dict[str, Path], tmp_path: Path
-) -> None:
+def test_truth_is_given_for_one_recording_only(data: dict[str, Path], tmp_path: Path) -> None:
     words = ("bench", "views", data["ranges"], data["scenes"], "-o", tmp_path / "out")
     for option in ("--gt", "--sequence"):
         assert option in fails(2, *words, option, "one")
@@ -104,20 +107,24 @@ def test_what_is_in_a_recording_is_told_by_fields(data: dict[str, Path]) -> None
     assert ways[0].length_m == pytest.approx(ways[1].length_m)
 
 
+FUSED = ("kitti", "folder", "bag.mcap", "bare")
+
+
+def write_fused(base: Path) -> None:
+    write_sequence(base / "kitti", [0, 1, 2, 3, 0, 1], [400] * 6, metres=3, width=64)
+    for name in FUSED[1:]:
+        succeeds("fuse", base / "kitti", "-o", base / name)
+    (base / "bare" / "calib.yaml").unlink()
+
+
 @pytest.fixture(scope="module")
-def fused(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def fused() -> dict[str, Path]:
     """A sequence in KITTI's layout, what ``fuse`` makes of it, and clouds that know no robot."""
-    base = tmp_path_factory.mktemp("fused")
-    paths = {name: base / name for name in ("kitti", "folder", "bag.mcap", "bare")}
-    write_sequence(paths["kitti"], [0, 1, 2, 3, 0, 1], [400] * 6, metres=3, width=64)
-    for name in ("folder", "bag.mcap", "bare"):
-        succeeds("fuse", paths["kitti"], "-o", paths[name])
-    (paths["bare"] / "calib.yaml").unlink()
-    return paths
+    base = artefact("cli-fused", write_fused)
+    return {name: base / name for name in FUSED}
 
 
-@pytest.mark.parametrize("name", ["kitti", "folder", "bag.mcap", "bare"])
-@pytest.mark.parametrize("command", ["views match", "bench views", "ratslam"])
+@rows("command, name", product(["views match", "bench views", "ratslam"], FUSED))
 def test_clouds_of_kitti_and_of_fuse_are_recognised_and_mapped(
     command: str, name: str, fused: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -126,7 +133,7 @@ def test_clouds_of_kitti_and_of_fuse_are_recognised_and_mapped(
     assert ("fusion.frame=scan" in result.stderr) == (name == "bare")
 
 
-@pytest.mark.parametrize("command", ["views match", "ratslam"])
+@rows("command", ["views match", "ratslam"])
 def test_what_concerns_every_frame_is_said_once_with_their_number(
     command: str, fused: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -146,6 +153,11 @@ def test_fuse_says_where_its_clouds_are_on_the_robot(fused: dict[str, Path]) -> 
         overview = look_at(Recording.at(fused[name]))
         found = overview.fusion or first_cloud(datasets.open_dataset(fused[name]))
         assert found.status == "not needed"
+
+
+def facts(path: Path, *check: Any) -> dict[str, str]:
+    """What ``info`` tabulates."""
+    return dict(look_at(Recording.at(path), *check).rows)
 
 
 def test_info_says_what_stored_results_are(fused: dict[str, Path], tmp_path: Path) -> None:
@@ -168,16 +180,16 @@ def test_info_says_what_stored_results_are(fused: dict[str, Path], tmp_path: Pat
         ("loops", "loop_detector", {"frames"}),
         ("runs", "work", {"command", "written", "cloud m2dp"}),
     ):
-        rows = dict(look_at(Recording.at(tmp_path / name)).rows)
-        assert f"(fusionslam.{format}." in rows["kind"] and counts <= rows.keys()
+        found = facts(tmp_path / name)
+        assert f"(fusionslam.{format}." in found["kind"] and counts <= found.keys()
         succeeds("info", tmp_path / name)
-    rows = dict(look_at(Recording.at(tmp_path / "runs")).rows)
-    assert rows["source cloud"] == "fusion.voxel=0.5" and "demo" not in rows
-    assert str(folder) in rows["dataset"] and rows["cloud m2dp"].startswith("6 ")
+    found = facts(tmp_path / "runs")
+    assert found["source cloud"] == "fusion.voxel=0.5" and "demo" not in found
+    assert str(folder) in found["dataset"] and found["cloud m2dp"].startswith("6 ")
     state = tmp_path / "map/state.npz"
     error = error_of(1, "fuse", state, "-o", tmp_path / "out")
     assert (error.code, error.fields) == ("no-recording", (str(state), "fusionslam.ratslam.1"))
-    assert dict(look_at(Recording.at(tmp_path / "runs/cloud-m2dp.npz")).rows)["frames"] == "6"
+    assert facts(tmp_path / "runs/cloud-m2dp.npz")["frames"] == "6"
 
 
 def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_path: Path) -> None:
@@ -190,15 +202,14 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
     scan[:900] = 0
     scan[:1200].tofile(root / "velodyne/000002.bin")
     (root / "velodyne/000000.bin").write_bytes(np.random.default_rng(0).bytes(16 * 300))
-    recording = Recording.at(tmp_path)
-    assert "--all" in dict(look_at(recording).rows)["checked"]
+    assert "--all" in facts(tmp_path)["checked"]
     checks: list[FrameCheck] = []
 
     def check(dataset: datasets.Dataset) -> list[FrameCheck]:
         checks.extend(check_frames(dataset, jobs=2))
         return checks
 
-    rows = look_at(recording, check).rows
+    found = facts(tmp_path, check)
     assert {c.number: (*c.errors,) for c in checks if c.errors} == {
         **{0: ("points",), 2: ("left",), 4: ("points",)}
     }
@@ -206,7 +217,6 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
     assert [c.at_scanner for c in checks] == [0, 0, 225, 0, 0]
     assert [c.points for c in checks] == [300, 0, 300, 400, None]
     assert [c.invalid for c in checks][1:] == [0, 0, 100, 0]
-    found = dict(rows)
     assert {"frame 2", "frame 4"} <= found.keys() and "000004.bin" in found["frame 4"]
     assert "1" in found["empty scans"] and "25.0%" in found["invalid points"]
     assert "75.0%" in found["no distance"] and found["no distance"].endswith("1 frame: 2")
@@ -214,33 +224,31 @@ def test_info_reads_all_frames_if_asked_and_names_those_that_are_damaged(tmp_pat
     assert "000002.png" in printed.stdout
 
 
-@pytest.mark.parametrize("file", ["image_2/000000.png", "velodyne/000000.bin"])
+@rows("file", ["image_2/000000.png", "velodyne/000000.bin"])
 def test_info_lists_a_first_frame_that_is_cut_with_the_reason(file: str, tmp_path: Path) -> None:
     root = write_sequence(tmp_path, [0, 1], [300, 300], metres=3, width=64)
     (root / file).write_bytes((root / file).read_bytes()[:21])
     for words in ((), ("--all",)):
         assert file in "".join(succeeds("info", tmp_path, *words).stdout.split())
-        rows = dict(look_at(Recording.at(tmp_path), check_frames if words else None).rows)
-        assert file in rows["frame 0"] and rows["sensor points"].startswith("2 files")
+        found = facts(tmp_path, check_frames if words else None)
+        assert file in found["frame 0"] and found["sensor points"].startswith("2 files")
 
 
-def test_info_names_scans_that_have_far_fewer_points_than_the_others(tmp_path: Path) -> None:
-    write_sequence(tmp_path, [0, 1, 2, 3], [300, 74, 301, 300], metres=3, width=64)
-    rows = dict(look_at(Recording.at(tmp_path), check_frames).rows)
-    assert rows["small scans"].endswith("1 frame: 1") and "0 cannot be read" in rows["checked"]
-
-
-def test_info_names_scans_in_another_unit_or_type(tmp_path: Path) -> None:
-    root = write_sequence(tmp_path, [0, 1, 2], [300, 300, 300], metres=3, width=64)
+def test_info_names_scans_of_far_fewer_points_or_in_another_unit_or_type(tmp_path: Path) -> None:
+    few = tmp_path / "few"
+    write_sequence(few, [0, 1, 2, 3], [300, 74, 301, 300], metres=3, width=64)
+    found = facts(few, check_frames)
+    assert found["small scans"].endswith("1 frame: 1") and "0 cannot be read" in found["checked"]
+    root = write_sequence(tmp_path / "unit", [0, 1, 2], [300] * 3, metres=3, width=64)
     scan = np.random.default_rng(0).uniform(1, 9, (300, 4)).astype(np.float32)
     (1000 * scan).tofile(root / "velodyne/000001.bin")
     scan.astype(np.float64).tofile(root / "velodyne/000002.bin")
-    rows = dict(look_at(Recording.at(tmp_path), check_frames).rows)
-    assert rows["distant points"].endswith("1 frame: 1") and "frame 2" in rows
+    found = facts(tmp_path / "unit", check_frames)
+    assert found["distant points"].endswith("1 frame: 1") and "frame 2" in found
 
 
-@pytest.mark.parametrize("name", ["out", "out.mcap"])
-def test_fuse_names_frames_without_points(
+@rows("name", ["out", "out.mcap"])
+def test_fuse_names_empty_scans(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     write_sequence(tmp_path / "kitti", [0, 1, 2], [300, 0, 300], metres=3, width=64)
@@ -250,7 +258,7 @@ def test_fuse_names_frames_without_points(
     assert record.args == ("KITTI odometry 03", 1, 3, "", "1")
 
 
-@pytest.mark.parametrize("suffix", [".xyz", ".rosbag", ".ply"])
+@rows("suffix", [".xyz", ".rosbag", ".ply"])
 def test_names_of_files_that_are_not_written_are_refused(
     suffix: str, fused: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -267,8 +275,6 @@ def test_a_world_is_recorded_and_then_read_as_a_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("rosbags")
-    from bags import drive, write_bag
-
     bag = write_bag(tmp_path / "warehouse-1.bag", drive())
     asked: list[str] = []
 
@@ -287,7 +293,7 @@ def test_a_world_is_recorded_and_then_read_as_a_recording(
     assert error.code == "no-such-data" and error.fields == ("house",)
 
 
-@pytest.mark.parametrize(
+@rows(
     "words",
     [
         ("describe", "-d", "m3dp"),
@@ -309,24 +315,24 @@ def test_options_are_checked_before_a_world_is_recorded(
 
 
 @pytest.fixture(scope="module")
-def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag with odometry and without ground truth, and poses.txt, its true poses."""
+def driven() -> Path:
     pytest.importorskip("rosbags")
-    folder, rng = tmp_path_factory.mktemp("driven"), np.random.default_rng(5)
+    return artefact("cli-driven", write_driven) / "drive.bag"
+
+
+def write_driven(folder: Path) -> None:
+    """A bag with odometry and without ground truth, and poses.txt, its true poses."""
+    rng = np.random.default_rng(5)
     points = rng.uniform((2, -3, -0.2), (6, 3, 1), (300, 3)).astype(np.float32)
     path = write_bag(folder / "drive.bag", changed(drive(4.0), "/points", points=points, fields={}))
     dataset = datasets.open_dataset(path)
     assert dataset.poses is not None and dataset.true_poses is None
     datasets.write_poses_tum(folder / "poses.txt", dataset.stamps_ns, dataset.poses)
-    return path
 
 
-@pytest.mark.parametrize(
-    "command", ["views match", "views curve", "bench", "bench views", "ratslam"]
-)
+@rows("command", ["views match", "views curve", "bench", "bench views", "ratslam"])
 def test_nothing_is_judged_by_odometry(command: str, driven: Path, tmp_path: Path) -> None:
     words = [*COMMANDS[command], driven, "-o", tmp_path / "out"]
-    words += ["--no-report"] if command == "bench" else []
     if command in ("views curve", "bench views"):
         assert error_of(1, *words).code == "no-poses"
     else:
@@ -365,15 +371,13 @@ def test_odometry_that_fuse_writes_is_that_of_a_map(driven: Path, tmp_path: Path
     assert "odometry.txt" in str(error)
 
 
-def test_odometry_of_another_time_than_the_frames_is_refused_and_shown(
-    driven: Path, tmp_path: Path
-) -> None:
+def test_odometry_of_another_time_is_refused_and_shown(driven: Path, tmp_path: Path) -> None:
     succeeds("fuse", driven, "-o", tmp_path / "fused")
     folder = datasets.open_dataset(tmp_path / "fused")
     path = folder.root / "odometry.txt"
 
     def row() -> str:
-        return dict(look_at(Recording.at(folder.root)).rows)["odometry"]
+        return facts(folder.root)["odometry"]
 
     stamps_ns, poses = datasets.read_poses_tum(path)
     assert f"{len(poses)} poses" in row() and f"{stamps_ns[-1] / 1e9:.3f} s" in row()
@@ -388,8 +392,9 @@ def test_odometry_of_another_time_than_the_frames_is_refused_and_shown(
     assert len(datasets.open_dataset(folder.root).motion("odometry")) == len(poses)
 
 
-@pytest.mark.parametrize(
-    ("command", "page"),
+@pytest.mark.slow
+@rows(
+    "command, page",
     [("views match", "views.html"), ("bench", "report.html"), ("ratslam", "ratslam.html")],
 )
 def test_no_page_of_earlier_results_stays_beside_new_ones(
@@ -404,9 +409,12 @@ def test_no_page_of_earlier_results_stays_beside_new_ones(
 
 
 @pytest.fixture(scope="module")
-def colorless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def colorless() -> Path:
+    return artefact("cli-colorless", write_colorless) / "sequences" / "03"
+
+
+def write_colorless(folder: Path) -> None:
     """Scans in KITTI's layout, numbered from 720 on, without images."""
-    folder = tmp_path_factory.mktemp("colorless")
     root = write_sequence(folder, [0, 1, 2, 3, 0, 1], [400] * 6, metres=3, width=64)
     for name in ("image_2", "image_3"):
         shutil.rmtree(root / name)
@@ -417,10 +425,9 @@ def colorless(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(6):
         path = root / f"velodyne/{number:06d}.bin"
         path.rename(path.with_name(f"{number + 720:06d}.bin"))
-    return root
 
 
-@pytest.mark.parametrize(
+@rows(
     "words",
     [
         ("views", "match", "--no-report"),
@@ -428,7 +435,6 @@ def colorless(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("ratslam", "--no-report"),
         ("loops", *WINDOW),
     ],
-    ids=" ".join,
 )
 def test_without_colours_the_default_is_one_that_needs_none(
     words: tuple[str, ...], colorless: Path, tmp_path: Path
@@ -438,9 +444,7 @@ def test_without_colours_the_default_is_one_that_needs_none(
     assert "m2dp" in line.split()
 
 
-def test_a_set_of_clouds_without_colours_is_stored_and_matched(
-    colorless: Path, tmp_path: Path
-) -> None:
+def test_clouds_without_colours_are_stored_and_matched(colorless: Path, tmp_path: Path) -> None:
     succeeds("views", "record", colorless, "-o", tmp_path / "set.npz")
     kept = SceneSet.load(tmp_path / "set.npz")
     assert kept.clouds is not None and kept.clouds.colors is None and not kept.has_colors
@@ -450,8 +454,8 @@ def test_a_set_of_clouds_without_colours_is_stored_and_matched(
         kept.scenes_with(SceneConfig())
 
 
-@pytest.mark.parametrize(
-    ("words", "cure"),
+@rows(
+    "words, cure",
     [
         (("views", "match", "--set", "views.method=alignment"), "views.method=m2dp"),
         (("ratslam", "--views", "alignment", "--no-report"), "--views m2dp"),
@@ -472,7 +476,7 @@ def test_what_needs_colours_is_refused_with_what_does_not(
         assert said.stderr.rstrip().split("; ")[-1].startswith(f"--descriptors {cure} ")
 
 
-def test_a_bench_of_what_needs_colours_is_refused_with_what_does_not(
+def test_a_bench_that_needs_colours_is_refused_with_the_cure(
     colorless: Path, tmp_path: Path
 ) -> None:
     words = ("bench", colorless, "-d", "cm2dp,cshot", "-o", tmp_path / "out")

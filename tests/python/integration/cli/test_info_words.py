@@ -5,10 +5,9 @@
 import dataclasses
 from pathlib import Path
 
-import pytest
-
 from bags import SECOND, drive, write_bag
 from cli import succeeds
+from rows import rows
 
 CAMERA = ("/camera/image", "/camera/camera_info")
 
@@ -18,8 +17,8 @@ def told(path: Path) -> str:
     return " ".join(succeeds("info", path).stdout.split())
 
 
-@pytest.mark.parametrize(
-    ("lacking", "words"),
+@rows(
+    "lacking, words",
     [
         (
             ("/points",),

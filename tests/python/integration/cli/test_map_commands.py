@@ -222,9 +222,7 @@ def test_two_maps_are_merged(made: Path, site: Path, tmp_path: Path) -> None:
     assert error_of(2, "map", "forget", site, "tuesday").code
 
 
-def test_sessions_of_similar_names_are_exported_to_different_files(
-    site: Path, tmp_path: Path
-) -> None:
+def test_sessions_of_similar_names_have_different_files(site: Path, tmp_path: Path) -> None:
     short = write_street(tmp_path / "short", WAY[:3])
     for name in ("a/b", "a_b"):
         succeeds("map", "build", short, "-o", site, "--session", name, "--no-report")

@@ -39,11 +39,11 @@ def attempts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.mark.parametrize(
     ("words", "page"),
     [
-        (("demo", *TOWN), "report.html"),
+        pytest.param(("demo", *TOWN), "report.html", marks=pytest.mark.nightly),
+        pytest.param(("views", "match", "SCENES"), "views.html", marks=pytest.mark.slow),
+        pytest.param(("ratslam", "RANGES"), "ratslam.html", marks=pytest.mark.slow),
         (("describe", "KITTI"), ""),
         (("loops", "KITTI", *NO_WINDOW), ""),
-        (("views", "match", "SCENES"), "views.html"),
-        (("ratslam", "RANGES"), "ratslam.html"),
         (("info", "KITTI"), ""),
         (("doctor",), ""),
     ],

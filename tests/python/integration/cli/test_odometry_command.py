@@ -100,9 +100,7 @@ def test_a_refused_pose_names_its_frame_and_leaves_no_file(corridor: Path, tmp_p
     assert error_of(2, *words, "--set", "lidar_odometry.max_stepp=1").code == "unknown-key"
 
 
-def test_scans_that_cannot_be_read_or_used_are_named_or_left_out(
-    corridor: Path, tmp_path: Path
-) -> None:
+def test_scans_that_cannot_be_used_are_named_or_left_out(corridor: Path, tmp_path: Path) -> None:
     bad = corridor / "clouds/000004.bin"
     for content, code in ((b"12345", None), (np.ones(40, "<f4").tobytes(), "few-points")):
         bad.write_bytes(content)

@@ -70,9 +70,7 @@ def test_a_recording_becomes_a_map_its_figures_and_a_page(recording: Path, tmp_p
 
 
 @pytest.mark.slow
-def test_the_same_seed_writes_the_same_bytes_and_another_one_does_not(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_only_the_same_seed_writes_the_same_bytes(recording: Path, tmp_path: Path) -> None:
     noise = ("--odometry", "truth+noise", "--set", "odometry.speed_noise=0.05")
     words = ("ratslam", recording, "--views", "objects", *noise, *QUICK)
     for name, seed in (("one", 1), ("again", 1), ("other", 2)):
@@ -221,9 +219,7 @@ def test_a_state_says_how_its_map_is_made(recording: Path, tmp_path: Path) -> No
         assert error_of(2, *words, "--resume", tmp_path / "s.npz", *more).code == "set-by-state"
 
 
-def test_a_file_that_is_no_state_is_refused_by_what_it_is(
-    recording: Path, bag: Path, tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_state_is_refused(recording: Path, bag: Path, tmp_path: Path) -> None:
     save_archive(tmp_path / "run.npz", "fusionslam.ratslam_run.1", {}, {})
     (tmp_path / "text.npz").write_text("no archive")
     (tmp_path / "site.fsmap").write_bytes(b"SQLite format 3\0" + bytes(100))
@@ -268,9 +264,7 @@ def test_an_output_that_is_a_file_is_said_before_anything_is_done(
     assert (tmp_path / "file").read_text() == "kept"
 
 
-def test_data_that_is_refused_leaves_no_folder_behind_but_those_that_were_there(
-    tmp_path: Path,
-) -> None:
+def test_data_that_is_refused_leaves_only_folders_that_were_there(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     for output in (tmp_path / "there", tmp_path / "there/new/newer", tmp_path / "new"):
         assert "nowhere.npz" in fails(1, "ratslam", tmp_path / "nowhere.npz", "-o", output, *QUICK)

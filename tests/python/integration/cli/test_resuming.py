@@ -10,20 +10,14 @@ import yaml
 
 import fusionslam
 from bags import drive, write_bag
-from cli import (
-    FRAMES,
-    NO_WINDOW,
-    error_of,
-    run,
-    succeeds,
-    vectors,
-)
+from cli import FRAMES, error_of, run, succeeds, vectors
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.pipelines import export_bag
 from fusionslam.pipelines.describe import CHUNK
 from fusionslam.sensors.frame import Cloud, Frame
+from rows import rows
 
 
 def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
@@ -99,6 +93,7 @@ def test_settings_win_over_the_file(kitti: Path, tmp_path: Path) -> None:
     assert (config["fusion"]["voxel"], config["fusion"]["ground"]) == (1.5, "height")
 
 
+@pytest.mark.slow
 def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     succeeds("describe", kitti, "-d", "m2dp", "--set", "descriptors.preset=author", "-o", out)
@@ -112,16 +107,7 @@ def test_the_report_names_the_configuration_of_each_run(kitti: Path, tmp_path: P
     assert "m2dp author" in text and "cm2dp robust" in text
 
 
-def test_bench_takes_the_source_that_the_configuration_names(kitti: Path, tmp_path: Path) -> None:
-    chosen = ("--set", "fusion.source=lidar")
-    words = ("bench", kitti, "-d", "m2dp", *chosen, *NO_WINDOW, "-o", tmp_path / "out")
-    succeeds(*words, "--no-report")
-    assert [path.name for path in (tmp_path / "out" / "descriptors").iterdir()] == [
-        "lidar-m2dp.npz"
-    ]
-
-
-@pytest.mark.parametrize(
+@rows(
     "words", [("describe", "-d", "m2dp"), ("loops", "-d", "m2dp"), ("views", "match"), ("ratslam",)]
 )
 def test_results_are_not_written_into_the_recording(kitti: Path, words: tuple[str, ...]) -> None:

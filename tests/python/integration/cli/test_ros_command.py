@@ -35,9 +35,7 @@ def test_without_ros_or_its_messages_one_line_says_what_to_install(
         assert line.startswith("error: ") and advice in line
 
 
-def test_unknown_launch_files_are_refused_with_those_there_are(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_unknown_launch_files_are_refused_with_the_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment, "need_ros", lambda: None)
     line = fails(2, "ros", "launch", "ratslm")
     names = "bag, first_stage, loops, mapper, ratslam, two_stages, visual"
@@ -46,9 +44,7 @@ def test_unknown_launch_files_are_refused_with_those_there_are(
     )
 
 
-def test_an_installation_without_the_package_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_ros_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(launching, "_PLACES", (tmp_path,))
     with pytest.raises(FusionSlamError, check=has_code("no-package", "fusionslam_ros")):
         launching.package_folder()

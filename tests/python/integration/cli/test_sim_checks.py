@@ -128,9 +128,7 @@ def test_a_drive_and_its_map_are_saved_and_driven_again(
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
-def test_a_robot_that_does_not_fit_is_told_as_such(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_that_does_not_fit_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     replace_warehouse(monkeypatch, lambda settings: hall())
     words = ("sim", "warehouse", "-o", tmp_path / "out", "--set", "robot.radius_m=3")
     error = error_of(1, *words)

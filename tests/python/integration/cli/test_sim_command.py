@@ -87,9 +87,7 @@ def test_a_bag_holds_what_was_simulated(tmp_path: Path, way: Path, name: str) ->
             assert np.allclose(event.message.pose, expected.pose, atol=1e-12)
 
 
-def test_a_plain_folder_opens_as_frames_whose_points_lie_on_their_pixels(
-    tmp_path: Path, way: Path
-) -> None:
+def test_a_plain_folder_opens_with_points_on_their_pixels(tmp_path: Path, way: Path) -> None:
     out = tmp_path / "out"
     still = ("--set", "robot.lidars.velodyne.noise_m=0", "--set", "robot.cameras.camera.noise=0")
     succeeds("sim", "warehouse", "-o", out, "--trajectory", way, *QUICK, *still)
@@ -154,26 +152,13 @@ def test_same_seed_same_files_and_another_seed_others(tmp_path: Path, way: Path)
     assert contents[0] == contents[1] != contents[2]
 
 
-def test_a_drive_is_planned_where_none_is_given(tmp_path: Path) -> None:
-    plan = ("--set", "plan.length_m=8", "--set", "plan.spacing_m=2")
-    succeeds("sim", "warehouse", "-o", tmp_path / "out", *QUICK, *plan)
-    assert len(open_dataset(tmp_path / "out")) == 6
-
-
-def test_format_says_what_the_suffix_does_not(tmp_path: Path, way: Path) -> None:
-    out = tmp_path / "out.bag"
-    words = ("--trajectory", way, *QUICK, "--format", "folder")
-    succeeds("sim", "warehouse", "-o", out, *words)
-    assert (out / "clouds" / "000000.bin").is_file()
-
-
-def test_a_file_configures_what_the_options_do_not(tmp_path: Path, way: Path) -> None:
+def test_a_file_and_format_say_what_options_and_suffix_do_not(tmp_path: Path, way: Path) -> None:
     (tmp_path / "slow.yaml").write_text("robot: {lidars: {velodyne: {rate_hz: 5}}}\nstart_s: 7\n")
+    out = tmp_path / "out.bag"
     words = ("--trajectory", way, "--config", tmp_path / "slow.yaml", *QUICK[:8])
-    succeeds("sim", "warehouse", "-o", tmp_path / "out", *words)
-    assert open_dataset(tmp_path / "out").stamps_ns.tolist() == [
-        7 * 10**9 + k * 2 * 10**8 for k in range(3)
-    ]
+    succeeds("sim", "warehouse", "-o", out, *words, "--format", "folder")
+    assert (out / "clouds" / "000000.bin").is_file()
+    assert open_dataset(out).stamps_ns.tolist() == [7 * 10**9 + k * 2 * 10**8 for k in range(3)]
 
 
 def test_a_trajectory_through_a_wall_is_told_with_time_and_place(tmp_path: Path) -> None:
@@ -222,9 +207,7 @@ def test_frames_written_before_an_error_are_kept(tmp_path: Path) -> None:
     assert len(open_dataset(tmp_path / "out")) == 2
 
 
-def test_half_a_frame_is_not_kept(
-    tmp_path: Path, way: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_half_frame_is_kept(tmp_path: Path, way: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = folder._write
 
     def full(path: Path, data: bytes) -> None:

@@ -48,7 +48,8 @@ def results(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_verified_loops_are_a_row_of_the_printed_table(results: Path) -> None:
+@pytest.mark.slow
+def test_verified_loops_are_a_row_of_the_table_and_in_the_report(results: Path) -> None:
     printed = succeeds("eval", results, *BY_POSE).stdout
     assert max(map(len, printed.split("protocol")[0].splitlines())) <= 80
     assert "protocol pose-2m-5deg" in printed
@@ -58,6 +59,8 @@ def test_verified_loops_are_a_row_of_the_printed_table(results: Path) -> None:
     assert "3 loops accepted, 0 of them wrong" in printed
     assert "candidates of m2dp+scan_context" in printed
     assert [run["verified"] for run in figures["runs"]] == [False, True]
+    succeeds("report", results, "-o", results / "page")
+    assert "verified m2dp+scan_context" in (results / "page" / "report.html").read_text()
 
 
 def test_verified_loops_are_judged_by_other_poses_of_the_same_body(results: Path) -> None:
@@ -69,24 +72,15 @@ def test_verified_loops_are_judged_by_other_poses_of_the_same_body(results: Path
         every = np.repeat(rows[:, :3], 10, axis=0)  # the frames' numbers are 0, 10, 20, ...
         np.savetxt(results / name, every.reshape(-1, 12))
         folder = results / name.replace(".txt", "")
-        for path in (results / "descriptors", results / "verified"):
-            (folder / path.name).mkdir(parents=True)
-            for file in path.iterdir():
-                (folder / path.name / file.name).write_bytes(file.read_bytes())
+        for part in ("descriptors", "verified"):
+            shutil.copytree(results / part, folder / part)
         settings = ("--window", 0, "--gt", results / name, *BY_POSE)
         succeeds("eval", folder, *settings)
         runs = json.loads((folder / "metrics.json").read_text())["runs"]
         assert runs[1]["protocols"]["pose-2m-5deg"]["n_correct"] == right
 
 
-def test_the_report_shows_verified_loops(results: Path) -> None:
-    succeeds("report", results, "-o", results / "page")
-    assert "verified m2dp+scan_context" in (results / "page" / "report.html").read_text()
-
-
-def test_a_protocol_by_pose_without_verified_loops_is_refused_before_the_work(
-    results: Path, kitti: Path
-) -> None:
+def test_a_protocol_by_pose_needs_verified_loops_at_once(results: Path, kitti: Path) -> None:
     verified_path(results, "lidar", "cm2dp").unlink()
     for words in (
         ("eval", results, *BY_POSE),
@@ -138,6 +132,7 @@ def test_without_the_extra_loops_are_those_of_descriptors_and_it_is_said_once(
     assert error_of(1, *words, "--set", "loop_closure.verify=true").code == "missing-extra"
 
 
+@pytest.mark.slow
 def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_again(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,26 +159,23 @@ def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_a
     assert len(list((tmp_path / "verified").iterdir())) == 2
 
 
-def test_a_longer_window_of_the_evaluation_holds_for_proven_loops_too(
-    kitti: Path, tmp_path: Path
-) -> None:
+def test_the_window_of_the_evaluation_holds_for_proven_loops(kitti: Path, tmp_path: Path) -> None:
     pytest.importorskip("small_gicp")
     windows = ("--set", "loop_closure.window=2", "--set", "evaluation.window=7")
-    succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path, *windows)
+    lidar = ("--source", "lidar", "--no-report")
+    succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path, *windows, *lidar)
     proven = VerifiedRun.load(verified_path(tmp_path, "lidar", "m2dp"))
     rows, columns = np.nonzero(proven.candidates >= 0)
     assert (rows - proven.candidates[rows, columns]).min() == 8
-    assert (tmp_path / "report.html").exists()
 
 
-def test_a_run_that_proves_nothing_deletes_the_poses_of_former_loops(
-    kitti: Path, tmp_path: Path
-) -> None:
+def test_a_run_that_proves_nothing_deletes_former_poses(kitti: Path, tmp_path: Path) -> None:
     (tmp_path / "loops.g2o").write_text("EDGE_SE3:QUAT 0 9\n")
     succeeds("loops", kitti, "-d", "m2dp", "-o", tmp_path, "--threshold", "0.2", *NO_WINDOW)
     assert sorted(path.name for path in tmp_path.glob("loops.*")) == ["loops.csv"]
 
 
+@pytest.mark.slow
 def test_proven_loops_are_reused_if_their_lengths_are_fitted_again_or_given_alike(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -132,9 +132,7 @@ def test_scenes_alone_make_a_small_set_that_is_matched_alike(
         ("views.second_stage=places", "two_stage"),
     ],
 )
-def test_a_set_without_clouds_says_what_it_lacks(
-    setting: str, kind: str, small: Path, tmp_path: Path
-) -> None:
+def test_a_set_without_clouds_says_so(setting: str, kind: str, small: Path, tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     error = error_of(1, "views", "match", small, "-o", tmp_path / "out", "--set", setting)
     assert error.code == "no-clouds" and error.fields[0].startswith(kind)
@@ -210,9 +208,7 @@ def test_a_set_that_is_cut_or_missing_is_named(scenes: Path, tmp_path: Path) -> 
 
 
 @rows("option, value", [("--gt", "poses.txt"), ("--kind", "folder"), ("--sequence", "07")])
-def test_what_would_not_be_heard_is_refused(
-    option: str, value: str, scenes: Path, tmp_path: Path
-) -> None:
+def test_useless_options_are_refused(option: str, value: str, scenes: Path, tmp_path: Path) -> None:
     ranges = tmp_path / "ranges.npz"
     write_recording(ranges, LAPS)
     for data in (scenes, ranges):

@@ -5,18 +5,22 @@
 import csv
 import json
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
+import cli
+from artefacts import artefact, copy_artefact
 from error_codes import has_code
 from fusionslam.cli.views.train import app
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.views.scene_set import CloudArray, SceneSet
 from fusionslam.views.second_stage import SecondStage
 from learning import cloud, world
+from rows import rows
 
 for module in ("torch", "safetensors", "onnx", "h5py", "onnxruntime"):
     pytest.importorskip(module, reason=f"{module} is not installed")
@@ -34,21 +38,15 @@ def tiny(*more: str) -> list[str]:
     return settings(*(f"network.{text}" for text in NETWORK), "optimiser.epochs=2", *more)
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-
-def succeeds(*arguments: object) -> Result:
-    result = run(*arguments)
-    assert result.exit_code == 0, (result.output, result.exception)
-    return result
+run = partial(cli.run, command=app)
+succeeds = partial(cli.succeeds, command=app)
 
 
 @pytest.fixture(scope="module")
-def features(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shapes")
-    succeeds("shapes", "-o", folder, *tiny(*SHAPES, "batch=8"))
-    return folder
+def features() -> Path:
+    return artefact(
+        "cli-shapes", lambda folder: succeeds("shapes", "-o", folder, *tiny(*SHAPES, "batch=8"))
+    )
 
 
 def test_shapes_leaves_weights_onnx_card_and_curves(features: Path) -> None:
@@ -64,19 +62,18 @@ def test_shapes_leaves_weights_onnx_card_and_curves(features: Path) -> None:
     assert card["scores"]["accuracy"] == pytest.approx(float(rows[-1]["accuracy"]), abs=1e-6)
 
 
-def test_a_finished_training_is_not_done_again(features: Path) -> None:
+def test_a_finished_training_stays_and_other_seeds_fail(features: Path, tmp_path: Path) -> None:
+    folder = copy_artefact(features, tmp_path / "shapes")
     before = (features / "features.safetensors").read_bytes()
-    result = succeeds("shapes", "-o", features, *tiny(*SHAPES, "batch=8"))
+    result = succeeds("shapes", "-o", folder, *tiny(*SHAPES, "batch=8"))
     assert "2 epochs" in result.stdout
-    assert (features / "features.safetensors").read_bytes() == before
-
-
-def test_another_seed_in_the_same_folder_is_refused(features: Path) -> None:
-    result = run("shapes", "-o", features, *tiny(*SHAPES, "batch=8", "optimiser.seed=3"))
+    assert (folder / "features.safetensors").read_bytes() == before
+    result = run("shapes", "-o", folder, *tiny(*SHAPES, "batch=8", "optimiser.seed=3"))
     assert isinstance(result.exception, ConfigError)
     assert re.search(r"optimiser\.seed .*\b0\b.*\b3\b", str(result.exception))
 
 
+@pytest.mark.slow
 def test_places_are_simulated_once_and_trained_on(tmp_path: Path) -> None:
     pytest.importorskip("embreex", reason="the simulator is not installed")
     worlds = [f"simulated.{text}" for text in PLACES]
@@ -96,11 +93,9 @@ def test_simulated_places_of_other_settings_or_damaged_are_refused(tmp_path: Pat
     from fusionslam.learning.training_data import load_simulated_places
 
     path = tmp_path / "train.npz"
-    np.savez(
-        path,
-        about=np.array('{"format": "fusionslam.places.1"}'),
-        **{name: np.zeros(1) for name in _FIELDS},
-    )
+    names = ("points", "colors", "offsets", "poses", "worlds", "names")
+    about = np.array('{"format": "fusionslam.places.1"}')
+    np.savez(path, about=about, **{name: np.zeros(1) for name in names})
     with pytest.raises(ConfigError, check=has_code("other-settings", path)):
         load_simulated_places(SimulatedPlacesConfig(), path)
     path.write_bytes(path.read_bytes()[:100])
@@ -108,10 +103,7 @@ def test_simulated_places_of_other_settings_or_damaged_are_refused(tmp_path: Pat
         load_simulated_places(SimulatedPlacesConfig(), path)
 
 
-_FIELDS = ("points", "colors", "offsets", "poses", "worlds", "names")
-
-
-@pytest.mark.parametrize("command", ["shapes", "places"])
+@rows("command", ["shapes", "places"])
 def test_all_values_are_printed_as_yaml_that_is_read_back(command: str, tmp_path: Path) -> None:
     text = succeeds(command, "-o", tmp_path / "none", "--print-config").stdout
     assert "seed: 0" in text and not (tmp_path / "none").exists()
@@ -119,17 +111,12 @@ def test_all_values_are_printed_as_yaml_that_is_read_back(command: str, tmp_path
     file.write_text(text.replace("learning_rate: 0.001", "learning_rate: 0.002"))
     again = succeeds(command, "-o", tmp_path / "none", "--config", file, "--print-config").stdout
     assert again == file.read_text()
-
-
-def test_an_unknown_key_names_the_nearest(tmp_path: Path) -> None:
-    result = run("shapes", "-o", tmp_path, "--set", "optimiser.epoch=3")
+    result = run(command, "-o", tmp_path, "--set", "optimiser.epoch=3")
     assert isinstance(result.exception, ConfigError) and "epochs" in str(result.exception)
 
 
 def scene_set(path: Path, name: str, *, frame: str = "robot", truth: bool = True) -> Path:
     """A scene set of a made-up world."""
-    from fusionslam.views.scene_set import CloudArray, SceneSet
-
     _, clouds, poses = world(name, 3)
     count = len(clouds)
     SceneSet(
@@ -161,9 +148,7 @@ def test_a_comparison_is_trained_on_scene_sets(features: Path, tmp_path: Path) -
     assert 0 <= stage.probability(row, row) <= 1
 
 
-@pytest.mark.parametrize(
-    ("how", "words"), [({"truth": False}, "no true poses"), ({"frame": "odometry"}, "odometry")]
-)
+@rows("how, words", [({"truth": False}, "no true poses"), ({"frame": "odometry"}, "odometry")])
 def test_scene_sets_without_poses_or_in_another_frame_are_refused(
     features: Path, tmp_path: Path, how: dict[str, Any], words: str
 ) -> None:

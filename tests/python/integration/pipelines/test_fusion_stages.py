@@ -19,11 +19,12 @@ from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.pipelines.cloud_frames import body_from_clouds
-from fusionslam.pipelines.export_bag import write_cloud_bag
+from fusionslam.pipelines.export_bag import _Maker, write_cloud_bag
 from fusionslam.pipelines.recording import Recording
 from fusionslam.report.fusion_stages import _Eye, draw_stages, write_stages
 from fusionslam.sensors.messages import FrameTransforms, Odometry, Scan
 from kitti import write_sequence
+from rows import rows
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +60,7 @@ def test_clouds_alone_and_empty_clouds_are_drawn_too() -> None:
         assert axes[0].get_title(loc="left") == "no camera image" and len(axes) == 4
 
 
-@pytest.mark.parametrize(("up", "driving"), [("z", "x"), ("-y", "z"), ("x", "y")])
+@rows("up, driving", [("z", "x"), ("-y", "z"), ("x", "y")])
 def test_the_eye_sees_what_is_ahead_left_and_high_where_it_should(up: Any, driving: Any) -> None:
     above = np.eye(3)["xyz".index(up[-1])] * (-1 if up[0] == "-" else 1)
     ahead = np.eye(3)["xyz".index(driving)]
@@ -83,6 +84,7 @@ def test_a_cloud_fills_its_picture() -> None:
     assert widths.max() > 0.8 and np.abs(at[:, 1].min() + at[:, 1].max()) < 0.15
 
 
+@pytest.mark.slow
 def test_pictures_are_spread_over_the_recording(sequence: Path, tmp_path: Path) -> None:
     dataset, steps = open_dataset(sequence), []
     paths = write_stages(
@@ -96,10 +98,8 @@ def test_pictures_are_spread_over_the_recording(sequence: Path, tmp_path: Path) 
     assert len(write_stages(dataset, tmp_path / "q", FusionConfig(), 99)) == 4
 
 
-@pytest.mark.parametrize("name", ["clouds.bag", "clouds.db3", "clouds.mcap"])
-def test_clouds_in_a_bag_are_those_that_fuse_makes(
-    sequence: Path, tmp_path: Path, name: str
-) -> None:
+@rows("name", ["clouds.bag", "clouds.db3", "clouds.mcap"])
+def test_clouds_in_a_bag_are_those_of_fuse(sequence: Path, tmp_path: Path, name: str) -> None:
     pytest.importorskip("rosbags")
     config, dataset = FusionConfig(), open_dataset(sequence)
     write_cloud_bag(Recording.at(sequence), tmp_path / name, config, jobs=2)
@@ -118,8 +118,7 @@ def test_clouds_in_a_bag_are_those_that_fuse_makes(
 def test_a_bag_of_clouds_knows_where_its_frames_were(sequence: Path, tmp_path: Path) -> None:
     """Its points lie in the world where those of the recording do."""
     pytest.importorskip("rosbags")
-    names: tuple[Any, ...] = ("scan", "camera")
-    for name in names:
+    for name in ("scan", "camera"):
         path = tmp_path / f"{name}.bag"
         write_cloud_bag(Recording.at(sequence), path, FusionConfig(frame=name))
         made, given = open_dataset(path), open_dataset(sequence)
@@ -134,7 +133,7 @@ def test_a_bag_of_clouds_knows_where_its_frames_were(sequence: Path, tmp_path: P
             assert (place @ [*one, 1])[:3] == pytest.approx((truth @ [*other, 1])[:3], abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["scan", "camera", "robot", "odometry"])
+@rows("name", ["scan", "camera", "robot", "odometry"])
 def test_clouds_of_every_frame_lie_in_the_body_where_the_scan_does(name: Any) -> None:
     """The scanner turns on the robot; the body of the poses is fixed to it."""
     rng = np.random.default_rng(1)
@@ -176,8 +175,6 @@ def test_clouds_of_every_frame_lie_in_the_body_where_the_scan_does(name: Any) ->
 
 
 def test_odometry_and_the_robots_frame_are_written_where_they_are_known() -> None:
-    from fusionslam.pipelines.export_bag import _Maker
-
     turned = np.array([[0.0, -1, 0, 4], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]])
     lifted = np.eye(4)
     lifted[2, 3] = 0.17

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bags import START, without, write_bag
+from bags import drive as bag_drive
 from drives import SECOND, circles
 from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
@@ -17,7 +19,7 @@ from fusionslam.evaluation.maps.judge import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.pipelines.drives import Drive, open_drive
-from fusionslam.pipelines.map_events import RunEvents, events_of
+from fusionslam.pipelines.map_events import RunEvents, events_of, motions_of
 from fusionslam.pipelines.maps import RunRecorder, join_runs, run_events, run_ratslam
 from fusionslam.ratslam.events import Motion
 from fusionslam.ratslam.slam import RatSlam, Step
@@ -25,8 +27,10 @@ from fusionslam.ratslam.view_sources import TemplateSource, build_view_source
 from fusionslam.report.maps.page import write_ratslam_report
 from fusionslam.sensors.messages import Odometry
 from recordings import PLACES, write_drive
+from refusals import refuses
 
 OBJECTS = "objects"
+Halfway = tuple[RatSlam, RatSlamRun, RunEvents]
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +79,7 @@ def test_odometry_with_errors_is_dead_reckoning_with_errors(recording: Path) -> 
 
 def test_what_is_not_there_is_said(recording: Path, tmp_path: Path) -> None:
     for views, odometry in (("visual_templates", None), (OBJECTS, "visual")):
-        with pytest.raises(DataError, check=lambda error: error.code == "no-images"):
+        with refuses("no-images"):
             run_ratslam(recording, views, odometry)
     with pytest.raises(DataError, match="odometry"):
         run_ratslam(recording, OBJECTS, "topic")
@@ -84,7 +88,7 @@ def test_what_is_not_there_is_said(recording: Path, tmp_path: Path) -> None:
     with np.load(recording) as stored:
         arrays = {name: stored[name] for name in stored.files if name != "poses"}
     np.savez(tmp_path / "blind.npz", **arrays)
-    with pytest.raises(DataError, check=lambda error: error.code == "no-motion"):
+    with refuses("no-motion"):
         run_ratslam(tmp_path / "blind.npz", OBJECTS)
 
 
@@ -102,15 +106,18 @@ def recorder(item: Any) -> RunRecorder:
     return RunRecorder(RatSlam(views=TemplateSource(bottom=100)), events(item))
 
 
+def run_of(taking: RunRecorder) -> RatSlamRun:
+    run_events(taking)
+    return taking.record()
+
+
 def test_scans_that_cannot_be_read_are_left_out_and_noted() -> None:
     def item(index: int) -> Any:
         if index in (3, 4):
             raise DataError(f"scan {index} is cut short")
         return image(index)[:, : 90 if index == 6 else 120]
 
-    taking = recorder(item)
-    run_events(taking)
-    run = taking.record()
+    run = run_of(recorder(item))
     assert np.count_nonzero(run.is_view) == 7
     assert run.view_ids[run.is_view].tolist() == list(range(7))
     assert [note for note in run.notes if "left out" in note][:2] == [
@@ -124,15 +131,12 @@ def test_where_nothing_can_be_seen_the_first_reason_is_the_error() -> None:
     def item(index: int) -> Any:
         raise ShapeError(code="no-colors", fields=(str(index),))
 
-    taking = recorder(item)
-    run_events(taking)
     with pytest.raises(ShapeError, check=has_code("no-colors", 0)):
-        taking.record()
+        run_of(recorder(item))
 
 
 def test_a_run_that_is_interrupted_and_continued_equals_the_uninterrupted_one() -> None:
-    whole = recorder(image)
-    run_events(whole)
+    whole = run_of(recorder(image))
     counted = itertools.count()
 
     def impatient(*_: object) -> None:
@@ -145,24 +149,15 @@ def test_a_run_that_is_interrupted_and_continued_equals_the_uninterrupted_one() 
     first = taking.record()
     assert len(first) == 61
     going_on = RunRecorder(taking.slam, taking.events, earlier=first)
-    run_events(going_on)
-    assert equal(going_on.record(), whole.record())
-    with pytest.raises(DataError, check=lambda error: error.code == "nothing-later"):
+    assert equal(run_of(going_on), whole)
+    with refuses("nothing-later"):
         run_events(going_on)
+    twice = join_runs(whole, whole)  # without truth, as each part
+    assert len(twice) == 2 * len(whole) and twice.truth is None
+    assert len(twice.nodes) == len(whole.nodes) and len(twice.why) == 2 * len(whole.why)
 
 
-def test_runs_are_joined_without_truth_where_one_has_none() -> None:
-    taking = recorder(image)
-    run_events(taking)
-    run = taking.record()
-    twice = join_runs(run, run)
-    assert len(twice) == 2 * len(run) and twice.truth is None
-    assert len(twice.nodes) == len(run.nodes) and len(twice.why) == 2 * len(run.why)
-
-
-def test_events_begin_with_the_odometry_before_the_first_look_and_end_after_the_last(
-    recording: Path,
-) -> None:
+def test_events_reach_from_before_the_first_look_to_after_the_last(recording: Path) -> None:
     source = build_view_source(OBJECTS)
     found = events_of(open_drive(recording), source)
     stamps = [motion.stamp_ns for motion in found.motions]
@@ -174,23 +169,20 @@ def test_events_begin_with_the_odometry_before_the_first_look_and_end_after_the_
 
 def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    from bags import drive, write_bag
-
-    in_turn = drive(4.0)
+    in_turn = bag_drive(4.0)
     rng = np.random.default_rng(2)
-    delays = {id(event): int(rng.uniform(0, 0.3) * SECOND) for event in in_turn}
-    late = sorted(
-        (replace(event, time_ns=event.time_ns + delays[id(event)]) for event in in_turn),
-        key=lambda event: event.time_ns,
-    )
+    delayed = [
+        replace(event, time_ns=event.time_ns + int(rng.uniform(0, 0.3) * SECOND))
+        for event in in_turn
+    ]
+    late = sorted(delayed, key=lambda event: event.time_ns)
     runs = []
     for name, written in (("in_turn.bag", in_turn), ("late.bag", late)):
         write_bag(tmp_path / name, written)
         tour = open_drive(tmp_path / name)
         source = TemplateSource(columns=16, rows=8, bottom=None)
         taking = RunRecorder(RatSlam(views=source), events_of(tour, source))
-        run_events(taking)
-        runs.append(replace(taking.record(), name="bag"))
+        runs.append(replace(run_of(taking), name="bag"))
     assert runs[0].odometry == "topic /odom"
     assert len(runs[0].nodes) == 3 and np.count_nonzero(runs[0].is_view) == 41
     assert equal(*runs)
@@ -198,10 +190,8 @@ def test_a_bag_is_driven_by_its_topic_whatever_order_it_arrived_in(tmp_path: Pat
 
 def test_a_recording_in_two_parts_gives_the_same_map_as_in_one(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    from bags import START, drive, without, write_bag
-
     # Between two images, with odometry messages on either side.
-    cut, whole = START + 2 * SECOND + SECOND // 20, list(without(drive(4.0), "/points"))
+    cut, whole = START + 2 * SECOND + SECOND // 20, list(without(bag_drive(4.0), "/points"))
 
     def mapped(
         name: str, events: list[Any], slam: RatSlam | None = None, **parts: Any
@@ -211,8 +201,7 @@ def test_a_recording_in_two_parts_gives_the_same_map_as_in_one(tmp_path: Path) -
         assert isinstance(views, TemplateSource)
         found = events_of(open_drive(tmp_path / name), views, resumed=slam is not None, **parts)
         taking = RunRecorder(slam or RatSlam(views=views), replace(found, name="bag"))
-        run_events(taking)
-        return taking.slam, taking.record()
+        return taking.slam, run_of(taking)
 
     slam, first = mapped("1.bag", [e for e in whole if e.time_ns < cut], continued=True)
     slam.save(tmp_path / "state.npz")
@@ -222,85 +211,65 @@ def test_a_recording_in_two_parts_gives_the_same_map_as_in_one(tmp_path: Path) -
     assert equal(join_runs(first, second), expected)
 
 
-@pytest.fixture
-def halfway(recording: Path) -> tuple[RatSlam, RatSlamRun, RunEvents]:
-    """A map of the first half of a drive, its run, and the events of the whole drive."""
+@pytest.fixture(scope="module")
+def first_half(
+    recording: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, RatSlamRun, RunEvents]:
     source = build_view_source(OBJECTS)
     whole = events_of(open_drive(recording), source)
     stamps_ns = whole.look_stamps_ns[:PLACES]
     motions = [one for one in whole.motions if one.stamp_ns <= stamps_ns[-1]]
-    taking = RunRecorder(
-        RatSlam(views=source), replace(whole, motions=motions, look_stamps_ns=stamps_ns)
-    )
-    run_events(taking)
-    return taking.slam, taking.record(), whole
+    half = replace(whole, motions=motions, look_stamps_ns=stamps_ns)
+    taking = RunRecorder(RatSlam(views=source), half)
+    run = run_of(taking)
+    state = tmp_path_factory.mktemp("half") / "state.npz"
+    taking.slam.save(state)
+    return state, run, whole
 
 
-def test_another_recording_within_the_time_of_the_map_is_refused(
-    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
-) -> None:
-    slam, earlier, whole = halfway
-    other = replace(whole, name="other", look_stamps_ns=whole.look_stamps_ns - SECOND // 100)
-    with pytest.raises(DataError, check=has_code("stamps-overlap")) as found:
-        run_events(RunRecorder(slam, other, earlier=earlier))
-    assert found.value.fields == ("other", str(PLACES))
+@pytest.fixture
+def halfway(first_half: tuple[Path, RatSlamRun, RunEvents]) -> Halfway:
+    """A map of the first half of a drive, its run, and the events of the whole drive."""
+    state, run, whole = first_half
+    return RatSlam.load(state), run, whole
 
 
 @pytest.mark.parametrize(("name", "warned"), [("drive", 0), ("longer", 1)])
 def test_the_recording_of_the_map_goes_on_and_under_another_name_is_warned_of(
-    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
-    name: str,
-    warned: int,
-    caplog: pytest.LogCaptureFixture,
+    halfway: Halfway, name: str, warned: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     slam, earlier, whole = halfway
-    taking = RunRecorder(slam, replace(whole, name=name), earlier=earlier)
-    run_events(taking)
-    assert np.count_nonzero(taking.record().is_view) == 2 * PLACES
+    run = run_of(RunRecorder(slam, replace(whole, name=name), earlier=earlier))
+    assert np.count_nonzero(run.is_view) == 2 * PLACES
     said = [entry.getMessage() for entry in caplog.records]
     assert len(said) == warned and all(f"{PLACES} of {2 * PLACES}" in text for text in said)
 
 
-@pytest.mark.parametrize(("gap_s", "warned"), [(2, 0), (3600, 1)])
-def test_a_later_recording_is_warned_of_unless_it_follows_at_once(
-    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
-    gap_s: int,
-    warned: int,
-    caplog: pytest.LogCaptureFixture,
+def test_another_recording_within_the_time_of_the_map_is_refused(halfway: Halfway) -> None:
+    slam, earlier, whole = halfway
+    other = replace(whole, name="other", look_stamps_ns=whole.look_stamps_ns - SECOND // 100)
+    with refuses("stamps-overlap", "other", str(PLACES)):
+        run_events(RunRecorder(slam, other, earlier=earlier))
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "looks", "warned"), [(2, 3, 0), (3600, 3, 1), (3600, 0, 0), (3600, 1, 0)]
+)
+def test_a_later_recording_of_two_views_is_warned_of_unless_it_follows_at_once(
+    halfway: Halfway, gap_s: int, looks: int, warned: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     slam, earlier, whole = halfway  # its views are 2 s apart
     end_ns = slam.seen_ns[1]
     assert end_ns is not None
-    later_ns = end_ns + gap_s * SECOND + np.arange(3) * 2 * SECOND
-    later = replace(whole, name="later", motions=[], look_stamps_ns=later_ns)
-    run_events(RunRecorder(slam, later, earlier=earlier))
+    later_ns = end_ns + gap_s * SECOND + np.arange(looks) * 2 * SECOND
+    motion = Motion(end_ns + SECOND, 0.5, 0.0)
+    later = replace(whole, name="later", motions=[motion], look_stamps_ns=later_ns)
+    run = run_of(RunRecorder(slam, later, earlier=earlier))
+    assert len(run) == len(earlier) + 1 + looks
     assert [entry.args for entry in caplog.records] == [("later", gap_s)] * warned
 
 
-@pytest.mark.parametrize("looks", [0, 1])
-def test_a_later_recording_of_fewer_than_two_views_is_not_warned_of(
-    looks: int,
-    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    slam, earlier, whole = halfway
-    end_ns = slam.seen_ns[1]
-    assert end_ns is not None
-    later = replace(
-        whole,
-        name="later",
-        motions=[Motion(end_ns + SECOND, 0.5, 0.0)],
-        look_stamps_ns=end_ns + 2 * SECOND + np.arange(looks),
-    )
-    taking = RunRecorder(slam, later, earlier=earlier)
-    run_events(taking)
-    assert len(taking.record()) == len(earlier) + 1 + looks
-    assert not caplog.records
-
-
-def test_a_part_without_truth_leaves_that_of_the_other(
-    halfway: tuple[RatSlam, RatSlamRun, RunEvents],
-) -> None:
+def test_a_part_without_truth_leaves_that_of_the_other(halfway: Halfway) -> None:
     _, run, _ = halfway
     blind = replace(run, truth=None)
     for joined, known in (
@@ -312,9 +281,8 @@ def test_a_part_without_truth_leaves_that_of_the_other(
         assert np.isfinite(joined.truth[known]).all()
 
 
-def test_a_map_whose_truth_is_known_in_part_has_a_page(
-    halfway: tuple[RatSlam, RatSlamRun, RunEvents], tmp_path: Path
-) -> None:
+@pytest.mark.slow
+def test_a_map_whose_truth_is_known_in_part_has_a_page(halfway: Halfway, tmp_path: Path) -> None:
     _, run, _ = halfway
     assert run.truth is not None
     for half in (slice(len(run) // 2), slice(len(run) // 2, None)):
@@ -326,8 +294,6 @@ def test_a_map_whose_truth_is_known_in_part_has_a_page(
 
 
 def test_odometry_of_made_truth_is_that_of_the_simulator() -> None:
-    from fusionslam.pipelines.map_events import motions_of
-
     class Walk(Drive):
         def __init__(self) -> None:
             self.name, self.truth, self.dataset = "walk", circles(0.1), None

@@ -110,9 +110,7 @@ def test_a_pair_is_registered_once_however_many_propose_it(
 
 
 @pytest.mark.slow
-def test_stored_loops_are_read_again_and_a_further_descriptor_leaves_them(
-    street: Recording, tmp_path: Path
-) -> None:
+def test_a_further_descriptor_leaves_stored_loops_alone(street: Recording, tmp_path: Path) -> None:
     prove(street, tmp_path, NAMES[1:2])
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "verified").iterdir()}
     assert {path.name for path in files} == {"cloud-m2dp-author.npz"}
@@ -122,9 +120,7 @@ def test_stored_loops_are_read_again_and_a_further_descriptor_leaves_them(
 
 
 @pytest.mark.slow
-def test_bench_judges_each_descriptor_with_and_without_verification(
-    street: Recording, tmp_path: Path
-) -> None:
+def test_bench_judges_each_descriptor_unverified_too(street: Recording, tmp_path: Path) -> None:
     names = NAMES[:2]
     found = benchmark(street, tmp_path, names, configs={"cloud": CONFIG}, verify="each")
     judged = [evaluation.run.name for evaluation in found]

@@ -3,12 +3,14 @@
 """Tuning: what is tried, what is kept, and that an interrupted search comes to the same end."""
 
 import sys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fusionslam.cli.system_config import SystemConfig
 from fusionslam.config import merged, with_file
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import judge_views
@@ -26,6 +28,8 @@ from fusionslam.pipelines.views import run_views
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.presets import load_preset, preset_names, preset_path
 from fusionslam.views.recognisers import ViewMatcherConfig, similarity_config
+from refusals import refuses
+from rows import rows
 from scenes import LAPS, drive
 
 pytest.importorskip("pymoo")
@@ -53,8 +57,7 @@ def test_the_thesis_looks_for_thirteen_numbers_in_its_bounds() -> None:
     assert bounds == {name: (0, high) for name, high in expected.items()}
 
 
-@pytest.mark.parametrize("algorithm", ["ga", "de"])
-@pytest.mark.parametrize("numbers", ["thesis", "robust"])
+@rows("algorithm, numbers", product(("ga", "de"), ("thesis", "robust")))
 def test_what_is_found_is_better_and_in_its_bounds(algorithm: str, numbers: str) -> None:
     config = quick(algorithm=algorithm, numbers=numbers, population=10)
     result = tune([DRIVE], BAD, config)
@@ -86,9 +89,7 @@ def test_the_numbers_to_begin_with_are_tried_so_the_end_is_no_worse() -> None:
     result = tune([DRIVE], good, quick(numbers="robust", generations=1))
     assert result.value == 0
     assert result.config.threshold == pytest.approx(ViewMatcher(good).threshold)
-
-
-def test_what_is_found_is_for_objects_whatever_the_default_compares() -> None:
+    # What is found is for objects, whatever the default compares.
     result = tune([DRIVE], ViewMatcherConfig(), quick(numbers="robust", generations=1))
     assert result.config.method == "objects" and result.config.threshold == 0.74
 
@@ -147,13 +148,8 @@ def test_more_generations_go_on_from_those_kept(tmp_path: Path) -> None:
     state = tmp_path / "state"
     tune([DRIVE], BAD, quick(generations=2), state=TuningState(state))
     seen: list[tuple[int, int]] = []
-    more = tune(
-        [DRIVE],
-        BAD,
-        quick(generations=4),
-        state=TuningState(state),
-        progress=lambda done, total, best: seen.append((done, total)),
-    )
+    kept = TuningState(state)
+    more = tune([DRIVE], BAD, quick(), state=kept, progress=lambda *step: seen.append(step[:2]))
     assert outcome(more) == outcome(tune([DRIVE], BAD, quick()))
     assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
@@ -161,21 +157,23 @@ def test_more_generations_go_on_from_those_kept(tmp_path: Path) -> None:
 def test_a_state_of_another_search_or_that_is_cut_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "state"
     tune([DRIVE], BAD, quick(generations=1), state=TuningState(path))
-    with pytest.raises(DataError, check=lambda error: error.fields == ("tuning.seed",)):
-        tune([DRIVE], BAD, quick(seed=2), state=TuningState(path))
-    with pytest.raises(DataError, check=lambda error: "sets" in error.fields):
-        tune([drive((0, 1, 0))], BAD, quick(), state=TuningState(path))
-    with pytest.raises(DataError, check=lambda error: "views.threshold" in error.fields):
-        tune([DRIVE], AUTHOR, quick(), state=TuningState(path))
+    for scenes, start, config, field in (
+        (DRIVE, BAD, quick(seed=2), "tuning.seed"),
+        (drive((0, 1, 0)), BAD, quick(), "sets"),
+        (DRIVE, AUTHOR, quick(), "views.threshold"),
+    ):
+        with pytest.raises(DataError) as refused:
+            tune([scenes], start, config, state=TuningState(path))
+        assert field in refused.value.fields
     path.write_bytes(path.read_bytes()[:-50])
     with pytest.raises(DataError, match="state"):
         tune([DRIVE], BAD, quick(), state=TuningState(path))
 
 
 def test_what_cannot_be_tuned_is_refused() -> None:
-    with pytest.raises(DataError, check=lambda error: error.code == "no-poses"):
+    with refuses("no-poses"):
         tune([drive(LAPS, poses=False)], BAD, quick())
-    with pytest.raises(DataError, check=lambda error: error.code == "no-scans"):
+    with refuses("no-scans"):
         tune([], BAD, quick())
     with pytest.raises(ConfigError, check=lambda error: error.fields == ("views.method",)):
         tune([DRIVE], ViewMatcherConfig(method="cm2dp"), quick())
@@ -197,8 +195,6 @@ def test_without_pymoo_the_line_that_installs_it_is_named(monkeypatch: pytest.Mo
 
 
 def test_what_was_found_is_written_with_all_values_and_read_again(tmp_path: Path) -> None:
-    from fusionslam.cli.system_config import SystemConfig
-
     result = tune([DRIVE], BAD, quick())
     path = tmp_path / "best.yaml"
     write_tuning(path, result, quick(), [DRIVE], "fusionslam tune boxes.npz")
@@ -211,9 +207,8 @@ def test_what_was_found_is_written_with_all_values_and_read_again(tmp_path: Path
     names = [entry["name"] for entry in type(core).options()]
     assert [getattr(core, name) for name in names] == [getattr(again, name) for name in names]
     text = path.read_text()
-    assert (
-        "# fusionslam tune boxes.npz" in text and "seed 1" in text and "# boxes: accuracy" in text
-    )
+    for noted in ("# fusionslam tune boxes.npz", "seed 1", "# boxes: accuracy"):
+        assert noted in text
 
 
 def test_the_values_that_come_along_are_read_and_say_how_they_were_made() -> None:

@@ -146,9 +146,7 @@ def test_a_real_ctrl_c_keeps_the_map_that_there_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.nightly)]
 )
-def test_a_recording_that_is_stopped_keeps_what_is_whole(
-    tmp_path: Path, number: signal.Signals
-) -> None:
+def test_a_stopped_recording_keeps_what_is_whole(tmp_path: Path, number: signal.Signals) -> None:
     pytest.importorskip("embreex", reason="the simulator is an extra")
     bags = pytest.importorskip("fusionslam.datasets.bags")
     pytest.importorskip("rosbags", reason="bags are an extra")

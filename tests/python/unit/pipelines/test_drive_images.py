@@ -114,9 +114,7 @@ def test_views_of_rendered_images_are_kept_and_taken_again(cache: Path) -> None:
     assert kept.build_ms == made.build_ms
 
 
-def test_another_threshold_uses_the_views_that_are_kept_and_other_blocks_do_not(
-    cache: Path,
-) -> None:
+def test_another_threshold_uses_the_kept_views_and_other_blocks_do_not(cache: Path) -> None:
     template_views(given(), SMALL)
     for changes, files in [({"threshold": 0.2}, 1), ({"rows": 6}, 2), ({"left": 4}, 3)]:
         template_views(given(), SMALL.model_copy(update=changes))

@@ -12,9 +12,7 @@ from refusals import refuses
 
 
 @pytest.mark.parametrize("name", ["drive.bag.npz", "drive.mcap.csv", "matches.csv"])
-def test_results_that_are_named_after_a_recording_may_be_replaced(
-    name: str, tmp_path: Path
-) -> None:
+def test_results_named_after_a_recording_may_be_replaced(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     if path.suffix == ".npz":
         np.savez(path, ids=np.arange(3))

@@ -30,9 +30,7 @@ def run() -> VerifiedRun:
     return verified_run(match_from_query=poses, covariance=covariance, config=WINDOW)
 
 
-def test_a_line_of_loops_csv_is_the_pose_of_the_query_in_the_match(
-    run: VerifiedRun, tmp_path: Path
-) -> None:
+def test_a_line_of_loops_csv_is_the_query_in_the_match(run: VerifiedRun, tmp_path: Path) -> None:
     write_loops(run, tmp_path / "loops.csv")
     rows = list(csv.DictReader((tmp_path / "loops.csv").open()))
     pairs = [(row["query"], row["match"]) for row in rows]
