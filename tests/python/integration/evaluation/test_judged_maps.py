@@ -17,8 +17,9 @@ from error_codes import has_code
 from fusionslam import DataError, ShapeError
 from fusionslam.errors import ConfigError
 from fusionslam.evaluation import MapReport, ViewRule, judge_map, judge_views, pose_errors
+from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.rigid import RigidMotion, fit_rigid
-from maps import little_run, matrix, square_run
+from maps import CORNERS, little_run, matrix, square_run
 from rows import rows
 
 
@@ -72,24 +73,18 @@ def test_no_other_motion_comes_nearer() -> None:
     assert found.rmse_m == pytest.approx(best, abs=1e-6)
 
 
-def test_alignment_does_not_scale() -> None:
+def test_alignment_turns_and_shifts_but_does_not_scale() -> None:
     truth = matrix([(-1, 0, 0), (1, 0, 0)], 3)
     found = pose_errors(truth * [2, 2, 1], truth)
     assert (found.rmse_m, found.max_m, found.mean_m) == pytest.approx((1, 1, 1))
-
-
-def test_a_robot_that_stands_still_is_aligned_by_its_heading() -> None:
-    truth = matrix([(1, 2, 0.5)] * 4, 3)
-    found = pose_errors(matrix([(5, 5, -0.7)] * 4, 3), truth)
-    assert found.motion.turn == pytest.approx(1.2)
-    assert found.rmse_m == pytest.approx(0, abs=1e-12)
-    assert found.heading_rmse_deg == pytest.approx(0, abs=1e-9)
-
-
-def test_heading_errors_are_those_left_after_alignment() -> None:
-    truth = matrix([(0, 0, 3.1), (1, 0, 3.1), (1, 1, 3.1), (0, 1, 3.1)], 3)
-    turned = truth + np.array([0, 0, np.radians(10)])
-    assert pose_errors(turned, truth).heading_rmse_deg == pytest.approx(10)
+    # A robot that stands still is aligned by its heading.
+    still = pose_errors(matrix([(5, 5, -0.7)] * 4, 3), matrix([(1, 2, 0.5)] * 4, 3))
+    assert still.motion.turn == pytest.approx(1.2)
+    assert (still.rmse_m, still.heading_rmse_deg) == pytest.approx((0, 0), abs=1e-9)
+    # Errors of the heading are those left after alignment.
+    square = matrix([(0, 0, 3.1), (1, 0, 3.1), (1, 1, 3.1), (0, 1, 3.1)], 3)
+    turned = square + np.array([0, 0, np.radians(10)])
+    assert pose_errors(turned, square).heading_rmse_deg == pytest.approx(10)
 
 
 def test_a_perfect_map_has_no_errors_and_every_revisit_linked() -> None:
@@ -105,7 +100,6 @@ def test_a_perfect_map_has_no_errors_and_every_revisit_linked() -> None:
 
 def test_a_car_that_comes_back_beside_its_track_is_told_of_its_rule() -> None:
     run = square_run()
-    assert run.truth is not None
     # The second lap is 3 m further out, along both axes.
     half = run.stamps_ns > run.stamps_ns[-1] // 2
     away = replace(run, truth=run.truth + 3.0 * np.outer(half, [1, 1, 0]))
@@ -135,32 +129,21 @@ def test_few_loops_of_a_car_are_explained_with_the_cure(known: bool) -> None:
         assert not any("place_m" in remark for remark in judge_map(other, rule="car").unjudged)
 
 
-def test_nodes_are_compared_with_the_truth_when_they_were_made() -> None:
+def test_nodes_and_final_trajectory_are_judged_apart_from_the_live_one() -> None:
     run = square_run()
     moved = run.nodes.copy()
     moved[:, 0] *= 1.2  # 2 m longer along x: each corner 1 m off once aligned
-    report = judge_map(replace(run, nodes=moved))
-    assert report.nodes is not None and report.nodes_by_odometry is not None
-    assert report.nodes.n == 4
-    assert report.nodes.rmse_m == pytest.approx(1.0)
-    assert report.nodes_by_odometry.rmse_m == pytest.approx(0, abs=1e-12)
-
-
-def test_the_final_trajectory_follows_the_nodes_and_the_live_one_does_not() -> None:
-    run = square_run()
-    moved = run.nodes.copy()
-    moved[:, 0] *= 1.2
     report = judge_map(replace(run, nodes=moved, dead_reckoning=run.poses * [1, 1.4, 1]))
-    assert report.trajectory is not None and report.live is not None
-    assert report.dead_reckoning is not None
-    assert report.trajectory.rmse_m == pytest.approx(1.0)
+    assert report.nodes.n == 4
+    assert report.nodes.rmse_m == report.trajectory.rmse_m == pytest.approx(1.0)
     assert report.live.rmse_m == pytest.approx(0, abs=1e-12)
     assert report.dead_reckoning.rmse_m == pytest.approx(2.0)
+    by_odometry = judge_map(replace(run, nodes=moved)).nodes_by_odometry
+    assert by_odometry.rmse_m == pytest.approx(0, abs=1e-12)
 
 
 def test_a_map_without_loops_links_no_revisit() -> None:
-    corners = [(0.0, 0.0, 0.0), (10.0, 0.0, 1.5), (10.0, 10.0, 3.0), (0.0, 10.0, -1.5)] * 2
-    made = [(1, max(k - 1, 0), k) for k in range(8)]
+    corners, made = CORNERS * 2, [(1, max(k - 1, 0), k) for k in range(8)]
     report = judge_map(little_run(corners, made, corners, [(k, k + 1) for k in range(7)]))
     assert (report.loops, report.false_loops, report.loop_links) == (0, 0, 0)
     assert (report.linked_revisits, report.revisits) == (0, 4)
@@ -170,7 +153,6 @@ def test_a_map_without_loops_links_no_revisit() -> None:
 def test_a_map_of_one_node_has_no_errors_and_no_links() -> None:
     places = [(3.0, 4.0, 0.5), (3.5, 4.0, 0.5)]
     report = judge_map(little_run(places, [(1, 0, 0), (0, 0, 0)], [(0.0, 0.0, 0.0)], []))
-    assert report.nodes is not None and report.live is not None
     assert (report.nodes.n, report.nodes.rmse_m, report.nodes.heading_rmse_deg) == (1, 0, 0)
     assert report.live.rmse_m == pytest.approx(0, abs=1e-12)
     assert (report.judged_links, report.near_link_share, report.loops) == (0, None, 0)
@@ -181,49 +163,40 @@ def test_a_map_of_one_node_has_no_errors_and_no_links() -> None:
 def test_a_new_node_that_gets_a_link_to_the_old_one_counts_as_linked() -> None:
     places = [(0.0, 0.0, 0.0), (9.0, 0.0, 0.0), (0.1, 0.0, 0.0)]
     actions = [(1, 0, 0), (1, 0, 1), (1, 1, 2)]
-    report = judge_map(little_run(places, actions, places, [(0, 1), (1, 2)]))
-    assert (report.linked_revisits, report.revisits) == (0, 1)
-    report = judge_map(little_run(places, actions, places, [(0, 1), (1, 2), (2, 0)]))
-    assert (report.linked_revisits, report.revisits) == (1, 1)
+    for links, linked in (([(0, 1), (1, 2)], 0), ([(0, 1), (1, 2), (2, 0)], 1)):
+        report = judge_map(little_run(places, actions, places, links))
+        assert (report.linked_revisits, report.revisits) == (linked, 1)
+
+
+def back_at_the_start(there: tuple[float, float, float]) -> RatSlamRun:
+    """Takes a place for its first one, 5 m behind the second."""
+    places = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), there]
+    return little_run(places, [(1, 0, 0), (1, 0, 1), (2, 1, 0)], places[:2], [(0, 1), (1, 0)])
 
 
 def test_a_false_loop_is_counted_and_its_link_is_not_near() -> None:
-    places = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0)]
-    actions = [(1, 0, 0), (1, 0, 1), (2, 1, 0)]
-    report = judge_map(little_run(places, actions, places[:2], [(0, 1), (1, 0)]))
-    assert (report.loops, report.false_loops) == (1, 1)
+    report = judge_map(back_at_the_start((9.0, 0.0, 0.0)))
+    assert (report.loops, report.false_loops, report.false_loop_share) == (1, 1, 1)
     assert (report.near_links, report.judged_links) == (1, 2)
     assert (report.near_loop_links, report.loop_links) == (0, 1)
-    assert report.false_loop_share == 1
 
 
-@rows(
-    "there, false",
-    [((0.79, 0.0, 0.0), 0), ((0.81, 0.0, 0.0), 1), ((0, 0, 0.39), 0), ((0, 0, -0.41), 1)],
-)
-def test_a_loop_is_false_beyond_the_view_radius(there: tuple[Any, ...], false: int) -> None:
-    places = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), there]
-    actions = [(1, 0, 0), (1, 0, 1), (2, 1, 0)]
-    report = judge_map(little_run(places, actions, places[:2], [(0, 1), (1, 0)]))
-    assert report.false_loops == false
+@rows("there, false", [((0.79, 0, 0), 0), ((0.81, 0, 0), 1), ((0, 0, 0.39), 0), ((0, 0, -0.41), 1)])
+def test_a_loop_is_false_beyond_the_view_radius(there: Any, false: int) -> None:
+    assert judge_map(back_at_the_start(there)).false_loops == false
 
 
 def test_another_rule_has_another_view_radius() -> None:
-    places = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (1.5, 0.0, 0.0)]
-    actions = [(1, 0, 0), (1, 0, 1), (2, 1, 0)]
-    run = little_run(places, actions, places[:2], [(0, 1), (1, 0)])
+    run = back_at_the_start((1.5, 0.0, 0.0))
     assert judge_map(run, rule=ViewRule(loop_distance=2.0)).false_loops == 0
     with pytest.raises(ConfigError, check=has_code("unknown-rule")):
         judge_map(run, rule="papr")
 
 
-def test_refused_loops_are_told_apart_by_the_truth() -> None:
+def test_refused_loops_are_told_apart_by_the_truth_and_by_later_links() -> None:
     run = square_run(refused=[(120.0, 3, 0), (120.0, 3, 2), (150.0, 0, 3)])
     report = judge_map(run)
     assert (report.refused, report.judged_refused, report.refused_true) == (3, 3, 1)
-
-
-def test_a_refused_loop_that_was_linked_later_is_told_apart() -> None:
     links = [(0, 1), (1, 2), (2, 3)]
     report = judge_map(square_run(refused=[(120.0, 3, 0), (150.0, 0, 1)], links=links))
     assert (report.refused_true, report.refused_linked) == (2, 1)
@@ -251,14 +224,11 @@ def test_steps_before_the_first_node_are_not_judged() -> None:
 
 @given(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3), st.booleans())
 @settings(max_examples=30, deadline=None)
-def test_moving_the_map_or_the_truth_changes_nothing(
-    x: float, y: float, turn: float, of_map: bool
-) -> None:
+def test_moving_map_or_truth_changes_nothing(x: float, y: float, turn: float, of_map: bool) -> None:
     run = square_run(refused=[(120.0, 3, 0)])
     rng = np.random.default_rng(1)
     run = replace(run, nodes=run.nodes + rng.normal(0, 0.2, run.nodes.shape))
     motion = RigidMotion(x, y, turn)
-    assert run.truth is not None
     moved = (
         {"nodes": motion.apply(run.nodes), "poses": motion.apply(run.poses)}
         if of_map
@@ -274,13 +244,10 @@ def test_moving_the_map_or_the_truth_changes_nothing(
             assert here == there, field.name
 
 
-def test_a_run_without_truth_says_what_cannot_be_judged() -> None:
+def test_a_run_without_truth_or_node_says_what_cannot_be_judged() -> None:
     report = judge_map(square_run(truth=None))
     assert (report.loops, report.node_count, report.nodes) == (4, 4, None)
     assert "no true poses" in str(report) and report.linked_revisit_share is None
-
-
-def test_a_run_without_a_node_says_so() -> None:
     report = judge_map(little_run([(0.0, 0.0, 0.0)], [(0, 0, 0)], [], []))
     assert report.unjudged == ("not judged: the map has no node",)
     assert str(judge_map(little_run([], [], [], [])))
@@ -297,10 +264,8 @@ def test_nodes_from_before_the_run_are_left_out_and_named() -> None:
 
 def test_steps_whose_truth_is_unknown_are_left_out_and_counted() -> None:
     run = square_run(refused=[(0.0, 0, 1), (210.0, 0, 3)])
-    assert run.truth is not None
     run.truth[[0, 7]] = np.nan
     report = judge_map(run)
-    assert report.nodes is not None and report.trajectory is not None
     assert (report.nodes.n, report.trajectory.n, report.steps) == (3, 6, 6)
     assert (report.judged_links, report.judged_loops, report.judged_refused) == (3, 2, 0)
     assert (report.revisits, report.linked_revisits) == (2, 2)
@@ -309,29 +274,28 @@ def test_steps_whose_truth_is_unknown_are_left_out_and_counted() -> None:
     assert judge_map(run).unjudged == ("not judged: the run has no true poses",)
 
 
-@rows("value", [np.nan, np.inf])
-def test_truth_that_is_no_number_is_refused_by_its_row(value: float) -> None:
-    truth = square_run().truth
-    assert truth is not None
-    truth[3, 1] = value
-    with pytest.raises(DataError, check=has_code("not-finite", "truth", 3)):
-        judge_map(replace(square_run(), truth=truth))
-
-
-def test_other_broken_runs_are_refused() -> None:
+def test_broken_runs_are_refused() -> None:
     run = square_run()
+
+    def changed(name: str, row: Any, value: float) -> RatSlamRun:
+        values = getattr(run, name).copy()
+        values[row] = value
+        return replace(run, **{name: values})
+
+    for broken, code in (
+        (changed("truth", (3, 1), np.nan), has_code("not-finite", "truth", 3)),
+        (changed("truth", (3, 1), np.inf), has_code("not-finite", "truth", 3)),
+        (changed("nodes", 2, np.nan), has_code("not-finite", "nodes", 2)),
+        (changed("actions", (5, 2), 9), has_code("unknown-node", "actions", 9)),
+        (replace(run, stamps_ns=run.stamps_ns[::-1].copy()), has_code("stamps-decrease", 1)),
+    ):
+        with pytest.raises(DataError, check=code):
+            judge_map(broken)
     with pytest.raises(ShapeError, match="truth"):
         replace(run, truth=np.zeros((3, 3)))
-    with pytest.raises(DataError, check=has_code("stamps-decrease", 1)):
-        judge_map(replace(run, stamps_ns=run.stamps_ns[::-1].copy()))
-    actions = run.actions.copy()
-    actions[5, 2] = 9
-    with pytest.raises(DataError, check=has_code("unknown-node", "actions", 9)):
-        judge_map(replace(run, actions=actions))
-    with pytest.raises(DataError, check=has_code("not-finite", "nodes", 2)):
-        nodes = run.nodes.copy()
-        nodes[2] = np.nan
-        judge_map(replace(run, nodes=nodes))
+
+
+def test_points_that_cannot_be_fitted_are_refused() -> None:
     with pytest.raises(ShapeError):
         fit_rigid(np.zeros((2, 3)), np.zeros((3, 3)))
     for wrong in (["a"], None, [[1, 2], [3]], [0, 0, 0]):

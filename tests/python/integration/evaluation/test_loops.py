@@ -176,7 +176,6 @@ def test_average_precision_is_scikit_learns_where_recall_counts_the_same_queries
 
 def test_the_figures_at_chosen_thresholds_are_those_of_the_curve() -> None:
     curve = precision_recall(*places_and_descriptors(11, 150), window=10, radius=5)
-    assert curve.max_f1 is not None and curve.max_f1_threshold is not None
     accepted = curve.accepted(curve.max_f1_threshold)
     good = (accepted & curve.correct).sum()
     assert curve.max_f1 == pytest.approx(2 * good / (accepted.sum() + curve.n_revisits))

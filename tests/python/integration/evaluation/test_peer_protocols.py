@@ -245,9 +245,7 @@ def test_under_solid_the_last_hundred_frames_are_no_candidates() -> None:
     "protocol, radius, window",
     [("revisit", 10, 50), ("ssc", 3, 50), ("scancontext", 4, 50), ("solid", 10, 100)],
 )
-def test_a_protocol_brings_its_radius_and_window_unless_they_are_given(
-    protocol: Any, radius: float, window: int
-) -> None:
+def test_a_protocol_brings_its_radius_and_window(protocol: Any, radius: float, window: int) -> None:
     config = EvaluationConfig(protocol=protocol)
     assert (config.radius, config.window) == (radius, window)
     assert EvaluationConfig(protocol=protocol, radius=7.0).radius == 7
@@ -321,7 +319,6 @@ def test_published_figures_stand_beside_ours(
     evaluations = [evaluate(run, protocols=[protocol]) for run in runs]
     peers = peer_figures(protocol, "00", len(places))
     table = peers_table(evaluations, protocol)
-    assert table is not None
     figures = {label: [cell.text for cell in cells] for label, cells in table.rows}
     assert figures["Scan Context, published"] == scan_context
     assert len(figures) == len(runs) + len(peers)
@@ -347,7 +344,7 @@ def test_nothing_stands_beside_what_was_not_published(
     assert metrics_of(evaluation)["peers"] == []
 
 
-def test_the_report_on_pairs_has_their_figures_and_leaves_matches_unjudged(
+def test_the_report_on_pairs_judges_no_matches(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     places = a_loop(150)

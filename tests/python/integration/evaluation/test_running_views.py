@@ -62,7 +62,7 @@ def add_drive(running: RunningViews, drive: Drive, start: int = 0) -> list[Judge
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.integers(1, 30), st.booleans())
-def test_after_every_scan_it_says_what_the_judge_of_the_drive_so_far_says(
+def test_after_every_scan_it_says_what_the_judge_says(
     seed: int, count: int, views: int, lax: bool
 ) -> None:
     ids, poses, stamps = random_drive(seed, count, views)

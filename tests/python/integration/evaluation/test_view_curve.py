@@ -50,9 +50,7 @@ def test_ids_follow_their_candidates_to_the_first_scene() -> None:
     assert ids_from_pairs(similarities, candidates, 0.5).tolist() == [0, 0, 0, 1, 1]
     assert ids_from_pairs(similarities, candidates, 0.85).tolist() == [0, 0, 1, 2, 3]
     assert ids_from_pairs([np.nan], [-1], 0.5).tolist() == [0]
-
-
-def test_a_threshold_accepts_what_equals_it() -> None:
+    # A threshold accepts what equals it.
     assert ids_from_pairs([0, 0.5], [-1, 0], 0.5).tolist() == [0, 0]
 
 
@@ -81,7 +79,6 @@ def test_a_matcher_is_run_once_a_threshold() -> None:
 def test_the_best_threshold_keeps_the_demanded_precision() -> None:
     curve = sweep_pairs(ViewJudge(*two_laps()), *nearest_earlier(0.4))
     threshold = curve.best_threshold(0.95)
-    assert threshold is not None
     best = curve.at(threshold)
     assert best["loop_precision"] is not None and best["loop_precision"] >= 0.95
     allowed = curve.figures["loop_precision"] >= 0.95
@@ -142,9 +139,6 @@ def test_the_published_figures_stand_where_the_thesis_has_them() -> None:
     assert house["both stages"].build_ms == 88.265 and house["both stages"].view_bytes == 1152
     assert published_views("warehouse")[0].max_error == 3.06
     assert published_views("kitchen") == ()
-
-
-def test_what_was_measured_again_names_each_world_once() -> None:
     for measured in (RERUN_VIEWS, RERUN_DESCRIPTORS):
         keys = [(row.world, row.input) for row in measured]
         assert len(set(keys)) == len(keys) and len(keys) % 3 == 0

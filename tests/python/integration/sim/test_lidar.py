@@ -92,14 +92,11 @@ def test_noise_lies_along_the_ray_with_the_configured_deviation(caster: RayCaste
     assert np.abs(across).max() < 1e-4
 
 
-def test_drop_outs_have_the_configured_share(caster: RayCaster) -> None:
+def test_shots_are_lost_at_the_configured_share_and_beyond_the_ranges(caster: RayCaster) -> None:
     whole, some = (
         swept(caster, pose(), rings=16, azimuths=900, dropout=share) for share in (0, 0.1)
     )
     assert 1 - len(some.ray) / len(whole.ray) == pytest.approx(0.1, abs=0.01)
-
-
-def test_what_is_too_near_or_too_far_returns_nothing(caster: RayCaster) -> None:
     limits = {"min_range_m": 1.5, "range_m": 4.5}
     whole, cut = swept(caster, pose()), swept(caster, pose(), **limits)
     far = np.linalg.norm(whole.points, axis=1)
@@ -146,12 +143,8 @@ def test_points_carry_the_fields_that_are_asked_for(caster: RayCaster) -> None:
     sweep = scan(caster, config, pose(), np.random.default_rng(0))
     objects = (caster.part_of(sweep.hits) + 1).astype(np.uint16)
     values = point_fields(config, sweep, objects)
-    assert [(name, array.dtype.str) for name, array in values.items()] == [
-        ("object", "<u2"),
-        ("ring", "<u2"),
-        ("time", "<f4"),
-        ("intensity", "<f4"),
-    ]
+    kinds = {"object": "<u2", "ring": "<u2", "time": "<f4", "intensity": "<f4"}
+    assert [(name, array.dtype.str) for name, array in values.items()] == [*kinds.items()]
     height = sweep.points[:, 2] / np.linalg.norm(sweep.points, axis=1)
     rings = np.deg2rad(np.linspace(config.bottom_deg, config.top_deg, 4))
     assert np.allclose(np.sin(rings)[values["ring"]], height, atol=1e-5)
@@ -162,12 +155,9 @@ def test_points_carry_the_fields_that_are_asked_for(caster: RayCaster) -> None:
     floor = np.abs(sweep.points[:, 2] + 0.5) < 1e-4
     assert set(names[floor]) == {"floor"} and "floor" not in set(names[~floor])
     assert set(names[sweep.points[:, 0] > 5.99]) <= {"east", "floor"}
-
-
-def test_a_scan_without_motion_has_no_times(caster: RayCaster) -> None:
-    config = LidarMount(rings=4, azimuths=30)
-    sweep = scan(caster, config, pose(), np.random.default_rng(0))
-    assert not point_fields(config, sweep, np.zeros(0, np.uint16))["time"].any()
+    still = config.model_copy(update={"scan_motion": False})
+    sweep = scan(caster, still, pose(), np.random.default_rng(0))
+    assert not point_fields(still, sweep, np.zeros(0, np.uint16))["time"].any()
 
 
 @rows(

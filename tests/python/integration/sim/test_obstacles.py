@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Moving boxes: never in a wall, never in the robot's way, seen by every sensor."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from fusionslam.sim.scene import RayCaster
 from worlds import block, hall, straight
 
 THREE = ObstacleConfig(number=3)
+Boxes = tuple[Obstacle, ...]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +27,7 @@ def grid() -> OccupancyMap:
 
 
 @pytest.fixture(scope="module")
-def obstacles(grid: OccupancyMap) -> tuple[Obstacle, ...]:
+def obstacles(grid: OccupancyMap) -> Boxes:
     return plan_obstacles(THREE, grid, straight(10.0), 0.22, seed=1)
 
 
@@ -42,7 +45,10 @@ def gap(place: np.ndarray, obstacle: Obstacle, seconds: float) -> float:
     return float(np.linalg.norm(beyond.clip(min=0)))
 
 
-def test_boxes_never_touch_walls_or_furniture(obstacles: tuple[Obstacle, ...]) -> None:
+def test_boxes_keep_clear_of_walls_furniture_and_each_other(obstacles: Boxes) -> None:
+    for first, second in combinations(obstacles, 2):
+        apart = np.linalg.norm(first.places - second.places, axis=1)
+        assert apart.min() > first.radius_m + second.radius_m
     for obstacle in obstacles:
         for seconds in np.linspace(0, 10, 41):
             x, y, _ = corners(obstacle, seconds).T
@@ -52,7 +58,7 @@ def test_boxes_never_touch_walls_or_furniture(obstacles: tuple[Obstacle, ...]) -
             assert not (red | blue).any()
 
 
-def test_boxes_keep_their_distance_from_the_robot(obstacles: tuple[Obstacle, ...]) -> None:
+def test_boxes_keep_their_distance_from_the_robot(obstacles: Boxes) -> None:
     way = straight(10.0)
     for seconds in np.linspace(0, 10, 301):
         x, y, _ = way.places(seconds)
@@ -61,14 +67,7 @@ def test_boxes_keep_their_distance_from_the_robot(obstacles: tuple[Obstacle, ...
             assert apart > 0.22 + THREE.distance_m - 1e-6
 
 
-def test_boxes_keep_clear_of_each_other(obstacles: tuple[Obstacle, ...]) -> None:
-    for number, first in enumerate(obstacles):
-        for second in obstacles[:number]:
-            apart = np.linalg.norm(first.places - second.places, axis=1)
-            assert apart.min() > first.radius_m + second.radius_m
-
-
-def test_boxes_move_at_their_speed_to_and_fro(obstacles: tuple[Obstacle, ...]) -> None:
+def test_boxes_move_at_their_speed_to_and_fro(obstacles: Boxes) -> None:
     for obstacle in obstacles:
         moves = np.diff(obstacle.places, axis=0)
         speed = np.linalg.norm(moves, axis=1) / np.diff(obstacle.seconds)
@@ -106,9 +105,7 @@ def test_the_same_seed_plans_the_same_boxes(grid: OccupancyMap) -> None:
         assert not np.array_equal(a.places, c.places)
 
 
-def test_too_many_boxes_are_an_error_that_says_how_many_there_is_room_for(
-    grid: OccupancyMap,
-) -> None:
+def test_an_error_says_for_how_many_boxes_there_is_room(grid: OccupancyMap) -> None:
     config = ObstacleConfig(number=25, size_m=(1.5, 1.5, 1.0))
     with pytest.raises(DataError, match=r"obstacles\.number", check=has_code("no-room", 25)):
         plan_obstacles(config, grid, straight(10.0), 0.22, seed=1)

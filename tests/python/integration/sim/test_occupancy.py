@@ -58,9 +58,7 @@ def world_scene(path: Path) -> Scene:
 
 @given(GRIDS, st.floats(0.0, 0.6))
 @settings(max_examples=60, deadline=None)
-def test_an_inflated_map_is_occupied_wherever_an_obstacle_is_within_the_radius(
-    occupied: NDArray[np.bool_], radius: float
-) -> None:
+def test_an_inflated_map_holds_the_radius(occupied: NDArray[np.bool_], radius: float) -> None:
     found = grid_of(occupied).inflate(radius).occupied
     around = np.argwhere(np.pad(occupied, 1, constant_values=True)) - 1
     for row, column in np.ndindex(occupied.shape):
@@ -71,9 +69,7 @@ def test_an_inflated_map_is_occupied_wherever_an_obstacle_is_within_the_radius(
 
 @given(GRIDS)
 @settings(max_examples=40, deadline=None)
-def test_the_reachable_part_is_what_flooding_from_any_of_its_cells_finds(
-    free: NDArray[np.bool_],
-) -> None:
+def test_the_reachable_part_is_what_flooding_finds(free: NDArray[np.bool_]) -> None:
     part = largest_part(free)
     best = 0
     for start in map(tuple, np.argwhere(free)):
@@ -291,9 +287,7 @@ def test_coloured_maps_and_other_names_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["warehouse", pytest.param("small_house", marks=pytest.mark.nightly)]
 )
-def test_the_map_of_a_world_is_that_of_another_program_but_for_borders(
-    test_data: Path, name: str
-) -> None:
+def test_maps_are_those_of_another_program_but_for_borders(test_data: Path, name: str) -> None:
     path = test_data / "worlds" / name
     given = read_map(path.with_suffix(".map.yaml"))
     made = occupancy_of(

@@ -227,7 +227,6 @@ def test_plans_without_room_or_sense_are_refused() -> None:
 @pytest.mark.slow
 def test_drives_through_furnished_worlds_keep_clear_and_come_back(name: str, shares: float) -> None:
     grid = make_indoor(INDOOR_WORLDS[name].config()).map
-    assert grid is not None
     config = PlanConfig(length_m=150.0)
     found = plan_trajectory(grid, config)
     check_trajectory(found, grid, config.clearance_m)

@@ -81,7 +81,6 @@ def test_the_depth_of_the_pair_is_that_of_the_scan(recorded: Path) -> None:
 
 def relative_errors(frame: Frame) -> NDArray[np.float64]:
     """Of the pair's depth where a point of the scan within 40 m is seen less than a pixel off."""
-    assert frame.points is not None
     scan, depths = project_cloud(frame, Cloud(frame.points))
     near = (depths > 1) & (depths < 40)
     pixels, found = project_cloud(frame, fuse(frame, STEREO))

@@ -105,9 +105,7 @@ def test_a_complete_recording_is_kept(recorded: Path) -> None:
     assert record(TINY, recorded, progress=refuse) == recorded
 
 
-def test_the_embedded_drive_is_made_once_in_the_cache(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_embedded_drive_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path))
     monkeypatch.setattr(recorder, "SimConfig", lambda: TINY)
     steps: list[int] = []
@@ -179,7 +177,7 @@ def test_poses_are_rigid_and_start_at_identity(recorded: Path) -> None:
     assert poses[1, 2, 3] > 10  # z of the camera points forward
 
 
-def test_lidar_points_project_onto_pixels_of_the_same_depth(
+def test_points_project_onto_their_depth(
     recorded: Path, caster: RayCaster, poses: np.ndarray
 ) -> None:
     calib = matrices(recorded / "sequences" / "00" / "calib.txt")
@@ -202,9 +200,7 @@ def test_lidar_points_project_onto_pixels_of_the_same_depth(
     assert np.median(error) < 0.04
 
 
-def test_points_of_the_left_picture_are_found_at_their_disparity_in_the_right_one(
-    caster: RayCaster, poses: np.ndarray
-) -> None:
+def test_pictures_match_at_the_disparity_of_the_depth(caster: RayCaster, poses: np.ndarray) -> None:
     camera = StereoConfig()
     left, right = (
         photograph(caster, camera, pose, (1, 1, 1), np.random.default_rng(k)).mean(axis=2)
@@ -317,20 +313,16 @@ RINGED = SimConfig(
 )
 
 
-def test_a_car_with_four_cameras_writes_a_folder_whose_scans_they_colour_all_round(
-    tmp_path: Path,
-) -> None:
+def test_four_cameras_colour_scans_all_round(tmp_path: Path) -> None:
     folder = record(RINGED, tmp_path / "drive", jobs=2)
     dataset = open_dataset(folder)
     assert (dataset.kind, dataset.sensors) == ("folder", ("points", "left"))
     assert list(dataset[0].images) == list(dataset.cameras) == list(RING)
     assert [dataset.counts[name] for name in RING] == [len(dataset)] * 4
     drive = make_drive(DRIVE, TOWN.block_m, RINGED.seed)
-    assert dataset.poses is not None
     assert np.allclose(dataset.poses, drive.poses @ car_from_lidar(RINGED.car), atol=1e-9)
     assert np.allclose(dataset[0].robot_from_points, car_from_lidar(RINGED.car))
     for frame in dataset:
-        assert frame.points is not None
         assert len(fuse(frame)) > 0.97 * len(frame.points)
         assert len(fuse(frame, FusionConfig(cameras=("left",)))) < 0.5 * len(frame.points)
     again = record(RINGED, folder, progress=lambda *_: pytest.fail("it was complete"))

@@ -113,7 +113,7 @@ def expect_missing(folder: Path, *words: str) -> None:
         (WORLD, edit("model://table", "https://fuel/table"), "model https://fuel/table"),
     ],
 )
-def test_what_is_missing_or_damaged_or_beyond_us_is_listed(
+def test_what_cannot_be_had_is_listed(
     tmp_path: Path, file: str, change: Change, words: str
 ) -> None:
     room = copy_room(tmp_path)
@@ -139,9 +139,7 @@ def test_an_obj_whose_texture_coordinates_lack_one_is_refused(room: Path) -> Non
         load_world(room)
 
 
-def test_everything_missing_is_in_one_message_and_logged_each_thing_once(
-    room: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_each_missing_thing_is_named_once(room: Path, caplog: pytest.LogCaptureFixture) -> None:
     shutil.rmtree(room / "models/stack")
     (room / TABLE).unlink()
     twice = "<uri>model://lamp</uri>\n      <pose>-2 2 0 0 0 0</pose>\n    </include>"
@@ -193,7 +191,7 @@ def test_without_pycollada_the_message_says_how_to_get_it(monkeypatch: pytest.Mo
         load_world(ROOM)
 
 
-def test_models_that_include_each_other_again_and_again_are_refused(
+def test_models_that_include_each_other_are_refused(
     room: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fusionslam.sim.worlds.models._MOST_MODELS", 500)

@@ -78,8 +78,7 @@ def test_speeds_are_those_of_the_drive() -> None:
 def test_noise_of_the_speed_spreads_the_way_forwards_only(rate: float) -> None:
     x, y, yaw = ends(straight(), rate, speed_noise=0.05).T
     assert is_near(x, 1 + SPEED * SECONDS, 0.05 * np.sqrt(SECONDS))
-    assert not np.ptp(y)
-    assert not np.ptp(yaw)
+    assert not np.ptp(y) and not np.ptp(yaw)
 
 
 @rows("rate", [10.0, 30.0])
@@ -98,8 +97,7 @@ def test_noise_of_the_turn_rate_spreads_the_heading_and_then_the_way(rate: float
 def test_turning_on_the_spot_spreads_the_heading_and_moves_nothing() -> None:
     x, y, yaw = ends(spot_turn(4 * np.pi), turn_noise=0.03).T
     assert is_near(yaw, 0.3 + 4 * np.pi, 0.03 * np.sqrt(SECONDS))
-    assert not np.ptp(x)
-    assert not np.ptp(y)
+    assert not np.ptp(x) and not np.ptp(y)
 
 
 def test_factors_and_noise_go_together() -> None:
@@ -139,7 +137,6 @@ def test_rates_without_sense_are_refused(rate: float) -> None:
 def test_errors_without_sense_are_refused() -> None:
     with pytest.raises(ConfigError, match="speed_noise"):
         merged(OdometryConfig(), {"speed_noise": -0.1})
-    with pytest.raises(
-        ConfigError, match="'rotation_scale'", check=has_code("unknown-key", "rotation_scal")
-    ):
+    unknown = has_code("unknown-key", "rotation_scal")
+    with pytest.raises(ConfigError, match="'rotation_scale'", check=unknown):
         merged(OdometryConfig(), {"rotation_scal": 1.1})

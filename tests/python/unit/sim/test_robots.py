@@ -174,9 +174,7 @@ def test_a_pair_whose_cameras_are_mounted_apart_is_refused() -> None:
         ("radius_m: 0.1", r"mine.yaml: .* lidars, cameras\b"),
     ],
 )
-def test_a_wrong_description_is_an_error_that_names_file_and_key(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_wrong_descriptions_name_file_and_key(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=message):

@@ -130,9 +130,7 @@ def test_nodes_are_objects_where_their_transforms_put_them_with_z_up(tmp_path: P
     np.testing.assert_allclose(world.visual.mesh.normals, [[0, 0, 1]] * 4)
 
 
-def test_a_node_of_several_materials_is_one_object_and_a_picture_twice_one_texture(
-    tmp_path: Path,
-) -> None:
+def test_a_node_is_one_object_and_a_picture_one_texture(tmp_path: Path) -> None:
     glb = Glb()
     glb.node("desk", *(glb.square({"baseColorFactor": [c, 0, 0, 1]}) for c in (0.2, 0.8)))
     scene = load_world(glb.write(tmp_path / "desk.glb")).visual
@@ -143,13 +141,10 @@ def test_a_node_of_several_materials_is_one_object_and_a_picture_twice_one_textu
     assert len(load_world(glb.write(tmp_path / "twice.glb")).visual.textures) == 1
 
 
-def test_a_plain_material_is_a_white_texture_and_a_tint_as_displayed(tmp_path: Path) -> None:
+def test_materials_are_textures_with_v_upwards_and_tints_as_displayed(tmp_path: Path) -> None:
     scene = load_world(square_world(tmp_path / "plain.glb")).visual
     assert [texture.tolist() for texture in scene.textures] == [[[[255] * 4]]]
     np.testing.assert_allclose(scene.mesh.tint, [[0.2, 0.4, 0.6]] * 2, atol=0.5 / 255)
-
-
-def test_a_texture_is_read_with_v_upwards_and_tinted_by_the_factor(tmp_path: Path) -> None:
     glb = Glb()
     material = {"baseColorFactor": [1, 0.5, 1, 1], **glb.texture(FOUR)}
     glb.node("poster", glb.square(material, TEXCOORD_0=glb.uv()))
@@ -245,15 +240,12 @@ def test_other_and_damaged_files_are_refused(
     assert not codes or error.value.code in codes.split()
 
 
-def test_required_extensions_are_named(tmp_path: Path) -> None:
+def test_required_extensions_and_missing_pictures_are_named(tmp_path: Path) -> None:
     glb = Glb()
     glb.node("square", glb.square(None))
     glb.header["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_basisu"]
     with pytest.raises(DataError, match="KHR_texture_basisu"):
         load_world(glb.write(tmp_path / "packed.glb"))
-
-
-def test_a_picture_outside_the_file_that_is_missing_is_named(tmp_path: Path) -> None:
     glb = Glb()
     glb.node("poster", glb.square(glb.image({"uri": "gone.png"}), TEXCOORD_0=glb.uv()))
     path = glb.write(tmp_path / "poster.glb")
