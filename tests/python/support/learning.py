@@ -64,8 +64,8 @@ def simulated_places(seed: int, **values: Any) -> Sights:
         config = SimulatedPlacesConfig(seed=seed, worlds=1, **values)
         name, clouds, poses = next(simulate_places(config))
         stored = CloudArray.of(clouds)
-        arrays = {"points": stored.points, "colors": stored.colors, "offsets": stored.offsets}
-        np.savez(folder / "places.npz", name=name, poses=poses, **arrays)
+        arrays: dict[str, Any] = {"name": name, "poses": poses, **vars(stored)}
+        np.savez(folder / "places.npz", **arrays)
 
     with np.load(artefact(f"places_{seed}", make) / "places.npz") as file:
         kept = CloudArray(file["points"], file["colors"], file["offsets"])

@@ -5,11 +5,12 @@
 import gzip
 from pathlib import Path
 
+from typing import Any
 import numpy as np
 import pytest
 from trimesh import Trimesh
 
-from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.learning.modelnet import read_modelnet, read_voxels
 from fusionslam.learning.procedural_shapes import SHAPES, box, ellipsoid, sample_points, torus
 from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet, generate_shapes, join_sets
@@ -231,9 +232,7 @@ def test_networks_are_given_metres_over_a_range_or_a_unit_sphere() -> None:
         (np.zeros((4, 3), np.float32), np.zeros((4, 3)), ShapeError, "shape"),
     ],
 )
-def test_clouds_that_no_network_can_take_are_refused(
-    points: np.ndarray, colors: np.ndarray | None, error: type[FusionSlamError], code: str
-) -> None:
+def test_bad_clouds_are_refused(points: np.ndarray, colors: Any, error: Any, code: str) -> None:
     with refuses(code, error=error):
         network_input(points, colors, ROBOT)
 

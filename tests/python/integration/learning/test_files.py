@@ -3,7 +3,6 @@
 """Weights and ONNX: both hold the same network, and files that do not fit are named."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +82,7 @@ def colored(networks: Path) -> SecondStage:
 
 
 @rows("config", [TINY, TINY_COLORED, PointNetConfig()])
-def test_onnxruntime_gives_the_features_that_torch_gives(
+def test_onnxruntime_and_torch_give_the_same_features(
     config: PointNetConfig, tmp_path: Path
 ) -> None:
     network = pointnet(tmp_path, config, CALIBRATED)
@@ -100,7 +99,7 @@ def test_onnxruntime_gives_the_features_that_torch_gives(
 
 
 @rows("activation", ["relu", "none"])
-def test_onnxruntime_gives_the_probabilities_that_torch_gives(
+def test_onnxruntime_and_torch_give_the_same_odds(
     activation: str, networks: Path, tmp_path: Path
 ) -> None:
     network = comparison(tmp_path, activation=activation)
@@ -129,24 +128,18 @@ def test_a_distance_becomes_the_probability_of_its_calibration(colored: SecondSt
 
 
 @rows("suffix, read", [("safetensors", load_pointnet), ("onnx", SecondStage)])
-def test_files_that_are_cut_short_foreign_or_missing_are_named(
-    suffix: str, read: Callable[[Path], object], networks: Path, tmp_path: Path
-) -> None:
+def test_damaged_files_are_named(suffix: str, read: Any, networks: Path, tmp_path: Path) -> None:
     path = copy_artefact(networks / f"features.{suffix}", tmp_path / f"features.{suffix}")
     check_damaged_files(path, read)
 
 
 @rows("suffix, read", [("safetensors", load_pointnet), ("onnx", SecondStage)])
-def test_a_comparison_is_not_taken_for_features(
-    suffix: str, read: Callable[[Path], object], networks: Path
-) -> None:
+def test_a_comparison_is_not_taken_for_features(suffix: str, read: Any, networks: Path) -> None:
     with refuses("other-kind"):
         read(networks / f"comparison.{suffix}")
 
 
-def test_a_comparison_of_another_number_of_features_is_refused(
-    networks: Path, tmp_path: Path
-) -> None:
+def test_a_comparison_of_other_features_is_refused(networks: Path, tmp_path: Path) -> None:
     comparison(tmp_path, features=30)
     with pytest.raises(DataError, match=r"30.*32"):
         SecondStage(networks / "features.onnx", tmp_path / "comparison.onnx")
@@ -159,9 +152,7 @@ def test_a_comparison_of_another_number_of_features_is_refused(
         ({"embedding": 4}, r"embedding\.bias"),
     ],
 )
-def test_tensors_that_do_not_fit_the_file_s_own_words_are_named(
-    change: dict[str, Any], named: str, tmp_path: Path
-) -> None:
+def test_tensors_that_do_not_fit_are_named(change: Any, named: str, tmp_path: Path) -> None:
     path, said = tmp_path / "odd.safetensors", TINY.model_copy(update=change)
     save_weights(path, PointNet(TINY), About("pointnet", said))
     with pytest.raises(DataError, match=named):
@@ -177,9 +168,7 @@ def test_weights_that_are_not_finite_are_refused(tmp_path: Path) -> None:
 
 
 @rows("values", [{}, {"format": "fusionslam.network.9"}, {"format": "fusionslam.network.1"}])
-def test_onnx_of_others_or_of_another_version_is_refused(
-    values: dict[str, str], networks: Path, tmp_path: Path
-) -> None:
+def test_onnx_of_another_version_is_refused(values: Any, networks: Path, tmp_path: Path) -> None:
     model = onnx.load(networks / "uncalibrated" / "features.onnx")
     onnx.helper.set_model_props(model, {"fusionslam": json.dumps(values)})
     onnx.save(model, tmp_path / "odd.onnx")

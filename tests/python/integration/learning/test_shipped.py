@@ -43,9 +43,7 @@ def test_each_network_is_below_a_megabyte_and_has_a_card(stem: str) -> None:
 
 @rows("stem", STEMS)
 @rows("suffix", ["onnx", "safetensors"])
-def test_a_network_of_which_one_bit_changed_is_refused(
-    stem: str, suffix: str, tmp_path: Path
-) -> None:
+def test_a_changed_bit_is_noticed(stem: str, suffix: str, tmp_path: Path) -> None:
     for path in SHIPPED.glob(f"{stem}.*"):
         shutil.copy(path, tmp_path)
     path = tmp_path / f"{stem}.{suffix}"
@@ -125,9 +123,7 @@ def warehouse() -> Sights:
 
 
 @rows("model, least", [("places", 0.95), ("thesis", 0.85)])
-def test_places_of_a_world_never_trained_on_are_told_apart(
-    model: str, least: float, unknown_places: Places
-) -> None:
+def test_unknown_places_are_told_apart(model: str, least: float, unknown_places: Places) -> None:
     places = unknown_places
     stage, everything = SecondStage(model), range(len(places))
     table = np.stack([stage.features(places[index]) for index in everything])
@@ -147,9 +143,7 @@ def test_the_matcher_takes_it_as_its_second_stage() -> None:
         assert [one.process(seen).id for seen in (near, far, near, far)] == expected
 
 
-def test_simulated_places_are_seen_several_times_and_repeat_with_their_seed(
-    warehouse: Sights,
-) -> None:
+def test_simulated_places_repeat_with_their_seed(warehouse: Sights) -> None:
     from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
 
     name, clouds, poses = warehouse

@@ -156,9 +156,7 @@ def test_a_training_that_was_interrupted_ends_the_same(
 
 
 @pytest.mark.slow
-def test_places_are_learned_and_torch_s_threads_and_random_numbers_left_alone(
-    tmp_path: Path,
-) -> None:
+def test_places_are_learned_and_torch_s_state_is_left_alone(tmp_path: Path) -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     torch.manual_seed(77)
@@ -172,7 +170,7 @@ def test_places_are_learned_and_torch_s_threads_and_random_numbers_left_alone(
     assert trained.scores["auc"] > 0.8
 
 
-def test_a_checkpoint_of_other_settings_is_not_gone_on_with(features: Path, tmp_path: Path) -> None:
+def test_a_checkpoint_of_other_settings_is_refused(features: Path, tmp_path: Path) -> None:
     folder = copy_artefact(features, tmp_path / "run")
     other = merged(SHAPES_CONFIG, {"optimiser": {"seed": 6}})
     with pytest.raises(ConfigError, match=r"optimiser\.seed .*5.*6"):
@@ -195,9 +193,7 @@ def test_a_loss_that_is_no_number_ends_the_training(tmp_path: Path) -> None:
 @rows(
     "changes, words", [({"network": {"colors": True}}, "network.colors"), ({"batch": 500}, "500")]
 )
-def test_shapes_that_do_not_fit_the_settings_are_refused(
-    changes: dict[str, Any], words: str
-) -> None:
+def test_shapes_that_do_not_fit_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises((ConfigError, DataError), match=words):
         ShapesTask(*shapes(), merged(SHAPES_CONFIG, changes))
 

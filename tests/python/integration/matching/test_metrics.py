@@ -324,9 +324,7 @@ def test_a_turn_by_whole_columns_is_found(metric: str) -> None:
         ("iris", [0.5] * 720, "descriptor 1 .*0.5.*65535"),
     ],
 )
-def test_values_that_mean_nothing_in_a_metric_are_refused(
-    metric: str, row: list[float], message: str
-) -> None:
+def test_values_without_meaning_are_refused(metric: str, row: list[float], message: str) -> None:
     bad = np.array(row, np.float32)
     good = np.ones_like(bad)
     index = index_of(good[None], metric)

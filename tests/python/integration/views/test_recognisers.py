@@ -111,9 +111,7 @@ def test_unknown_presets_are_refused(name: str) -> None:
         ("method=cm2dp", ("config", "--set", "views.descriptor=shot")),
     ],
 )
-def test_commands_refuse_former_and_unknown_names(
-    right: str, command: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_commands_refuse_wrong_names(right: str, command: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "x.npz").touch()
     places = {"DATA": tmp_path / "x.npz", "OUT": tmp_path / "out"}
     assert right in fails(2, *(places.get(word, word) for word in command))
@@ -127,7 +125,7 @@ def test_a_recogniser_of_images_compares_no_scans() -> None:
 @rows(
     "method, former, kind", [("objects", "scenes", "scenes"), ("shot", "descriptor", "descriptor")]
 )
-def test_views_that_a_former_version_stored_are_loaded(
+def test_views_of_a_former_version_are_loaded(
     method: str, former: str, kind: str, tmp_path: Path
 ) -> None:
     path, one = tmp_path / "views.npz", matcher(method=method)

@@ -45,9 +45,7 @@ def record(scenes: SceneSet, **options: Any) -> SceneRecorder:
 
 
 @rows("only_scenes", [False, True])
-def test_recorded_scans_give_the_set_that_views_record_writes(
-    tmp_path: Path, only_scenes: bool
-) -> None:
+def test_a_recorder_gives_what_the_command_writes(tmp_path: Path, only_scenes: bool) -> None:
     source = tmp_path / "boxes.npz"
     write_recording(source, (*LAPS, 8, -1, 8))
     flags = ["--only-scenes"] if only_scenes else []

@@ -47,9 +47,7 @@ def test_the_second_stage_named_is_the_one_given_by_hand(model: str) -> None:
 
 # Below the start no second opinion is needed.
 @rows("more, expected", [({}, [0, 1]), ({"second_start": 1.0}, [0, 0])])
-def test_every_match_passes_both_unless_a_start_is_named(
-    more: dict[str, float], expected: list[int]
-) -> None:
+def test_every_match_passes_both_from_the_start_on(more: Any, expected: list[int]) -> None:
     one = matcher(**ALL_ALIKE, second_stage="places", second_threshold=1.0, **more)
     assert [one.process(place(number)).id for number in (0, 5)] == expected
 
@@ -70,9 +68,7 @@ def test_each_method_goes_on_from_a_file_with_its_second_stage(method: str, tmp_
 
 
 @rows("preset, network", [("robust", "places"), ("author", "thesis")])
-def test_the_second_stage_of_a_preset_is_stored_by_name(
-    preset: str, network: str, tmp_path: Path
-) -> None:
+def test_a_preset_s_second_stage_is_stored(preset: str, network: str, tmp_path: Path) -> None:
     one = matcher(method="two_stages", preset=preset)
     one.save(tmp_path / "views")
     with np.load(tmp_path / "views") as stored:
@@ -88,7 +84,7 @@ def test_the_second_stage_of_a_preset_is_stored_by_name(
         (np.full((1, 256), np.nan, np.float32), "not finite"),
     ],
 )
-def test_features_of_another_network_are_refused_when_loaded(
+def test_features_of_another_network_are_refused(
     features: NDArray[np.float32], message: str, tmp_path: Path
 ) -> None:
     one = matcher(**OURS)
@@ -128,9 +124,7 @@ def test_scans_without_objects_cannot_be_stored_by_two_stages() -> None:
         ("thesis_features.onnx", "calibration"),
     ],
 )
-def test_files_that_are_missing_cut_or_of_another_kind_are_refused(
-    name: str, message: str, tmp_path: Path
-) -> None:
+def test_files_of_no_network_are_refused(name: str, message: str, tmp_path: Path) -> None:
     for path in SHIPPED.glob("thesis*"):
         (tmp_path / path.name).symlink_to(path)
     (tmp_path / "cut.onnx").write_bytes((SHIPPED / "thesis_features.onnx").read_bytes()[:1000])

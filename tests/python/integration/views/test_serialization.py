@@ -208,9 +208,7 @@ def change_field(name: str, field: str, value: float) -> dict[str, Any]:
         (TWO_STAGES, {"features": None}, "features"),
     ],
 )
-def test_arrays_that_no_cloud_gives_are_refused(
-    kind: str, change: dict[str, Any], words: str
-) -> None:
+def test_arrays_of_no_cloud_are_refused(kind: str, change: dict[str, Any], words: str) -> None:
     assert words in refusal(kind, change)
 
 
@@ -229,9 +227,7 @@ def test_features_of_nothing_are_refused() -> None:
         ({"second_stage": "thesis"}, {"second_stage": "places"}, "second_stage"),
     ],
 )
-def test_views_that_were_made_otherwise_are_refused(
-    one: dict[str, Any], other: dict[str, Any], setting: str
-) -> None:
+def test_views_that_were_made_otherwise_are_refused(one: Any, other: Any, setting: str) -> None:
     pytest.importorskip("onnxruntime")
     builder, taker = (matcher(**values).comparison for values in (one, other))
     data = view_to_bytes(builder, builder.view(place(0)))

@@ -45,9 +45,7 @@ print((kibibytes("VmHWM") - before) * 1024 / (4 * rows * columns))
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="tells no peak of memory")
-def test_filling_saving_and_loading_an_index_takes_little_more_than_its_size(
-    tmp_path: Path,
-) -> None:
+def test_an_index_takes_little_more_memory_than_its_size(tmp_path: Path) -> None:
     for path in ("", "saved.index"):  # rows are a little fewer than a power of two
         command = [sys.executable, "-c", MEMORY_PROGRAM, path, "130000", "192"]
         run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=True)
@@ -123,9 +121,7 @@ def test_a_long_batch_can_be_interrupted(threads: int) -> None:
             nearest(table, table, threads=threads)
 
 
-def test_a_signal_handler_may_read_the_index_that_is_in_use_but_not_change_it(
-    tmp_path: Path,
-) -> None:
+def test_a_signal_handler_may_read_the_index_but_not_change_it(tmp_path: Path) -> None:
     index, row = full_index(5000), np.ones(1000, np.float32)
     refused = []
 

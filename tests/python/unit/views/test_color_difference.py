@@ -4,6 +4,7 @@
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,9 +74,7 @@ def test_ciede2000_gives_the_34_published_differences() -> None:
 
 
 @rows("a, b", itertools.product(LAB, LAB))
-def test_differences_of_bytes_are_those_of_their_published_lab_values(
-    a: tuple[int, ...], b: tuple[int, ...]
-) -> None:
+def test_differences_of_bytes_are_those_of_lab_values(a: Any, b: Any) -> None:
     assert color_difference(a, b, "cie76") == pytest.approx(math.dist(LAB[a], LAB[b]), abs=0.05)
     assert color_difference(a, b) == pytest.approx(ciede2000(LAB[a], LAB[b]), abs=0.05)
 
@@ -111,15 +110,12 @@ def test_colours_between_bytes_lie_between_their_neighbours() -> None:
         ([0, 0, 0], "cie94", ConfigError, "ciede2000"),
     ],
 )
-def test_bad_colours_are_refused(
-    a: list[float], kind: str, error: type[Exception], words: str
-) -> None:
+def test_bad_colours_are_refused(a: list[float], kind: str, error: Any, words: str) -> None:
     with pytest.raises(error, match=words):
         color_difference(a, [1, 2, 3], kind)
 
 
-def test_infinite_lab_values_are_refused() -> None:
-    with pytest.raises(DataError, match="inf"):
-        ciede2000([50, math.inf, 0], [50, 0, 0])
+@rows("lab", [[50, math.inf, 0], [50, 1e300, 0]])
+def test_infinite_lab_values_are_refused(lab: list[float]) -> None:
     with pytest.raises(DataError):
-        ciede2000([50, 0, 0], [50, 1e300, 0])
+        ciede2000(lab, [50, 0, 0])

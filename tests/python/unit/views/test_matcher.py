@@ -121,9 +121,7 @@ def test_a_cloud_that_no_descriptor_fits_has_nothing_to_recognise() -> None:
 
 
 @rows("least, expected", [(1, 0), (2, NO_VIEW)])
-def test_single_objects_are_taken_and_counted_unless_more_are_asked_for(
-    least: int, expected: int
-) -> None:
+def test_single_objects_are_taken_unless_more_are_needed(least: int, expected: int) -> None:
     one = matcher(min_objects=least)
     assert one.process(place(0, objects=1)).id == expected
     assert one.stats.single == 1 and one.stats.nothing == int(least == 2)
@@ -131,9 +129,7 @@ def test_single_objects_are_taken_and_counted_unless_more_are_asked_for(
 
 # Nothing cannot be laid over nothing.
 @rows("method, expected", [("objects", [0, 1, 0]), ("alignment", [0, 1, 2])])
-def test_scans_without_objects_match_each_other_if_that_is_asked_for(
-    method: str, expected: list[int]
-) -> None:
+def test_scans_without_objects_may_match_each_other(method: str, expected: list[int]) -> None:
     one = matcher(method=method, min_objects=0)
     assert [one.process(cloud).id for cloud in (NOTHING, place(0), NOTHING)] == expected
 
@@ -218,9 +214,7 @@ def test_stored_views_are_counted_in_bytes(values: dict[str, Any], tmp_path: Pat
 
 
 @rows("values", [{}, {"policy": "several", "store_below": 0.999}, SCENES, DESCRIPTOR])
-def test_going_on_from_a_file_is_like_never_having_stopped(
-    values: dict[str, Any], tmp_path: Path
-) -> None:
+def test_a_stored_matcher_goes_on_the_same(values: dict[str, Any], tmp_path: Path) -> None:
     scenes = drive((0, 1, 2, 3, 0, 1, 6, -1, 7, 1, 0, 6))
     whole, one = (matcher(**values, max_views=3) for _ in range(2))
     expected = run_views(scenes, whole).matches
@@ -291,9 +285,7 @@ def test_a_file_that_is_cut_foreign_or_missing_is_refused(saved: Path) -> None:
         ({"views": {"threshold": 3.0}}, "threshold"),
     ],
 )
-def test_a_file_of_another_version_or_that_does_not_fit_is_refused(
-    change: dict[str, Any], words: str, tmp_path: Path
-) -> None:
+def test_a_file_that_does_not_fit_is_refused(change: Any, words: str, tmp_path: Path) -> None:
     matcher().save(tmp_path / "views")
     change_archive(tmp_path / "views", lambda about, _: about.update(change))
     with pytest.raises(DataError, match=words):

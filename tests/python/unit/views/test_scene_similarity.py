@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Similarity of scenes: against the original program, and one scene against many."""
 
-import threading
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -39,18 +40,23 @@ def test_our_scenes_are_exactly_like_themselves_and_published_ones_are_not() -> 
 @rows("preset", PRESETS)
 def test_one_against_many_is_what_pairs_give(preset: str) -> None:
     scenes = many_scenes(80, 14)
-    index = SceneIndex(preset=preset)
-    assert [index.add(scene) for scene in scenes] == list(range(80))
+    index = index_of(scenes, preset=preset)
+    assert len(index) == 80
     for current in scenes[::9]:
         pairs = [scene_similarity(current, stored, preset=preset) for stored in scenes]
         np.testing.assert_allclose(index.similarities(current), pairs, rtol=0, atol=1e-6)
 
 
-def test_similarities_do_not_depend_on_the_number_of_threads() -> None:
-    index = SceneIndex()
-    scenes = many_scenes(1500, 5)
+def index_of(scenes: Iterable[Scene], **options: Any) -> SceneIndex:
+    index = SceneIndex(**options)
     for scene in scenes:
         index.add(scene)
+    return index
+
+
+def test_similarities_do_not_depend_on_the_number_of_threads() -> None:
+    scenes = many_scenes(600, 5)
+    index = index_of(scenes)
     alone = index.similarities(scenes[3])
     for threads in (0, 2, 5):
         np.testing.assert_array_equal(index.similarities(scenes[3], threads=threads), alone)
@@ -58,27 +64,22 @@ def test_similarities_do_not_depend_on_the_number_of_threads() -> None:
 
 def test_an_index_without_scenes_answers_with_nothing() -> None:
     found = SceneIndex().similarities(many_scenes(1, 3, seed=2)[0])
-    assert found.shape == (0,)
-    assert found.dtype == np.float64
+    assert found.shape == (0,) and found.dtype == np.float64
 
 
-def test_an_empty_scene_is_like_an_empty_one_only() -> None:
+@rows("preset", PRESETS)
+def test_an_empty_scene_is_like_an_empty_one_only(preset: str) -> None:
     scene = random_scene(0, 3)
-    for preset in PRESETS:
-        index = SceneIndex(preset=preset)
-        index.add(EMPTY_SCENE)
-        index.add(scene)
-        assert index.similarities(EMPTY_SCENE).tolist() == [1, 0]
-        assert index.similarities(scene)[0] == 0
-        assert scene_similarity(EMPTY_SCENE, EMPTY_SCENE, preset=preset) == 1
-        assert scene_similarity(scene, EMPTY_SCENE, preset=preset) == 0
+    index = index_of([EMPTY_SCENE, scene], preset=preset)
+    assert index.similarities(EMPTY_SCENE).tolist() == [1, 0]
+    assert index.similarities(scene)[0] == 0
+    assert scene_similarity(EMPTY_SCENE, EMPTY_SCENE, preset=preset) == 1
+    assert scene_similarity(scene, EMPTY_SCENE, preset=preset) == 0
 
 
 def test_replaced_and_removed_scenes_are_gone() -> None:
     first, second, third = (random_scene(seed, 4) for seed in range(3))
-    index = SceneIndex()
-    for scene in (first, second):
-        index.add(scene)
+    index = index_of([first, second])
     index.replace(0, third)
     assert index.similarities(third)[0] == pytest.approx(1, abs=1e-6)
     index.remove(0)
@@ -88,9 +89,7 @@ def test_replaced_and_removed_scenes_are_gone() -> None:
 
 @rows("number", [-1, 2])
 def test_scenes_that_are_not_stored_cannot_be_replaced_or_removed(number: int) -> None:
-    index = SceneIndex()
-    for scene in many_scenes(2, 3):
-        index.add(scene)
+    index = index_of(many_scenes(2, 3))
     for change in (lambda: index.remove(number), lambda: index.replace(number, EMPTY_SCENE)):
         with pytest.raises(ConfigError, match=f"{number}"):
             change()
@@ -98,36 +97,25 @@ def test_scenes_that_are_not_stored_cannot_be_replaced_or_removed(number: int) -
 
 def test_threads_may_share_an_index() -> None:
     scenes = many_scenes(300, 6)
-    index = SceneIndex()
-    for scene in scenes[:100]:
-        index.add(scene)
-    found: list[Any] = []
-
-    def ask() -> None:
-        for _ in range(50):
-            found.append(index.similarities(scenes[0]))
-
-    readers = [threading.Thread(target=ask) for _ in range(3)]
-    for reader in readers:
-        reader.start()
-    for scene in scenes[100:]:
-        index.add(scene)
-    for reader in readers:
-        reader.join()
+    index = index_of(scenes[:100])
+    with ThreadPoolExecutor(3) as pool:
+        asked = [pool.submit(index.similarities, scenes[0]) for _ in range(150)]
+        for scene in scenes[100:]:
+            index.add(scene)
     whole = index.similarities(scenes[0])
-    assert len(found) == 150
-    for part in found:
-        np.testing.assert_array_equal(part, whole[: len(part)])
+    for each in asked:
+        np.testing.assert_array_equal(each.result(), whole[: len(each.result())])
 
 
 def test_a_similar_colour_matters_more_under_ours_than_under_the_published_weights() -> None:
     scene = random_scene(4, 1)
     objects = scene.objects.copy()
     objects["color"] = 255 - objects["color"]
-    recoloured = Scene(objects)
-    lost = {p: scene_similarity(scene, scene, preset=p) for p in PRESETS}
-    for preset in PRESETS:
-        lost[preset] -= scene_similarity(scene, recoloured, preset=preset)
+    lost = {
+        preset: scene_similarity(scene, scene, preset=preset)
+        - scene_similarity(scene, Scene(objects), preset=preset)
+        for preset in PRESETS
+    }
     assert lost["robust"] > 0.2
     assert max(lost["paper"], lost["author"]) < 0.03
 
@@ -172,17 +160,15 @@ def test_objects_of_impossible_colour_are_refused() -> None:
     objects = random_scene(6, 2).objects.copy()
     objects["color"][1] = [0, 300, 0]
     scene, index = Scene(objects), SceneIndex()
-    for use in (
-        lambda: scene_similarity(scene, EMPTY_SCENE),
-        lambda: index.add(scene),
-        lambda: index.similarities(scene),
-    ):
+    for use in (lambda: scene_similarity(scene, EMPTY_SCENE), lambda: index.add(scene)):
         with pytest.raises(DataError, match=r"object 1.*color"):
             use()
+    with pytest.raises(DataError, match=r"object 1.*color"):
+        index.similarities(scene)
 
 
 def test_objects_that_are_not_finite_make_no_scene() -> None:
     objects = random_scene(7, 2).objects.copy()
     objects["center"][0] = np.nan
     with pytest.raises(DataError, match="center"):
-        scene_similarity(Scene(objects), EMPTY_SCENE)
+        Scene(objects)

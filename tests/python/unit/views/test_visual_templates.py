@@ -10,7 +10,6 @@ import pytest
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.views.visual_templates import TemplateMatch, VisualTemplates
-from refusals import refuses
 from rows import rows
 from stored import change_archive, check_damaged_files
 
@@ -84,7 +83,7 @@ def test_every_image_gets_the_template_that_the_original_gave_it(original: Any) 
 def test_a_naive_version_agrees_with_and_without_the_filter_of_means(original: Any) -> None:
     images, expected = original
     for mean_margin in (0.005, None):
-        assert naive_ids(images[:5], mean_margin=mean_margin) == expected[:5]
+        assert naive_ids(images[:4], mean_margin=mean_margin) == expected[:4]
     open_filter = VisualTemplates(mean_margin=1.0)
     assert [open_filter.process(image).id for image in images] == expected
 
@@ -97,7 +96,7 @@ def test_the_first_image_is_new_and_the_same_one_again_is_found() -> None:
 
 
 @rows("blocks, found", [(1, True), (-2, True), (2, True), (3, False), (-3, False)])
-def test_an_image_moved_aside_by_whole_blocks_is_found_as_far_as_the_shift_reaches(
+def test_an_image_moved_aside_is_found_as_far_as_the_shift_reaches(
     blocks: int, found: bool
 ) -> None:
     wide = np.hstack([picture(1), picture(2), picture(3)])
@@ -126,8 +125,8 @@ def test_the_first_of_equally_near_templates_matches() -> None:
 
 def test_a_match_is_an_error_up_to_the_threshold_and_not_above() -> None:
     error = float(np.float32(0.2))
-    for threshold, found in [(error, True), (np.nextafter(error, 0), False)]:
-        templates = VisualTemplates(**SMALL, threshold=float(threshold))
+    for threshold, found in ((error, True), (float(np.nextafter(error, 0)), False)):
+        templates = VisualTemplates(**SMALL, threshold=threshold)
         templates.process(flat(0))
         assert templates.process(flat(51)).is_new is not found
 
@@ -183,30 +182,23 @@ def test_patches_are_normalised_as_in_plain_loops() -> None:
             patch = blocks[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
             expected = ((blocks[row, column] - patch.mean()) / patch.std() + 3) / 6
             assert templates.templates[0, row, column] == pytest.approx(expected, abs=1e-6)
+    without_contrast = VisualTemplates(**SMALL, patch=3)
+    without_contrast.process(flat(33))
+    assert np.all(without_contrast.templates == 0.5)
 
 
-def test_a_patch_without_contrast_is_even() -> None:
-    templates = VisualTemplates(**SMALL, patch=3)
-    templates.process(flat(33))
-    assert np.all(templates.templates == 0.5)
-
-
-def test_a_saved_run_goes_on_as_if_it_had_never_stopped(tmp_path: Path) -> None:
-    images = [picture(seed % 50) for seed in range(90)]
-    whole, half = VisualTemplates(**SMALL), VisualTemplates(**SMALL)
+@rows("half", [0, 20])
+def test_a_saved_run_goes_on_as_if_it_had_never_stopped(half: int, tmp_path: Path) -> None:
+    images = [picture(seed % 30) for seed in range(50)]
+    whole, parts = VisualTemplates(**SMALL), VisualTemplates(**SMALL)
     expected = [whole.process(image) for image in images]
-    first = [half.process(image) for image in images[:40]]
-    half.save(tmp_path / "templates.npz")
+    first = [parts.process(image) for image in images[:half]]
+    parts.save(tmp_path / "templates.npz")
     restored = VisualTemplates.load(tmp_path / "templates.npz")
-    assert first + [restored.process(image) for image in images[40:]] == expected
+    assert first + [restored.process(image) for image in images[half:]] == expected
     assert np.array_equal(restored.templates, whole.templates)
     assert restored.config == whole.config
     assert restored.bytes_per_view == 12 * 4 * 4
-
-
-def test_nothing_learnt_can_be_saved_too(tmp_path: Path) -> None:
-    VisualTemplates(**SMALL).save(tmp_path / "templates.npz")
-    assert VisualTemplates.load(tmp_path / "templates.npz").process(picture(1)).is_new
 
 
 @rows(
@@ -226,14 +218,11 @@ def test_images_that_cannot_become_templates_are_refused(image: Any, message: st
     assert templates.process(picture(1)).is_new
 
 
-def test_an_image_of_another_size_than_before_is_refused() -> None:
+def test_images_of_another_size_than_before_or_than_the_crop_are_refused() -> None:
     templates = taught()
     with pytest.raises(ShapeError, match=r"48x23.*48x24"):
         templates.process(picture(1)[:23])
     assert templates.process(picture(1)).id == 0
-
-
-def test_an_image_smaller_than_the_crop_is_refused() -> None:
     with pytest.raises(ShapeError, match=r"48x24.*48x150"):
         VisualTemplates().process(picture(1))
 
@@ -252,36 +241,29 @@ def test_a_configuration_without_sense_is_refused(changes: Any, message: Any) ->
         VisualTemplates(**changes)
 
 
-def test_files_that_are_no_templates_are_refused_by_name(tmp_path: Path) -> None:
-    taught().save(tmp_path / "templates.npz")
-    check_damaged_files(tmp_path / "templates.npz", VisualTemplates.load)
-
-
 @rows(
-    "change, message",
+    "change, arrays, message",
     [
-        ({"format": "fusionslam.visual_templates.0"}, "visual_templates.0"),
-        ({"config": {"columns": 13}}, "float32"),
-        ({"config": {"colums": 12}}, "colums"),
-        ({"image_shape": "large"}, "templates.npz"),
+        ({"format": "fusionslam.visual_templates.0"}, {}, "visual_templates.0"),
+        ({"config": {"columns": 13}}, {}, "float32"),
+        ({"config": {"colums": 12}}, {}, "colums"),
+        ({"image_shape": "large"}, {}, "templates.npz"),
+        ({}, {"templates": np.full((1, 48), np.nan, np.float32)}, "finite"),
     ],
 )
-def test_files_of_another_version_or_with_values_that_do_not_fit_are_refused(
-    tmp_path: Path, change: Any, message: str
+def test_files_that_do_not_fit_are_refused(
+    change: Any, arrays: Any, message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "templates.npz"
     taught().save(path)
-    change_archive(path, lambda about, _: about.update(change))
+    change_archive(path, lambda about, _: about.update(change), **arrays)
     with pytest.raises(DataError, match=message):
         VisualTemplates.load(path)
 
 
-def test_stored_templates_that_are_not_finite_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "templates.npz"
-    taught().save(path)
-    change_archive(path, templates=np.full((1, 48), np.nan, np.float32))
-    with refuses("not-finite"):
-        VisualTemplates.load(path)
+def test_files_that_are_no_templates_are_refused_by_name(tmp_path: Path) -> None:
+    taught().save(tmp_path / "templates.npz")
+    check_damaged_files(tmp_path / "templates.npz", VisualTemplates.load)
 
 
 def test_the_view_of_an_image_can_be_recognised_later() -> None:
@@ -295,9 +277,7 @@ def test_the_view_of_an_image_can_be_recognised_later() -> None:
 
 
 @rows("panoramic", [False, True])
-def test_comparing_only_what_may_be_nearest_finds_what_comparing_everything_finds(
-    panoramic: bool,
-) -> None:
+def test_comparing_what_may_be_nearest_finds_the_nearest(panoramic: bool) -> None:
     rng = np.random.default_rng(5)
     base = [picture(seed) for seed in range(6)]
     turned = [np.roll(base[rng.integers(6)], 4 * rng.integers(-3, 4), axis=1) for _ in range(30)]
