@@ -29,6 +29,7 @@ import fusionslam
 
 MANIFEST = "artefact.json"
 _CONTENT = "content"
+_DIGEST_BYTES = 8
 _UNUSED_S = 7 * 86_400  # after which versions that nobody used go
 _checked: dict[Path, Path] = {}
 
@@ -50,21 +51,20 @@ def artefact(name: str, make: Callable[[Path], object]) -> Path:
             _checked[folder] = _find_or_make(folder, name, make)
         except OSError as error:  # a full or read-only disk; what make raises tells more by itself
             _warn(f"artefact {name} is not kept: {error}")
-            _checked[folder] = _made(_fallback() / name, make)
+            _checked[folder] = _made(Path(tempfile.mkdtemp(dir=_fallback())), make)
     return _checked[folder]
 
 
 def copy_artefact(source: Path, target: Path) -> Path:
     """Copy a folder or file of an artefact so that a test may change it; times are kept."""
     if source.is_file():
-        shutil.copy2(source, target)
-        target.chmod(0o644)
-        return target
-    shutil.copytree(source, target, symlinks=True)
-    for path in (target, *target.rglob("*")):
+        copy = Path(shutil.copy2(source, target))
+    else:
+        copy = Path(shutil.copytree(source, target, symlinks=True))
+    for path in (copy, *copy.rglob("*")):
         if not path.is_symlink():
-            path.chmod(0o755 if path.is_dir() else 0o644)
-    return target
+            path.chmod(path.stat().st_mode | stat.S_IWUSR)
+    return copy
 
 
 def _find_or_make(folder: Path, name: str, make: Callable[[Path], object]) -> Path:
@@ -76,14 +76,15 @@ def _find_or_make(folder: Path, name: str, make: Callable[[Path], object]) -> Pa
                 return folder / _CONTENT
             _warn(f"artefact {name} is made anew: {problem}")
             _remove(folder)
-        for other in folder.parent.glob(f"{name}-*"):
-            with_manifest = other / MANIFEST
-            if (
-                not with_manifest.exists()
-                or time.time() - with_manifest.stat().st_mtime > _UNUSED_S
-            ):
+        for other in folder.parent.glob(f"{name}-{'[0-9a-f]' * 2 * _DIGEST_BYTES}"):
+            manifest = other / MANIFEST
+            if not manifest.exists() or time.time() - manifest.stat().st_mtime > _UNUSED_S:
                 _remove(other)
-        return _made(folder, make)
+        try:
+            return _made(folder, make)
+        except BaseException:
+            _remove(folder)
+            raise
 
 
 def _made(folder: Path, make: Callable[[Path], object]) -> Path:
@@ -100,14 +101,14 @@ def _made(folder: Path, make: Callable[[Path], object]) -> Path:
 
 
 def _describe(content: Path) -> dict[str, str]:
-    """Digest of each file, or where a link leads, by its path."""
+    """Digest of each file, where a link leads, and what is a folder, by its path."""
     found = {}
     for path in sorted(content.rglob("*")):
         name = path.relative_to(content).as_posix()
         if path.is_symlink():
             found[name] = f"-> {path.readlink()}"
-        elif path.is_file():
-            found[name] = _digest(path)
+        else:
+            found[name] = "folder" if path.is_dir() else _digest(path)
     return found
 
 
@@ -116,7 +117,8 @@ def _damage(folder: Path) -> str | None:
     try:
         wanted = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         found = _describe(folder / _CONTENT)
-    except (OSError, ValueError) as error:
+        assert isinstance(wanted, dict), MANIFEST
+    except (OSError, ValueError, AssertionError) as error:
         return f"it cannot be read ({error})"
     changed = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
     return f"{changed[0]} is not what was made" if changed else None
@@ -129,7 +131,7 @@ def _digest(path: Path) -> str:
 
 def _digest_of(make: Callable[[Path], object]) -> str:
     """Of what decides about the content: code, helpers, the maker's file, Python and libraries."""
-    digest = hashlib.blake2b(_digest_of_code().encode(), digest_size=8)
+    digest = hashlib.blake2b(_digest_of_code().encode(), digest_size=_DIGEST_BYTES)
     digest.update(Path(make.__code__.co_filename).read_bytes())
     return digest.hexdigest()
 

@@ -4,11 +4,13 @@
 
 The folder of a test is its tier and mark. A test of the tier ``unit`` starts no process, writes no
 file beyond temporary ones and takes less than 0.2 s; any other takes less than 2 s unless it is
-marked ``slow`` or ``nightly``. Seconds are processor time of the test itself, without the first
-import of modules and without fixtures: they are the same on a busy machine, and in any order.
+marked ``slow``. Tests of the nights may take any time. Seconds are processor time of the test
+itself, without the first import of modules and without fixtures: they are the same on a busy
+machine, and in any order.
 """
 
-import builtins
+import importlib
+import multiprocessing.process
 import os
 import resource
 import sys
@@ -23,7 +25,8 @@ import pytest
 TESTS = Path(__file__).resolve().parents[1]
 TIERS = ("unit", "integration", "system")
 _SHARE_OF_UNIT = 0.1
-_PROCESSES = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system")
+_STARTED = "multiprocessing.Process.start"  # spawning one raises no event of Python's own
+_PROCESSES = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", _STARTED)
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
@@ -38,7 +41,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if config.option.basetemp:
+        _allowed.append(os.path.abspath(config.option.basetemp))
     _imports.watch()
+    _tell_of_processes()
     sys.addaudithook(_audit)
 
 
@@ -53,7 +59,8 @@ def tier_of(path: Path) -> str:
     """The tier of a file by its folder."""
     if path.is_relative_to(TESTS):
         first = path.relative_to(TESTS).parts[0]
-        assert first in TIERS, f"{path} is in none of the folders {', '.join(TIERS)}"
+        if first not in TIERS:
+            raise pytest.UsageError(f"{path} is in none of the folders {', '.join(TIERS)}")
         return first
     return "system"
 
@@ -79,9 +86,11 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 
 def _check_seconds(item: pytest.Item, seconds: float, is_unit: bool) -> None:
     limit = item.config.getoption("--processor-limit")
-    if is_unit:
+    if any(item.iter_markers("nightly")):
+        limit = 0
+    elif is_unit:
         limit *= _SHARE_OF_UNIT
-    elif any(item.iter_markers("slow")) or any(item.iter_markers("nightly")):
+    elif any(item.iter_markers("slow")):
         limit = 0
     if limit and seconds > limit:
         pytest.fail(
@@ -105,19 +114,21 @@ class _Imports:
         self._depth = 0
 
     def watch(self) -> None:
-        import_ = builtins.__import__
+        """Time what finds and loads a module, whatever statement or function asks for it."""
+        system: Any = importlib._bootstrap
+        load = system._find_and_load
 
-        def timed(name: str, *rest: Any, **options: Any) -> Any:
-            if self._depth or name in sys.modules:
-                return import_(name, *rest, **options)
+        def timed(name: str, import_: Any) -> Any:
+            if self._depth:
+                return load(name, import_)
             self._depth, begun = 1, time.process_time()
             try:
-                return import_(name, *rest, **options)
+                return load(name, import_)
             finally:
                 self._depth = 0
                 self.seconds += time.process_time() - begun
 
-        builtins.__import__ = timed
+        system._find_and_load = timed
 
 
 class _Forbidden(list[str]):
@@ -128,7 +139,17 @@ class _Forbidden(list[str]):
 
 _imports = _Imports()
 _forbidden = _Forbidden()
-_ALLOWED = (tempfile.gettempdir(), os.devnull)
+_allowed = [tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir()), os.devnull]
+
+
+def _tell_of_processes() -> None:
+    start = multiprocessing.process.BaseProcess.start
+
+    def told(process: multiprocessing.process.BaseProcess) -> None:
+        sys.audit(_STARTED, process.name)
+        start(process)
+
+    multiprocessing.process.BaseProcess.start = told  # type: ignore[assignment, method-assign]
 
 
 def _audit(event: str, details: tuple[Any, ...]) -> None:
@@ -138,6 +159,6 @@ def _audit(event: str, details: tuple[Any, ...]) -> None:
         _forbidden.append(f"{event} {details[:1]}")
     elif event == "open" and isinstance(details[0], str | bytes | os.PathLike):
         path, flags = os.path.abspath(os.fsdecode(details[0])), details[2]
-        kept = path.startswith(_ALLOWED) or "__pycache__" in path or ".hypothesis" in path
+        kept = path.startswith(tuple(_allowed)) or "__pycache__" in path or ".hypothesis" in path
         if flags & _WRITES and not kept:
             _forbidden.append(f"write {path}")
