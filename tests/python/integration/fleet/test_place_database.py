@@ -22,7 +22,7 @@ from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeErro
 from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter
-from rows import rows
+from rows import grouped, rows
 
 lancedb = pytest.importorskip("lancedb", reason="the table of places is an extra")
 
@@ -195,39 +195,33 @@ def test_a_second_writer_is_refused_until_the_first_is_done(drives: PlaceDatabas
 
 
 @rows(
-    "code, field, change",
-    [
-        ("shape", "vectors", np.zeros((3, 5))),
-        ("shape", "vectors", np.zeros(LENGTH)),
-        ("shape", "vectors", np.zeros((2, LENGTH))),
-        ("not-finite", "vectors", np.full((3, LENGTH), np.nan)),
-        ("not-finite", "vectors", np.full((3, LENGTH), 1e300)),
-        ("duplicate-key", "keys", ["a", "b", "a"]),
-        ("bad-key", "keys", ["a", "", "b"]),
-        ("bad-key", "keys", ["a", 7, "b"]),
-        ("bad-key", "keys", ["a", "\ud800", "b"]),
-        ("shape", "frames", np.arange(2)),
-        ("shape", "frames", np.zeros(3)),
-        ("shape", "stamps_ns", np.arange(4)),
-        ("shape", "robot", ["r1"]),
-        ("shape", "site", [1, 2, 3]),
-        ("shape", "poses", np.zeros((3, 3, 4))),
-        ("shape", "poses", np.zeros((2, 4, 4))),
-    ],
+    "expected, changes",
+    grouped(
+        {
+            ("shape", "vectors"): [
+                *({"vectors": np.zeros(shape)} for shape in ((3, 5), LENGTH, (2, LENGTH))),
+                {"keys": ["a"]},
+            ],
+            ("not-finite", "vectors"): [
+                {"vectors": np.full((3, LENGTH), wrong)} for wrong in (np.nan, 1e300)
+            ],
+            ("duplicate-key", "keys"): [{"keys": ["a", "b", "a"]}],
+            ("bad-key", "keys"): [{"keys": ["a", wrong, "b"]} for wrong in ("", 7, "\ud800")],
+            ("shape", "frames"): [{"frames": np.arange(2)}, {"frames": np.zeros(3)}],
+            ("shape", "stamps_ns"): [{"stamps_ns": np.arange(4)}],
+            ("shape", "robot"): [{"robot": ["r1"]}],
+            ("shape", "site"): [{"site": [1, 2, 3]}],
+            ("shape", "poses"): [{"poses": np.zeros((3, 3, 4))}, {"poses": np.zeros((2, 4, 4))}],
+        }
+    ),
 )
 def test_places_that_cannot_be_added_are_refused_as_a_whole(
-    drives: PlaceDatabase, code: str, field: str, change: object
+    drives: PlaceDatabase, expected: tuple[str, str], changes: dict[str, Any]
 ) -> None:
-    wrong = replace(made_places("monday", 3), **{field: change})
-    error = ShapeError if code == "shape" else DataError
-    with pytest.raises(error, check=has_code(code, field)):
-        drives.add(wrong)
+    error = ShapeError if expected[0] == "shape" else DataError
+    with pytest.raises(error, check=has_code(*expected)):
+        drives.add(replace(made_places("monday", 3), **changes))
     assert len(drives) == 130
-
-
-def test_places_of_too_few_keys_are_refused(drives: PlaceDatabase) -> None:
-    with pytest.raises(ShapeError, check=has_code("shape", "vectors")):
-        drives.add(replace(made_places("monday", 3), keys=["a"]))
 
 
 def test_queries_that_cannot_be_answered_are_refused(drives: PlaceDatabase) -> None:
@@ -284,12 +278,8 @@ def test_what_is_no_database_is_named(tmp_path: Path, drives: PlaceDatabase) -> 
     (tmp_path / "file").touch()
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").touch()
-    for name, code in (
-        ("missing", "not-found"),
-        ("empty", "not-found"),
-        ("file", "other-format"),
-        ("other", "other-format"),
-    ):
+    names = {"not-found": ("missing", "empty"), "other-format": ("file", "other")}
+    for code, name in grouped(names):
         with pytest.raises(DataError, check=has_code(code, tmp_path / name)):
             PlaceDatabase.open(tmp_path / name)
     assert not (tmp_path / "missing").exists()

@@ -24,8 +24,9 @@ TUESDAY = frames(RETURN, 200, day=1)
 
 
 def assert_merged(site: PlaceMap) -> None:
-    truth = np.array([np.linalg.inv(WAY[0]) @ pose for pose in RETURN])
-    off = site.trajectory("tuesday")[1][:, :3, 3] - truth[:, :3, 3]
+    poses = site.trajectory("tuesday")[1]
+    truth = np.array([np.linalg.inv(WAY[0]) @ pose for pose in RETURN[: len(poses)]])
+    off = poses[:, :3, 3] - truth[:, :3, 3]
     assert np.linalg.norm(off, axis=1).max() < 0.6
 
 
@@ -64,7 +65,7 @@ def with_lengths(factor: float) -> RegistrationConfig:
 @pytest.mark.slow
 def test_maps_whose_lengths_are_similar_are_merged(path: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.fsmap"
-    build(other, TUESDAY, "tuesday", registration=with_lengths(0.7))
+    build(other, TUESDAY[:5], "tuesday", registration=with_lengths(0.7))
     with PlaceMap.open(path) as site:
         assert len(site.merge(other).believed) >= 3
         assert_merged(site)

@@ -375,8 +375,8 @@ def test_a_session_goes_on_after_another_one_began() -> None:
     assert errors_m(graph.poses[: LAP + 1], true).max() < 0.3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("odometry", [pytest.param("good", marks=pytest.mark.nightly), "rough"])
+@pytest.mark.nightly
+@rows("odometry", ["good", "rough"])
 def test_true_loops_are_kept_and_false_ones_are_not(test_data: Path, odometry: str) -> None:
     path = read_poses_kitti(test_data / "kitti/poses/00.txt")
     drive = make_drive(path, odometry, 1.0)

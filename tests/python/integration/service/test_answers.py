@@ -155,8 +155,8 @@ def test_a_site_may_have_any_name(made: Path) -> None:
             assert client.get(f"/sites/{quote(site, safe='')}").status_code == 200
 
 
-def test_health_and_metrics_tell_what_the_service_does(made: Path) -> None:
-    with serving(made) as client:
+def test_health_and_metrics_tell_what_the_service_does(twenty: Path) -> None:
+    with serving(twenty) as client:
         assert client.get("/health").json() == {"status": "ready", "places": 20}
         client.get("/v1/sites/nowhere")
         client.get("/no/such/page")
@@ -185,9 +185,8 @@ def test_the_interface_lists_every_route_with_its_refusals(client: Any) -> None:
         *("/v1/describe", "/v1/query", "/v1/locate", "/v1/places", "/v1/sites/{site}"),
         *("/health", "/metrics"),
     }
-    assert {"200", "401", "408", "413", "415", "422", "429", "503"} <= set(
-        listed["/v1/query"]["post"]["responses"]
-    )
+    refusals = listed["/v1/query"]["post"]["responses"]
+    assert {"200", "401", "408", "413", "415", "422", "429", "503"} <= set(refusals)
     assert "requestBody" in listed["/v1/locate"]["post"]
 
 
@@ -242,19 +241,13 @@ def nearest(client: Any, vector: Any) -> dict[str, Any]:
     return found
 
 
-def test_places_that_are_added_are_found_by_the_next_query(made: Path) -> None:
+def test_places_are_found_once_they_are_added_until_they_are_deleted(made: Path) -> None:
     with serving(made) as client:
         vectors = add_places(made, "tuesday", robot="blue", site="dock")
         found = nearest(client, vectors[11])
-        assert (found["session"], found["frame"]) == ("tuesday", 11)
+        assert (found["session"], found["frame"], found["robot"]) == ("tuesday", 11, "blue")
         assert client.get("/v1/places").json()["places"] == 40
         assert client.get("/health").json()["places"] == 40
-
-
-def test_places_of_a_robot_that_is_deleted_are_found_no_more(made: Path) -> None:
-    vectors = add_places(made, "tuesday", robot="blue", site="dock")
-    with serving(made) as client:
-        assert nearest(client, vectors[11])["robot"] == "blue"
         with FleetFolder.open(made).database(read_only=False) as database:
             database.delete(PlaceFilter(robot="blue"))
         assert nearest(client, vectors[11])["robot"] == "red"

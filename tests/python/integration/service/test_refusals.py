@@ -26,7 +26,7 @@ from fusionslam.service.keys import VARIABLE, ApiKeys
 from fusionslam.service.listening import check_exposure
 from fusionslam.service.place_count import PlaceCount
 from fusionslam.service.places import ServedPlaces
-from rows import rows
+from rows import grouped, rows
 
 ZEROS = [0.0] * LENGTH
 BIN = np.ones((9, 4), np.float32)
@@ -105,29 +105,24 @@ def test_a_cloud_cut_anywhere_is_refused_or_read(client: Any, count: int, tmp_pa
 
 
 @rows(
-    "body, code",
-    [
-        (b"{", "not-json"),
-        (b"[1, 2]", "not-vectors"),
-        (b"{}", "not-vectors"),
-        ({"vector": ZEROS, "k": 3}, "not-vectors"),
-        ({"vector": ZEROS[1:]}, "shape"),
-        ({"vectors": [ZEROS, ZEROS[1:]]}, "shape"),
-        ({"vectors": []}, "shape"),
-        ({"vectors": [[[1.0]]]}, "shape"),
-        ({"vector": "text"}, "not-numbers"),
-        ({"vector": ["1"] * LENGTH}, "not-numbers"),
-        ({"vector": [None] * LENGTH}, "not-numbers"),
-        ({"vector": {"a": 1}}, "not-numbers"),
-        ({"vector": [True] * LENGTH}, "not-numbers"),
-        ({"vector": [10**400] * LENGTH}, "not-numbers"),
-        ({"vector": [float("nan"), *ZEROS[1:]]}, "not-finite"),
-        ({"vector": [1e300, *ZEROS[1:]]}, "not-finite"),
-        (b'{"vector": ' + b"[" * 100_000, "not-json"),
-        (b"\xff\xfe", "not-json"),
-    ],
+    "code, body",
+    grouped(
+        {
+            "not-json": [b"{", b"\xff\xfe", b'{"vector": ' + b"[" * 100_000],
+            "not-vectors": [b"[1, 2]", b"{}", {"vector": ZEROS, "k": 3}],
+            "shape": [
+                *({"vector": ZEROS[1:]}, {"vectors": [ZEROS, ZEROS[1:]]}),
+                *({"vectors": []}, {"vectors": [[[1.0]]]}),
+            ],
+            "not-numbers": [
+                *({"vector": wrong} for wrong in ("text", {"a": 1})),
+                *({"vector": [wrong] * LENGTH} for wrong in ("1", None, True, 10**400)),
+            ],
+            "not-finite": [{"vector": [wrong, *ZEROS[1:]]} for wrong in (float("nan"), 1e300)],
+        }
+    ),
 )
-def test_vectors_that_cannot_be_compared_are_named(client: Any, body: Any, code: str) -> None:
+def test_vectors_that_cannot_be_compared_are_named(client: Any, code: str, body: Any) -> None:
     head = {"Content-Type": "application/json"}
     body = body if isinstance(body, bytes) else json.dumps(body).encode()
     assert refusal(client.post("/v1/query", content=body, headers=head)) == (422, code)
@@ -158,13 +153,14 @@ def test_parameters_out_of_range_are_named(client: Any, parameters: str) -> None
 
 
 @rows(
-    "method, path",
+    "asked",
     [
-        *(("GET", "places"), ("GET", "sites/depot"), ("GET", "sites/nowhere")),
-        *(("POST", "describe?format=bin"), ("POST", "locate?format=bin"), ("POST", "query?k=3")),
+        *("GET places", "GET sites/depot", "GET sites/nowhere"),
+        *("POST describe?format=bin", "POST locate?format=bin", "POST query?k=3"),
     ],
 )
-def test_unknown_parameters_are_refused_everywhere(client: Any, method: str, path: str) -> None:
+def test_unknown_parameters_are_refused_everywhere(client: Any, asked: str) -> None:
+    method, path = asked.split()
     path = f"/v1/{path}{'&' if '?' in path else '?'}sight=depot"
     answer = client.request(method, path, content=BIN.tobytes())
     assert refusal(answer) == (422, "unknown-parameter")
@@ -178,19 +174,20 @@ def test_a_site_that_is_not_there_is_named(client: Any) -> None:
 
 
 @rows(
-    "method, path, expected",
-    [
-        ("GET", "/v2/query", (404, "no-such-page")),
-        ("GET", "/page/secret", (404, "no-such-page")),
-        ("GET", "/page/..%2fplaces.py", (404, "no-such-page")),
-        ("GET", "/v1/query", (405, "wrong-method")),
-        ("DELETE", "/v1/places", (405, "wrong-method")),
-    ],
+    "expected, asked",
+    grouped(
+        {
+            (404, "no-such-page"): [
+                "GET /v2/query",
+                "GET /page/secret",
+                "GET /page/..%2fplaces.py",
+            ],
+            (405, "wrong-method"): ["GET /v1/query", "DELETE /v1/places"],
+        }
+    ),
 )
-def test_pages_that_are_not_there(
-    client: Any, method: str, path: str, expected: tuple[int, str]
-) -> None:
-    assert refusal(client.request(method, path)) == expected
+def test_pages_that_are_not_there(client: Any, expected: tuple[int, str], asked: str) -> None:
+    assert refusal(client.request(*asked.split())) == expected
 
 
 def test_bodies_are_cut_off_at_the_limit_with_and_without_a_stated_length(twenty: Path) -> None:
@@ -229,9 +226,8 @@ def test_a_cloud_that_unpacks_to_much_more_is_refused_unpacked(twenty: Path) -> 
     head = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 300000000\n"
     head += b"HEIGHT 1\nPOINTS 300000000\nDATA binary_compressed\n"
     with serving(twenty) as client:
-        answer = client.post(
-            "/v1/describe?format=pcd", content=head + struct.pack("<2I", 20, 3_600_000_000)
-        )
+        content = head + struct.pack("<2I", 20, 3_600_000_000)
+        answer = client.post("/v1/describe?format=pcd", content=content)
     assert refusal(answer) == (413, "too-long")
 
 
@@ -244,8 +240,6 @@ def test_nothing_is_proven_without_stored_clouds(twenty: Path) -> None:
 def test_an_internal_error_shows_no_traceback(
     twenty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fusionslam.service.places import ServedPlaces
-
     monkeypatch.setattr(ServedPlaces, "query", lambda *_: 1 / 0)
     with serving(twenty) as client:
         answer = client.post("/v1/query", json={"vector": vectors_of(1, 1)[0].tolist()})
@@ -283,20 +277,16 @@ def test_a_key_lets_in_whether_it_is_stored_or_its_digest(locked: Any, key: str)
 
 
 @rows(
-    "headers, code",
-    [
-        ({}, "no-key"),
-        ({"Authorization": "Bearer "}, "no-key"),
-        ({"Authorization": f"Basic {KEY}"}, "no-key"),
-        ({"X-Api-Key": KEY}, "no-key"),
-        (bearer("wrong"), "wrong-key"),
-        (bearer(KEY + "x"), "wrong-key"),
-        (bearer("sha256:" + "0" * 64), "wrong-key"),
-        ({"Authorization": "Bearer \xff\xfe"}, "wrong-key"),
-    ],
+    "code, headers",
+    grouped(
+        {
+            "no-key": [{}, bearer(""), {"Authorization": f"Basic {KEY}"}, {"X-Api-Key": KEY}],
+            "wrong-key": map(bearer, ["wrong", KEY + "x", "sha256:" + "0" * 64, "\xff\xfe"]),
+        }
+    ),
 )
 def test_without_a_right_key_nothing_is_told(
-    twenty: Path, key_file: Path, headers: dict[str, str], code: str
+    twenty: Path, key_file: Path, code: str, headers: dict[str, str]
 ) -> None:
     given = {name: value.encode("latin-1") for name, value in headers.items()}
     gets, posts = ("places", "sites/nowhere"), ("describe?format=x", "query?k=0", "locate")

@@ -79,7 +79,7 @@ def test_workers_that_are_killed_are_replaced_and_nothing_is_lost(
     assert digests(tmp_path) == digests(described)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_poisonous_recording_is_named_after_its_tries_and_takes_no_other_with_it(
     fleet: Path,
     described: Path,

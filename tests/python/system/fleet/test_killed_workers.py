@@ -108,7 +108,7 @@ def test_no_worker_outlives_its_driver(fleet: Path, tmp_path: Path, number: int)
         os.close(worker)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_another_process_writes_while_this_one_reads(tmp_path: Path) -> None:
     with PlaceDatabase.create(tmp_path / "database", SETTINGS) as database:
         database.add(made_places("here", 10))
@@ -126,7 +126,7 @@ def test_another_process_writes_while_this_one_reads(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kills", [2, pytest.param(6, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("kills", [1, pytest.param(6, marks=pytest.mark.nightly)])
 def test_killed_processes_lose_no_place_that_was_acknowledged(tmp_path: Path, kills: int) -> None:
     count = killed_database.kill(tmp_path, kills=kills, seed=1)
     assert count.is_whole, count
