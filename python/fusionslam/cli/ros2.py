@@ -56,6 +56,9 @@ def play(
             help="Begin these seconds after the last subscriber came; 0: at once.",
         ),
     ] = 2.0,
+    until_idle: Annotated[
+        bool, typer.Option("--until-idle", help="End once the nodes have processed everything.")
+    ] = False,
 ) -> None:
     """Play a bag in ROS 2, and end once all messages are received.
 
@@ -66,7 +69,7 @@ def play(
 
     if not rate > 0:
         raise ConfigError(f"--rate is {rate:g}, expected more than 0")
-    how = Playing(topics or None, rate, start, stop, clock, wait, args or [])
+    how = Playing(topics or None, rate, start, stop, clock, wait, args or [], until_idle)
     with progress() as step:
         count = play_bag(bag, how, step)
     print(f"{count} messages of {bag} are played")

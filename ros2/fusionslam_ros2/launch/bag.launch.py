@@ -6,12 +6,11 @@ from pathlib import Path
 
 from fusionslam_ros2.nodes import ARGUMENTS, PACKAGE, declare
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from launch.actions import IncludeLaunchDescription, OpaqueFunction, Shutdown, TimerAction
+from launch.actions import IncludeLaunchDescription, OpaqueFunction, Shutdown
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 
 EXPERIMENTS = "first_stage", "two_stages", "ratslam", "visual", "loops", "mapper"
-END_S = 5.0  # after the bag, in which nodes process what waits and write their files
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -31,13 +30,13 @@ def generate_launch_description() -> LaunchDescription:
 def _start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     given = context.launch_configurations
     path = Path(__file__).with_name(f"{given['experiment']}.launch.py")
-    end = TimerAction(period=END_S, actions=[Shutdown(reason="the bag is played")])
+    end = Shutdown(reason="the bag is played, and the nodes have processed it")
     player = Node(
         package=PACKAGE,
         executable="bag_player",
         name="bag_player",
         output="screen",
-        arguments=[given["bag"], "--rate", given["rate"]],
+        arguments=[given["bag"], "--rate", given["rate"], "--until-idle"],
         on_exit=[] if given["stay"] == "true" else [end],
     )
     return [IncludeLaunchDescription(PythonLaunchDescriptionSource(str(path))), player]

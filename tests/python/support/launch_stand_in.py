@@ -55,14 +55,6 @@ class Shutdown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimerAction:
-    """Actions after a while."""
-
-    period: float
-    actions: Sequence[Any]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Node:
     """A node that is started."""
 
@@ -98,13 +90,7 @@ MODULES: dict[str, dict[str, Any]] = {
     },
     "launch.actions": {
         each.__name__: each
-        for each in (
-            DeclareLaunchArgument,
-            IncludeLaunchDescription,
-            OpaqueFunction,
-            Shutdown,
-            TimerAction,
-        )
+        for each in (DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction, Shutdown)
     },
     "launch.launch_description_sources": {
         "PythonLaunchDescriptionSource": PythonLaunchDescriptionSource

@@ -24,8 +24,7 @@ from fusionslam.ros.messages.types import DIAGNOSTICS
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.ros1.master_watch import ros_proxy
 from fusionslam.ros.runtime.config import from_parameters
-from fusionslam.ros.runtime.reports import NodeReports
-from fusionslam.ros.runtime.runner import REPORTS
+from fusionslam.ros.runtime.reports import REPORTS, NodeReports
 
 _POLL_S = 0.1
 _FILES = ("memory/file", "map/file", "export", "output")

@@ -14,8 +14,11 @@ from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.bags.messages import is_static
 from fusionslam.datasets.bags.reader import Bag, RawMessage
 from fusionslam.errors import DataError
+from fusionslam.ros.messages.types import DIAGNOSTICS
+from fusionslam.ros.nodes import NODES
 from fusionslam.ros.ros2.environment import need_ros2
 from fusionslam.ros.ros2.start import ros2_node
+from fusionslam.ros.runtime.reports import REPORTS, NodeReports
 from fusionslam.sensors.messages import NANOSECONDS
 
 logger = logging.getLogger(__name__)
@@ -38,6 +41,7 @@ class Playing:
         wait: nodes whose subscriptions are waited for before the first message; once there is one,
             it begins this many seconds after the last one came.
         arguments: for ROS, as ``--ros-args -r /points:=/velodyne_points``.
+        until_idle: whether it ends only once all nodes of fusionslam have processed everything.
     """
 
     topics: Sequence[str] | None = None
@@ -47,6 +51,7 @@ class Playing:
     clock: bool = True
     wait: float = 2.0
     arguments: Sequence[str] = ()
+    until_idle: bool = False
 
 
 def play_bag(path: Path, how: Playing, progress: Callable[[str, int, int], None]) -> int:
@@ -96,6 +101,8 @@ class _Player:
                 code="no-message",
             )
         self._wait_for_receipt()
+        if self._how.until_idle:
+            self._wait_for_nodes(progress)
         return count
 
     def _seconds(self, time_ns: int) -> tuple[int, int]:
@@ -150,6 +157,22 @@ class _Player:
                 if time.monotonic() > until:
                     logger.warning("%s: a subscriber has not received all messages", topic)
                     break
+
+    def _wait_for_nodes(self, progress: Callable[[str, int, int], None]) -> None:
+        """Wait until all of our nodes say that they have nothing left to do."""
+        import rclpy
+
+        from fusionslam.ros.messages.library import message_class
+
+        reports = NodeReports()
+        self._node.create_subscription(message_class(DIAGNOSTICS), REPORTS, reports.take, _QUEUE)
+        while not self._is_ending.is_set() and not reports.are_quiet(self._nodes()):
+            progress("waiting for nodes", 0, 1)
+            rclpy.spin_once(self._node, timeout_sec=_POLL_S)
+
+    def _nodes(self) -> set[str]:
+        found = self._node.get_node_names_and_namespaces()
+        return {f"{space.rstrip('/')}/{name}" for name, space in found if name in NODES}
 
     def _publisher(self, topic: str) -> Any:
         from rclpy.qos import DurabilityPolicy, QoSProfile

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection
 from typing import Any
 
+REPORTS = "/diagnostics"
 _SAME_REPORTS = 3
 """So many reports of each node since the last change of any: what one sent reached the next."""
 _OWN_TIME = ("processor time", "latency")

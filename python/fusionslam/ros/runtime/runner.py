@@ -13,10 +13,10 @@ from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.runtime.diagnostics import diagnostics
 from fusionslam.ros.runtime.node import Node, Timer
 from fusionslam.ros.runtime.problem_log import ProblemLog
+from fusionslam.ros.runtime.reports import REPORTS
 from fusionslam.ros.runtime.transport import Transport
 from fusionslam.ros.runtime.worker import Worker
 
-REPORTS = "/diagnostics"
 _POLL_S = 0.1
 _REPORTS_QUEUE = 10
 

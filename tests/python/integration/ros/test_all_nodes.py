@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from artefacts import artefact
 from cli import succeeds
 from fusionslam import LoopDetector
 from fusionslam.datasets.bags.messages import stamp_of
@@ -25,6 +26,7 @@ from live_results import (
     place,
     run_offline,
 )
+from place_maps import assert_same_map
 from ros_master import PlayedBag, needs_ros
 from ros_node import Chain, Desk
 
@@ -107,6 +109,29 @@ def test_clouds_ids_and_map_are_those_of_the_commands_even_if_the_last_nodes_fal
     driven: Driven, offline: Offline
 ) -> None:
     assert_same_results(driven.mapped | {"/odom": odometry_of(driven.bag)}, offline)
+
+
+@pytest.fixture(scope="module")
+def maps(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Those of the node mapper and of the command."""
+    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+    pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
+    options = ("--session", "monday", "--no-report", "--topic", "points=/velodyne_points")
+
+    def build(folder: Path) -> None:
+        succeeds("map", "build", played_bag.path, "-o", folder / "site.fsmap", *options)
+
+    path = tmp_path_factory.mktemp("maps") / "site.fsmap"
+    mapper = Chain(Desk("mapper", map={"file": str(path), "session": "monday"}))
+    for topic, message in messages_of(played_bag):
+        mapper.give(topic, message)
+    mapper.fall_silent()
+    mapper.desks[0].node.close()
+    return path, artefact(f"played_bag_{played_bag.scans}_site", build) / "site.fsmap"
+
+
+def test_a_map_that_lasts_is_that_of_the_command(maps: tuple[Path, Path]) -> None:
+    assert_same_map(*maps)
 
 
 def test_loops_are_those_of_the_detector(driven: Driven) -> None:

@@ -21,7 +21,6 @@ from launch_stand_in import (
     DeclareLaunchArgument,
     Node,
     Shutdown,
-    TimerAction,
     describe,
     launch,
     use_stand_in,
@@ -189,9 +188,9 @@ def test_a_bag_is_played_through_each_experiment(name: str, tmp_path: Path) -> N
     parameters = old.pop("bag_player")[1]
     assert new.pop("bag_player")[0] == "bag_player" and new == old
     player = launch(file_of("bag"), given)[-1]
-    assert player.arguments == [parameters["bag"], "--rate", str(parameters["rate"])]
-    (wait,) = player.on_exit
-    assert isinstance(wait, TimerAction) and isinstance(wait.actions[0], Shutdown)
+    rate = ("--rate", str(parameters["rate"]))
+    assert player.arguments == [parameters["bag"], *rate, "--until-idle"]
+    assert [type(each) for each in player.on_exit] == [Shutdown]
     assert not launch(file_of("bag"), {**given, "stay": "true"})[-1].on_exit
 
 

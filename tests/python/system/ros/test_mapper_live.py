@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from cli import succeeds
-from fusionslam.datasets import open_dataset
 from fusionslam.mapping import PlaceMap
 from place_maps import assert_same_map
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
@@ -119,34 +118,3 @@ def test_a_map_outlives_a_killed_node_and_goes_on(played_bag: PlayedBag, tmp_pat
     assert after[: len(stamps)].tolist() == stamps.tolist() and len(stamps) > 3
     assert len(after) > len(stamps) + 3 and np.all(np.diff(after) > 0)
     assert numbers[: len(frames)].tolist() == frames.tolist() and np.all(np.diff(numbers) > 0)
-
-
-def test_a_robot_that_starts_elsewhere_is_found_on_the_map(
-    played_bag: PlayedBag, tmp_path: Path
-) -> None:
-    path = tmp_path / "site.fsmap"
-    succeeds("map", "build", played_bag.path, "-o", path, "--session", "monday", *BUILD)
-    before = path.read_bytes()
-    with RosWorld(tmp_path) as world:
-        listener = world.listen("/mapper/pose", "/odom")
-        player = play_on(world, played_bag)
-        wait_until(lambda: listener.count() > 200, "the robot to drive off")
-        node = start(world, played_bag, "_map/read_only:=true")
-        assert player.wait(timeout=600) == 0
-        listener.settle()
-        restarted = world.end(world.core) is not None and world.start_core()
-        assert restarted
-        wait_until(lambda: "registered again" in world.log("mapper"), "the node to register")
-        answer = call(world, "/mapper/localize", "fusionslam_ros/Localize")
-        assert (answer["found"], answer["code"]) == ("True", "")
-        call(world, "/mapper/forget_motion", "std_srvs/Empty")
-        assert world.end(node) == 0
-        poses = listener.messages()["/mapper/pose"]
-    assert path.read_bytes() == before and len(poses) > 3
-    dataset = open_dataset(played_bag.path, topics={"points": "/velodyne_points"})
-    truth = {frame.stamp_ns: frame.odometry for frame in dataset}
-    first = np.linalg.inv(dataset[0].odometry)
-    for each in poses:
-        wanted = (first @ truth[each.header.stamp.to_nsec()])[:3, 3]
-        place = each.pose.pose.position
-        assert np.linalg.norm([place.x, place.y, place.z] - wanted) < 0.1

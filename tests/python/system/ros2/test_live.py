@@ -46,8 +46,8 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
         world.node("lv_builder", *PATIENT)
         world.node("data_fusion", *offline.bag.sensors, *PATIENT, FUSION)
         world.connect(listener, **CONNECTIONS)
-        world.play(offline.bag.path, "--rate", str(rate))
-        listener.settle(2 * IDLE_S)
+        world.play(offline.bag.path, "--rate", str(rate), "--until-idle")
+        listener.settle(1.0)
         assert_same_results(listener.messages(), offline)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fusionslam.errors import ConfigError, DataError
@@ -36,6 +36,7 @@ def test_messages_of_all_topics_come_out_in_the_order_in_which_they_came() -> No
     assert drain(queue) == list(range(9))
 
 
+@settings(max_examples=30)
 @given(
     topics=st.lists(st.sampled_from("abc"), max_size=60),
     limit=st.integers(1, 7),
