@@ -106,9 +106,7 @@ def test_hostile_names_are_rendered(write: Callable[[str, Path], Path], tmp_path
 
 
 @rows("write", [loops, views, maps])
-def test_a_folder_that_cannot_be_written_is_named(
-    write: Callable[[str, Path], Path], tmp_path: Path
-) -> None:
+def test_unwritable_folders_are_named(write: Callable[[str, Path], Path], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(DataError, match=str(tmp_path / "file")):
         write("plain", tmp_path / "file")

@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,19 +16,24 @@ from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.evaluation import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.ratslam import RatSlamConfig
 from fusionslam.report import map_figure, write_ratslam_report
-from fusionslam.report.maps.aligned_run import Scene, scene_of
+from fusionslam.report.maps.aligned_run import Scene, find_denied, measure_misfits, scene_of
+from fusionslam.report.maps.config_table import config_table
 from fusionslam.report.maps.map_figures import draw_map
 from fusionslam.report.maps.plots import DrawnTime, draw_activity, draw_errors, draw_views
 from fusionslam.report.maps.sections import MISSING, answer, run_labels, summarise_run
 from fusionslam.report.maps.tables import (
     MOST,
     error_table,
+    joins_table,
     look_table,
     loop_table,
     new_views,
+    refusals,
     refused_table,
 )
+from fusionslam.report.maps.times import busy_ms, cost_table, draw_step_times
 from maps import CORNERS, HALL, alone, drifting_run, little_run, nodeless, wrong_run
 from pages import Page, read_page
 from rows import rows
@@ -54,7 +60,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Written:
 
 def test_the_answer_comes_first_and_against_dead_reckoning(written: Written) -> None:
     text, report = written[1].text, judge_map(drifting_run())
-    assert report.dead_reckoning is not None
     best = answer(["given", "eyes"], [report, judge_map(wrong_run())])
     assert best.startswith("given") and f"{report.dead_reckoning.rmse_m:.2f} m" in best
     assert 0 < text.index(best) < text.index("dead reckoning: perfect")
@@ -102,7 +107,6 @@ def test_loops_and_refusals_are_listed_with_what_was_wrong(written: Written) -> 
         assert summarise_run(judged(run)) in text
     assert "odometry stopped for 3.0 s" in text
     table = loop_table(judged(wrong_run()))
-    assert table is not None
     ((when, cells),) = table.rows
     assert [when, *(cell.text for cell in cells)] == ["90.0 s", "2", "0", "14.14", "172", "false"]
     refused = refused_table(judged(drifting_run()))
@@ -125,7 +129,6 @@ def test_looks_are_counted_by_what_they_led_to_however_the_run_words_it() -> Non
     assert np.flatnonzero(new_views(np.array([-1, 0, 0, 1, -1, 0, 2]))).tolist() == [1, 3, 6]
     views = np.array([0, 1, 2, 3, 0, 1, -1, 3])
     table = look_table(drifting_run(view_ids=views, why=list("abcdefgh")))
-    assert table is not None
     assert [(kind, [cell.text for cell in cells]) for kind, cells in table.rows] == [
         ("new view, node made", ["4", "a"]),
         ("known view, loop refused, arrival at a known node", ["2", "e"]),
@@ -171,7 +174,7 @@ SINGLE_STEP = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.fu
         (SINGLE_STEP, "single-node", "errors views cells times"),
     ],
 )
-def test_the_page_says_what_a_run_lacks_and_draws_the_rest(
+def test_pages_say_what_is_lacking(
     tmp_path: Path, run: RatSlamRun, missing: str, kinds: str
 ) -> None:
     assert written_kinds(tmp_path, run) == (missing.split(), set(kinds.split()))
@@ -198,7 +201,6 @@ def test_labels_name_what_tells_runs_apart() -> None:
     labels = run_labels(runs)
     assert labels[2] == "given, odometry perfect, preset openratslam"
     table = error_table(labels, [judge_map(run) for run in runs])
-    assert table is not None
     rows = [label for label, _ in table.rows]
     assert rows[:2] == ["dead reckoning: perfect", "dead reckoning: drifting"]
     assert rows[2:] == labels
@@ -227,7 +229,6 @@ def test_pauses_between_recordings_are_not_drawn(tmp_path: Path) -> None:
     assert run.seconds[-1] - time.left_out == pytest.approx(time.seconds[-1])
     assert time.at(run, stamps_ns) == pytest.approx(time.seconds)
     for figure in (draw_activity(run), draw_views(judged(run))):
-        assert figure is not None
         assert all(axis.get_xlim()[1] < 2 * driven for axis in figure.axes)
     # Without a pause nothing changes, however far apart the steps are.
     for gap in (1.0, 30.0, 3600.0):
@@ -281,3 +282,105 @@ def test_the_start_is_the_first_pose_that_is_on_the_map() -> None:
     lines = draw_map(judged(run)).axes[0].lines
     (start,) = [line for line in lines if line.get_label() == "start"]
     assert np.ravel(start.get_xydata()).tolist() == [1.0, 0.0]
+
+
+def agreed_run(**changes: Any) -> RatSlamRun:
+    """The square; the loop to the first corner was refused, and linked when another agreed."""
+    actions = [(1, max(k - 1, 0), k) for k in range(5)] + [(2, 4, 1), (2, 1, 2), (2, 2, 3)]
+    nodes = [*CORNERS, CORNERS[0]]
+    given: dict[str, Any] = {
+        "actions": actions,
+        "nodes": nodes,
+        "links": [(0, 1), (1, 2), (2, 3), (3, 4), (3, 0), (4, 1)],
+        "refused": [(120.0, 3, 0), (150.0, 4, 2)],
+    }
+    return drifting_run(**given | changes)
+
+
+def test_a_refusal_is_judged_and_one_that_was_linked_later_is_not_held_against_the_map() -> None:
+    run = agreed_run()
+    assert find_denied(run).tolist() == [False, True]
+    assert refusals(judged(run)) == ["linked later", "false: prevented"]
+    lost = agreed_run(refused=[(180.0, 4, 2)])
+    assert refusals(judged(lost)) == ["right: lost"]
+    blind = agreed_run(truth=None)
+    assert refusals(judged(blind)) == ["linked later", "\N{EN DASH}"]
+
+
+def test_a_loop_that_was_linked_later_is_a_loop() -> None:
+    found = judged(agreed_run())
+    assert found.made.tolist() == [-1, -1, -1, -1, 4, 5] and not found.false.any()
+    table = loop_table(found)
+    verdicts = [(label, cells[-1].text) for label, cells in table.rows]
+    assert verdicts == [("120.0 s", "right, refused at first"), ("150.0 s", "right")]
+
+
+def test_links_that_fit_have_no_misfit_and_a_moved_node_has_its_own() -> None:
+    assert np.allclose(measure_misfits(drifting_run()), 0, atol=1e-9)
+    shifts = np.zeros((4, 3))
+    shifts[2, :2] = (0.3, 0.4)
+    run = replace(drifting_run(), nodes=drifting_run().nodes + shifts)
+    assert measure_misfits(run) == pytest.approx([0, 0.5, 0.5, 0], abs=1e-9)
+    table = joins_table(["moved"], [judged(run)])
+    assert (table.heads[-1][0], table.rows[0][1][-1].text) == ("misfit of links, m", "0.354")
+
+
+def test_terminal_and_page_count_the_same_by_the_same_words() -> None:
+    start = [(0, 0, 0), (0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 2), (2, 2, 0)]
+    truth = [CORNERS[0]] * 3 + [*CORNERS[1:3], CORNERS[2]]
+    late = judged(little_run(truth, start, CORNERS[:3], [(0, 1), (1, 2), (2, 0)]))
+    words = str(late.report)
+    span = "90.0 s and 4 steps from the first node on, 4 looks"
+    assert span in words and span in summarise_run(late)
+    table = joins_table(["late"], [late])
+    shown = {head: cell.text for (head, _), cell in zip(table.heads, table.rows[0][1], strict=True)}
+    assert (shown["loops"], shown["arrivals"], shown["false arrivals"]) == ("1", "1", "1")
+    assert (shown["right loops"], shown["refused"], shown["wrongly refused"]) == ("0.0%", "0", "0")
+    lines = [line.split() for line in words.splitlines()]
+    assert ["right", "loops", "0.0", "%", "0", "of", "1"] in [line[:7] for line in lines]
+    assert ["false", "arrivals", "100.0", "%", "1", "of", "1,"] in [line[:7] for line in lines]
+    assert "0 of 0 wrongly refused" in words
+    blind = judged(drifting_run(truth=None))
+    assert "4 arrivals at known nodes, 2 loops refused" in str(blind.report)
+
+
+def test_without_truth_there_are_no_errors_and_fewer_columns() -> None:
+    blind = judged(drifting_run(truth=None))
+    assert error_table(["blind"], [blind.report]) is None
+    heads = [name for name, _ in joins_table(["blind"], [blind]).heads]
+    assert heads == ["loops", "arrivals", "refused", "nodes", "links", "misfit of links, m"]
+    shown = joins_table(["blind", "wrong"], [blind, judged(wrong_run())])
+    assert [cells[0].text for _, cells in shown.rows] == ["\N{EN DASH}", "0.0%"]
+
+
+def test_step_times_are_of_the_steps_that_had_something_to_do() -> None:
+    seconds = np.zeros((4, 3))
+    seconds[:, 1] = 1e-3
+    seconds[0, 0], seconds[:, 2] = 5e-3, (2e-3, 4e-3, 8e-3, 8e-3)
+    actions = np.array([(1, 0, 0), (1, 0, 1), (0, 0, 0), (0, 0, 0)])
+    run = alone(step_seconds=seconds, actions=actions, nodes=alone().nodes[:2], links=[])
+    assert busy_ms(run, 0).tolist() == [5.0] and busy_ms(run, 2).tolist() == [2.0, 4.0]
+    assert busy_ms(run).tolist() == pytest.approx([8.0, 5.0, 9.0, 9.0])
+    table = cost_table(["a"], [run])
+    shown = dict(zip((name for name, _ in table.heads), table.rows[0][1], strict=True))
+    assert shown["map p50 ms"].text == "3" and shown["map p95 ms"].text == "3.9"
+    assert shown["step p50 ms"].text == "8.5" and float(shown["times real time"].text) > 1e3
+    figure = draw_step_times(run)
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words[2] == "map: p50 3, p95 3.9 ms"
+    assert cost_table(["a"], [alone()]) is None and draw_step_times(alone()) is None
+
+
+def test_configurations_that_are_equal_share_a_column() -> None:
+    usual, other = RatSlamConfig().model_dump(mode="json"), {"gap": 2.0, "own": [1, 2]}
+    runs = [alone(config=usual), alone(config=usual), alone(config=other)]
+    table = config_table(["a", "b", "c"], runs)
+    assert table is not None and table.heads == ["a; b", "c"]
+    rows = {name: (values, meaning) for name, values, meaning in table.rows}
+    meaning = RatSlamConfig.model_fields["gap"].description
+    assert rows["gap"] == ([str(usual["gap"]), "2.0"], f"{meaning} (s)")
+    assert rows["own"] == (["\N{EN DASH}", "[1, 2]"], "")
+    assert rows["map.initial_heading"][1].endswith("(rad)")
+    alike = config_table(["a", "b"], runs[:2])
+    assert alike is not None and alike.heads == ["value"]
+    assert config_table(["a"], [alone()]) is None

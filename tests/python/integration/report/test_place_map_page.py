@@ -78,13 +78,10 @@ def test_the_page_says_what_is_in_the_map(path: Path, tmp_path: Path) -> None:
     assert monday.error < 0.25 < 1 < monday.odometry_error
 
 
-def test_the_view_in_three_dimensions_is_inside(
-    path: Path, tmp_path: Path, unrendered: None
-) -> None:
+def test_the_view_in_3d_is_inside(path: Path, tmp_path: Path, unrendered: None) -> None:
     with PlaceMap.open(path, read_only=True) as site:
         text = write_map_page(tmp_path / "a.html", site).read_text()
     inner = re.search(r'id="view-3d-page">(.*?)</script>', text, re.DOTALL)
-    assert inner is not None
     view = json.loads(inner.group(1))
     assert view.startswith("<!DOCTYPE html>") and "THREE" in view
 
@@ -199,7 +196,6 @@ def test_what_is_above_the_robot_is_left_out() -> None:
         np.concatenate([floor, ceiling]), np.repeat(np.concatenate([red, blue]), 4000, axis=0)
     )
     figure = draw_cloud(both, np.zeros((1, 3)))
-    assert figure is not None
     image = figure.axes[0].images[0].get_array()
     assert image is not None and not (image == blue).all(axis=2).any()
     assert (image == red).all(axis=2).any()

@@ -56,14 +56,12 @@ def test_lines_have_their_colours() -> None:
     assert ends == {"loops #ff8000": 4, "loops #00ff00": 2}
 
 
-def test_the_page_asks_for_nothing_from_elsewhere() -> None:
-    page = draw_view_3d(Cloud(POINTS, None), {})
-    assert not re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=", page)
-
-
-def test_of_too_many_points_some_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_too_many_points_some_are_shown_and_nothing_from_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(view_3d, "MOST_POINTS", 100)
     page = draw_view_3d(Cloud(POINTS, None), {})
+    assert not re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=", page)
     assert len(load_scene(page).geometry["cloud"].vertices) == 100
 
 

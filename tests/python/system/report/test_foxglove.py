@@ -140,9 +140,7 @@ def test_transforms_keep_their_poses() -> None:
     assert (move.x, move.y, move.z) == (1, 2, 3)
 
 
-def test_only_this_machine_can_reach_it_or_a_warning_says_so(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_others_reach_it_with_a_warning_only(caplog: pytest.LogCaptureFixture) -> None:
     with serve() as server:
         assert server.url == f"ws://127.0.0.1:{server.port}"
         assert listening(server.port) == {"0100007F"}

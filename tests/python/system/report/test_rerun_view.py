@@ -48,6 +48,9 @@ def record_view(path: Path, events: Any = None, **more: Any) -> tuple[RatSlam, l
     return slam, steps
 
 
+TIMES = ("elapsed", "stamp")
+
+
 def read_rows(path: Path) -> dict[str, list[tuple[int, int, dict[str, Any]]]]:
     """By entity: nanoseconds since the start, stamp, and the values of each row, in that order."""
     found: dict[str, Any] = {}
@@ -61,9 +64,6 @@ def read_rows(path: Path) -> dict[str, list[tuple[int, int, dict[str, Any]]]]:
             values = {name: column[row].as_py() for name, column in columns.items()}
             found.setdefault(chunk.entity_path, []).append((elapsed[row], stamp[row], values))
     return {entity: sorted(of, key=lambda row: row[1]) for entity, of in found.items()}
-
-
-TIMES = ("elapsed", "stamp")
 
 
 def last(of: list[tuple[int, int, dict[str, Any]]], name: str) -> Any:
@@ -84,10 +84,8 @@ def test_everything_that_happened_is_in_the_file(tmp_path: Path) -> None:
     assert ids == [step.view_id for step in looks]
     nodes = [round(values["scalars"][0]) for _, _, values in found["/views/node"]]
     assert nodes == [step.node for step in looks if step.node is not None]
-    assert [values["text"] for _, _, values in found["/log"]] == [
-        [step.why] for step in steps if step.why
-    ]
-    assert [stamp for _, stamp, _ in found["/log"]] == [s.stamp_ns for s in steps if s.why]
+    log = [(stamp, values["text"]) for _, stamp, values in found["/log"]]
+    assert log == [(step.stamp_ns, [step.why]) for step in steps if step.why]
     assert all(elapsed == stamp - START for of in found.values() for elapsed, stamp, _ in of)
 
 
@@ -129,9 +127,7 @@ def test_the_activity_of_the_cells_is_shown_at_each_look(tmp_path: Path) -> None
         np.testing.assert_allclose(bars["values"][0]["buffer"], cells.sum(axis=(1, 2)), atol=1e-6)
 
 
-def test_the_truth_begins_where_dead_reckoning_is_and_ends_where_nobody_knows_it(
-    tmp_path: Path,
-) -> None:
+def test_the_truth_is_drawn_from_the_start_as_far_as_it_is_known(tmp_path: Path) -> None:
     _, steps = record_view(tmp_path / "run.rrd", truth=true_circle())
     found = read_rows(tmp_path / "run.rrd")
     by_stamp = {step.stamp_ns: step.dead_reckoning for step in steps}
@@ -141,6 +137,11 @@ def test_the_truth_begins_where_dead_reckoning_is_and_ends_where_nobody_knows_it
         if stamp <= START + 60 * 33 * MS:
             # Straight lines between the places of a small circle.
             assert values["origins"][0][:2] == pytest.approx(by_stamp[stamp][:2], abs=0.02)
+
+
+def only_image(path: Path) -> Any:
+    (row,) = read_rows(path)["/image"]
+    return np.asarray(Image.open(io.BytesIO(bytes(row[2]["blob"][0]))))
 
 
 def views_of_a_stripe() -> Any:
@@ -161,8 +162,7 @@ def test_what_was_seen_is_shown_small(tmp_path: Path, kind: str) -> None:
     }[kind]
     with RerunView(tmp_path / "run.rrd") as view:
         view.step(slam.step(event), slam, event)
-    (row,) = read_rows(tmp_path / "run.rrd")["/image"]
-    read = np.asarray(Image.open(io.BytesIO(bytes(row[2]["blob"][0]))))
+    read = only_image(tmp_path / "run.rrd")
     assert read.shape == (240, 320, 3)
     np.testing.assert_allclose(read[:, [0, 100, 200, 319]].mean((0, 2)), [200, 200, 0, 0], atol=3)
 
@@ -183,8 +183,7 @@ def test_of_what_a_template_keeps_its_blocks_are_shown(tmp_path: Path) -> None:
     event = Look(START, kept)
     with RerunView(tmp_path / "run.rrd") as view:
         view.step(slam.step(event), slam, event)
-    (row,) = read_rows(tmp_path / "run.rrd")["/image"]
-    read = np.asarray(Image.open(io.BytesIO(bytes(row[2]["blob"][0]))))
+    read = only_image(tmp_path / "run.rrd")
     assert read.shape == (20, 60)
     np.testing.assert_allclose(read[:, [0, 20, 40, 59]].mean(0), [200, 200, 0, 0], atol=5)
 
@@ -270,11 +269,8 @@ except DataError as error:
 
 def test_a_full_disk_is_an_error_and_leaves_no_file(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
-    result = subprocess.run(
-        [sys.executable, "-c", FILL.format(path=str(path))],
-        capture_output=True,
-        text=True,
-    )
+    command = [sys.executable, "-c", FILL.format(path=str(path))]
+    result = subprocess.run(command, capture_output=True, text=True)
     assert result.stdout.startswith("DataError") and str(path) in result.stdout, result.stderr
     assert list(tmp_path.iterdir()) == []
 
@@ -290,9 +286,7 @@ def test_what_cannot_be_written_is_named_before_the_run(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.rrd"]
 
 
-def test_without_rerun_the_line_that_installs_it_is_named(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_rerun_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(FusionSlamError, check=has_code("missing-extra", "live")):
         RerunView(tmp_path / "run.rrd")
