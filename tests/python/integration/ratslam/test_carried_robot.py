@@ -3,6 +3,7 @@
 """A robot that was carried while it was off, or whose odometry began anew, is found on its map."""
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +34,13 @@ OFF, ON = 130, 185
 """Steps after which the robot is switched off, and where it is put down."""
 
 
-def carry(graph: ExperienceMap, count: float = 2.5) -> Iterator[Leg]:
-    legs = list(laps(count))
-    yield from legs[:OFF]
-    graph.mark_interruption()
-    yield from legs[ON:]
+def carry(graph: ExperienceMap, *parts: tuple[int, int]) -> Iterator[Leg]:
+    """These parts of the laps, with an interruption before each but the first."""
+    legs = list(laps(4))
+    for number, (first, last) in enumerate(parts or ((0, OFF), (ON, 300))):
+        if number:
+            graph.mark_interruption()
+        yield from legs[first:last]
 
 
 def test_loops_that_agree_put_a_carried_robot_back_on_its_map() -> None:
@@ -64,14 +67,9 @@ def test_without_an_interruption_the_same_loops_are_refused_for_ever() -> None:
 
 
 def test_a_robot_that_was_not_carried_goes_on_as_before() -> None:
-    def interrupted(graph: ExperienceMap) -> Iterator[Leg]:
-        for number, leg in enumerate(laps(2.5)):
-            if number == OFF:
-                graph.mark_interruption()
-            yield leg
-
     graph = ExperienceMap()
-    driven, plain = drive(graph, interrupted(graph)), drive(ExperienceMap(), laps(2.5))
+    driven = drive(graph, carry(graph, (0, OFF), (OFF, 300)))
+    plain = drive(ExperienceMap(), laps(2.5))
     np.testing.assert_array_equal(graph.nodes, plain.graph.nodes)
     assert not graph.state()["interruptions"].size
     assert driven.checks == plain.checks
@@ -93,41 +91,21 @@ def test_wrong_loops_that_do_not_agree_do_not_move_a_robot() -> None:
 
 
 def test_a_robot_that_is_carried_twice_is_found_twice() -> None:
-    def twice(graph: ExperienceMap) -> Iterator[Leg]:
-        legs = list(laps(4))
-        yield from legs[:OFF]
-        graph.mark_interruption()
-        yield from legs[ON : ON + 40]
-        graph.mark_interruption()
-        yield from legs[ON + 90 : ON + 160]
-
     graph = ExperienceMap()
-    driven = drive(graph, twice(graph))
+    driven = drive(graph, carry(graph, (0, OFF), (ON, ON + 40), (ON + 90, ON + 160)))
     assert driven.rmse() < 0.4 and not graph.state()["interruptions"].size
 
 
 def test_a_part_that_no_loop_joined_is_found_by_later_loops() -> None:
     # Day one is half of the block, day two the next side without a loop, day three all of it.
-    def days(graph: ExperienceMap) -> Iterator[Leg]:
-        legs = list(laps(3))
-        yield from legs[:55]
-        graph.mark_interruption()
-        yield from legs[65:95]
-        graph.mark_interruption()
-        yield from legs[120 + 5 : 240 + 5]
-
     graph = ExperienceMap()
-    driven = drive(graph, days(graph))
+    driven = drive(graph, carry(graph, (0, 55), (65, 95), (125, 245)))
     assert driven.rmse() < 0.6 and not graph.state()["interruptions"].size
     assert all(check.accepted for check in driven.checks[-20:])
 
 
 def test_an_interruption_is_part_of_the_state() -> None:
-    def upto(graph: ExperienceMap, end: int) -> list[Leg]:
-        return list(carry(graph))[:end]
-
-    graph = ExperienceMap()
-    drive(graph, iter(upto(graph, OFF)))
+    graph = drive(ExperienceMap(), islice(laps(2.5), OFF)).graph
     graph.mark_interruption()
     graph.mark_interruption()
     state = graph.state()
@@ -158,7 +136,7 @@ def test_a_loop_before_the_first_node_after_an_interruption_makes_no_link() -> N
 NIGHT = 8 * 3600 * SECOND
 
 
-@pytest.mark.parametrize("measured", [True, False])
+@pytest.mark.parametrize("measured", [True, pytest.param(False, marks=pytest.mark.nightly)])
 def test_carried_at_night_and_odometry_anew_the_robot_is_found_within_20_s(
     measured: bool, tmp_path: Path
 ) -> None:

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from error_codes import has_code
+from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.geometry.trajectory import read_trajectory
 from fusionslam.ratslam import VisualOdometry, VisualSpeed
 from fusionslam.ratslam.visual_odometry import fit_speed
 from fusionslam.sensors.frame import Camera
+from rows import rows
 from worlds import RADIUS_M, ROOM_HEIGHT, ROOM_WIDTH, VIEW, room_image
 
 TENTH = 100_000_000
@@ -25,13 +28,12 @@ def drive(odometry: VisualOdometry, images: list[Any], gap_ns: int = TENTH) -> l
     return found[1:]
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.0011, 0.02, -0.047, 0.09, -0.17])
+@rows("turn", [0.0, 0.0011, 0.02, -0.047, 0.09, -0.17])
 def test_a_turn_is_found_to_a_fraction_of_a_pixel_whatever_its_size(turn: Any) -> None:
     images = [room_image(yaw=turn * n) for n in range(6)]
     for seen in drive(VisualOdometry(), images):
         assert seen.w * seen.dt == pytest.approx(turn, abs=0.15 * VIEW / ROOM_WIDTH)
-        assert abs(seen.v) < 0.1
-        assert not seen.why
+        assert abs(seen.v) < 0.1 and not seen.why
 
 
 def test_the_original_sees_no_turn_beyond_its_largest_shift() -> None:
@@ -45,7 +47,7 @@ def test_a_turn_beyond_the_search_range_is_reported() -> None:
     assert found[0].doubt == "images-differ"
 
 
-@pytest.mark.parametrize("metres_a_second", [0.0, 0.2, 0.6, -0.4])
+@rows("metres_a_second", [0.0, 0.2, 0.6, -0.4])
 def test_speed_is_right_once_the_distance_is(metres_a_second: Any) -> None:
     images = [room_image(x=metres_a_second * n / 10) for n in range(-4, 5)]
     found = drive(VisualOdometry(distance_m=RADIUS_M), images)
@@ -67,8 +69,8 @@ def test_fitting_to_a_metre_and_a_half_finds_how_far_the_walls_are() -> None:
     assert (scaled * changes).sum() / 10 == pytest.approx(ways[-1] - ways[0], rel=0.3)
 
 
-@pytest.mark.parametrize(
-    ("speeds", "error"),
+@rows(
+    "speeds, error",
     [
         ([1.0, 1.0], ShapeError),
         ([1.0, 1.0, 1.0, np.nan] + [1.0] * 26, DataError),
@@ -167,8 +169,8 @@ def test_after_a_gap_the_next_image_is_a_first_one_again(caplog: pytest.LogCaptu
     assert seen.w == pytest.approx(0.2, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("image", "stamp", "error"),
+@rows(
+    "image, stamp, error",
     [
         (room_image(yaw=0.01), TENTH, DataError),
         (room_image(yaw=0.01), 0, DataError),
@@ -218,8 +220,8 @@ def test_a_broken_state_is_refused() -> None:
     np.testing.assert_equal(odometry.state(), state)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
+@rows(
+    "changes, message",
     [
         ({"turn_rows": (0.5, 0.5)}, "turn_rows"),
         ({"speed_rows": (-0.1, 0.5)}, "speed_rows"),
@@ -248,13 +250,10 @@ def test_shifts_between_the_references_images_are_those_that_it_was_given(test_d
     assert all(seen.doubt == "images-differ" for seen in others)
 
 
+@pytest.mark.slow
 def test_turns_and_speeds_of_a_simulated_drive_are_near_the_truth(test_data: Path) -> None:
-    from fusionslam.datasets import open_dataset
-    from fusionslam.geometry.trajectory import read_trajectory
-
     dataset = open_dataset(test_data / "bags" / "small_house_20s.bag")
     images = dataset.camera_images()
-    assert images is not None
     way = read_trajectory(test_data / "worlds" / "small_house.trajectory.csv")
     x, y, yaw = way.places(images.seconds - images.seconds[0])
     middle = yaw[:-1] + np.diff(yaw) / 2

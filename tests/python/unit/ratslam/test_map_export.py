@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,6 +30,7 @@ from fusionslam.ratslam.map_export import (
     write_trajectory,
 )
 from maps import little_run, square_run
+from rows import rows
 
 WRITERS = [write_map_json, write_trajectory, write_g2o, write_graphml]
 
@@ -79,7 +81,6 @@ def test_json_holds_nodes_links_and_trajectories_with_units(tmp_path: Path) -> N
 
 def test_unknown_true_poses_are_null_and_have_no_lines(tmp_path: Path) -> None:
     run = square_run()
-    assert run.truth is not None
     run.truth[[0, 5]] = np.nan
     write_map_json(tmp_path / "map.json", run)
     truth = json.loads((tmp_path / "map.json").read_text())["trajectory"]["truth"]
@@ -89,7 +90,7 @@ def test_unknown_true_poses_are_null_and_have_no_lines(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stamps, np.delete(run.stamps_ns, [0, 5]))
 
 
-@pytest.mark.parametrize("which", list(TRAJECTORIES))
+@rows("which", list(TRAJECTORIES))
 def test_tum_lines_hold_the_last_pose_of_each_stamp(tmp_path: Path, which: str) -> None:
     run = shaken_run()
     write_trajectory(tmp_path / "t.txt", run, which)
@@ -97,7 +98,6 @@ def test_tum_lines_hold_the_last_pose_of_each_stamp(tmp_path: Path, which: str) 
     kept = [0, 1, 3, 4, 5, 6, 7]
     np.testing.assert_array_equal(stamps, run.stamps_ns[kept])
     wanted = {"final": run.final_poses, "live": run.poses}.get(which, getattr(run, which, None))
-    assert wanted is not None
     np.testing.assert_allclose(poses[:, :2, 3], wanted[kept, :2], rtol=0, atol=1e-12)
     turns = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     np.testing.assert_allclose(np.exp(1j * turns), np.exp(1j * wanted[kept, 2]), atol=1e-12)
@@ -126,7 +126,7 @@ def test_an_edge_of_g2o_weighs_what_its_link_deviates(tmp_path: Path) -> None:
         np.testing.assert_allclose(np.linalg.inv(information), np.diag(np.square(deviations)))
 
 
-@pytest.mark.parametrize("name", ["sd_m", "sd_rad"])
+@rows("name", ["sd_m", "sd_rad"])
 def test_a_link_that_deviates_by_nothing_has_no_edge_of_g2o(tmp_path: Path, name: str) -> None:
     run = square_run()
     run.links[name][2] = 0.0
@@ -181,12 +181,8 @@ def test_every_format_is_written_into_a_folder_and_named(tmp_path: Path) -> None
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
-    for one, other in zip(
-        export_run(tmp_path / "a", shaken_run()),
-        export_run(tmp_path / "b", shaken_run()),
-        strict=True,
-    ):
-        assert one.read_bytes() == other.read_bytes()
+    files = [export_run(tmp_path / name, shaken_run()) for name in ("a", "b")]
+    assert len({tuple(path.read_bytes() for path in paths) for paths in files}) == 1
 
 
 def test_an_empty_run_gives_files_without_nodes(tmp_path: Path) -> None:
@@ -197,9 +193,9 @@ def test_an_empty_run_gives_files_without_nodes(tmp_path: Path) -> None:
         assert (tmp_path / "map.g2o").read_text() == ""
 
 
-@pytest.mark.parametrize("write", WRITERS)
+@rows("write", WRITERS)
 def test_paths_that_cannot_be_written_are_errors_and_leave_nothing(
-    tmp_path: Path, write: Callable[..., None]
+    tmp_path: Path, write: Any
 ) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
@@ -221,8 +217,7 @@ def without_rights() -> Iterator[None]:
         os.seteuid(before)
 
 
-@pytest.mark.parametrize("write", [*WRITERS, export_run])
-@pytest.mark.parametrize("inside", [".", "locked/below"])
+@rows("write, inside", product([*WRITERS, export_run], [".", "locked/below"]))
 def test_a_folder_without_permission_is_an_error(
     tmp_path: Path, write: Callable[..., Any], inside: str
 ) -> None:
@@ -234,8 +229,7 @@ def test_a_folder_without_permission_is_an_error(
     assert [path.name for path in tmp_path.iterdir()] == ["locked"]
 
 
-@pytest.mark.parametrize("write", WRITERS)
-@pytest.mark.parametrize("name", ["nodes", "poses", "offsets", "truth", "links"])
+@rows("write, name", product(WRITERS, ["nodes", "poses", "offsets", "truth", "links"]))
 def test_values_that_are_not_finite_are_refused_and_the_old_file_stays(
     tmp_path: Path, name: str, write: Callable[..., None]
 ) -> None:

@@ -3,18 +3,18 @@
 """The map is told how much odometry is off as a whole; views that follow closely count less."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from drives import same, unchanged, weighted_errors
 from fusionslam import DataError
 from fusionslam._core import ExperienceMap as CoreMap
 from fusionslam._core import ExperienceMapConfig
-from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
 from fusionslam.storage.arrays import Floats
+from rows import rows
 
 NODE, EDGE = ActionKind.CREATE_NODE, ActionKind.CREATE_EDGE
 QUARTER = math.pi / 2
@@ -24,7 +24,7 @@ Map = ExperienceMap | CoreMap
 
 
 def core_map(**changes: Any) -> CoreMap:
-    return CoreMap(CoreMapConfig(**changes))
+    return CoreMap(ExperienceMapConfig(**changes))
 
 
 def add_node(graph: Map) -> None:
@@ -71,7 +71,7 @@ def test_a_square_of_true_odometry_is_where_it_is_by_hand() -> None:
     assert_near(square(ExperienceMap()).nodes, square_nodes(), 1e-9)
 
 
-@pytest.mark.parametrize("scales", [(1.02, 1.0), (1.0, 1.03), (0.95, 1.05)], ids=str)
+@rows("scales", [(1.02, 1.0), (1.0, 1.03), (0.95, 1.05)])
 def test_rescaled_odometry_gives_the_true_map(scales: tuple[float, float]) -> None:
     way, turn = scales
     graph = square(ExperienceMap(tolerance=1e-9), way, turn)
@@ -115,34 +115,20 @@ def test_a_map_of_no_links_is_left_as_it_is() -> None:
     assert graph.relax(whole=True).settled and graph.pose == (0.0, 0.0, 0.0)
 
 
-def check_unchanged(graph: Map, work: Callable[[], object], match: str) -> None:
-    before = graph.state()
-    with pytest.raises(DataError, match=match):
-        work()
-    after = graph.state()
-    assert {name: values.tobytes() for name, values in after.items()} == {
-        name: values.tobytes() for name, values in before.items()
-    }
-
-
 WRONG = [np.nan, np.inf, -np.inf, -0.1, 1e13]
 
 
-@pytest.mark.parametrize("value", [0.0, *WRONG])
-def test_invalid_factors_are_refused_and_change_nothing(value: float) -> None:
-    graph = square(ExperienceMap())
-    for factors in ((value, 1.0), (1.0, value)):
-        check_unchanged(graph, lambda at=factors: graph.rescale_odometry(*at), "factors")
-
-
-@pytest.mark.parametrize("value", WRONG)
-def test_invalid_deviations_are_refused_and_change_nothing(value: float) -> None:
+def test_invalid_factors_and_deviations_are_refused_and_change_nothing() -> None:
     graph = square(ExperienceMap())
     graph.set_odometry_deviations(0.02, 0.03)
-    for deviations in ((value, 0.0), (0.0, value)):
-        check_unchanged(
-            graph, lambda at=deviations: graph.set_odometry_deviations(*at), "deviations"
-        )
+    for value in (0.0, *WRONG):
+        for factors in ((value, 1.0), (1.0, value)):
+            with unchanged(graph), pytest.raises(DataError, match="factors"):
+                graph.rescale_odometry(*factors)
+    for value in WRONG:
+        for deviations in ((value, 0.0), (0.0, value)):
+            with unchanged(graph), pytest.raises(DataError, match="deviations"):
+                graph.set_odometry_deviations(*deviations)
 
 
 def allowed(
@@ -208,9 +194,7 @@ def test_after_a_turn_the_way_swings_about_where_it_turned() -> None:
     assert added(graph, ASLANT, (way, turn)) == near(slant, turn * QUARTER)
 
 
-@pytest.mark.parametrize(
-    ("turns", "net"), [([0.7, 0.7, 0.7], 2.1), ([0.7, -0.7], 0.0), ([2.0] * 4, 8.0)]
-)
+@rows("turns, net", [([0.7, 0.7, 0.7], 2.1), ([0.7, -0.7], 0.0), ([2.0] * 4, 8.0)])
 def test_only_the_sum_of_all_turns_is_unsure(turns: list[float], net: float) -> None:
     graph = ExperienceMap()
     go(graph, *[(1.0, turn) for turn in turns])
@@ -253,7 +237,7 @@ def loops_of(graph: ExperienceMap) -> Any:
     return graph.links[graph.state()["loops"] == 1]
 
 
-@pytest.mark.parametrize("place_m", [0.4, 0.1])
+@rows("place_m", [0.4, 0.1])
 def test_loops_that_follow_closely_count_less(place_m: float) -> None:
     # In units of twice the deviation of a place; a loop counts at least as a fiftieth.
     shares = [3.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.01, 0.5]
@@ -282,7 +266,7 @@ def test_deviations_and_the_way_since_the_last_loop_are_part_of_the_state() -> N
     assert state["robot"][11:].tolist() == pytest.approx([0.3, 0.02, 0.03])
     restored = ExperienceMap()
     restored.restore(state)
-    assert all(restored.state()[name].tobytes() == state[name].tobytes() for name in state)
+    assert same(restored.state(), state)
     for each in (graph, restored):
         go(each, (0.1, 0.0))
         each.apply(Action(EDGE, each.current, 1))
@@ -306,12 +290,13 @@ def test_a_state_of_version_0_2_0_has_neither() -> None:
     assert restored.check(loop) == graph.check(loop)
 
 
-@pytest.mark.parametrize("count", [0, 10, 12, 13, 15])
+@rows("count", [0, 10, 12, 13, 15])
 def test_a_state_with_another_number_of_values_is_refused(count: int) -> None:
     graph = drive_past([0.8])
     state = graph.state()
     state["robot"] = np.resize(state["robot"], count)
-    check_unchanged(graph, lambda: graph.restore(state), "robot")
+    with unchanged(graph), pytest.raises(DataError, match="robot"):
+        graph.restore(state)
 
 
 def carried(before: int | None) -> CoreMap:
@@ -361,8 +346,7 @@ def test_a_loop_that_fits_odometry_ends_the_doubt() -> None:
     graph = carried(5)
     graph.apply(EDGE, 9, 1, 0.0, (8.0, 0.0))
     assert_near(graph.nodes, ROW, 1e-9)
-    assert not graph.state()["interruptions"].size
-    assert (graph.links["sd_m"] < 1).all()
+    assert not graph.state()["interruptions"].size and (graph.links["sd_m"] < 1).all()
 
 
 def test_a_loop_among_the_nodes_since_says_nothing_of_an_interruption() -> None:
@@ -384,10 +368,11 @@ def test_an_earlier_interruption_is_kept_and_later_ones_are_forgotten() -> None:
         np.testing.assert_array_equal(graph.state()["interruptions"], kept)
 
 
-@pytest.mark.parametrize("node", [-1, 0, 11, 2**40])
+@rows("node", [-1, 0, 11, 2**40])
 def test_an_interruption_before_no_node_is_refused(node: int) -> None:
     graph = carried(7)
-    check_unchanged(graph, lambda: graph.mark_interruption_before(node), f"{node}.*1 to 10")
+    with unchanged(graph), pytest.raises(DataError, match=f"{node}.*1 to 10"):
+        graph.mark_interruption_before(node)
     for empty in (core_map(), core_map(preset="openratslam")):
         with pytest.raises(DataError):
             empty.mark_interruption_before(node)
@@ -400,7 +385,7 @@ def test_the_original_preset_knows_no_interruptions_before_nodes_either() -> Non
     assert not graph.state()["interruptions"].size
 
 
-def arc(turn: float) -> ExperienceMap:  # test_odometry_factors.py
+def arc(turn: float) -> ExperienceMap:
     graph = ExperienceMap(tolerance=1e-9)
     graph.apply(Action(NODE))
     for number in range(16):
@@ -418,19 +403,14 @@ def test_rescaled_turns_bend_the_links_too() -> None:
 
 
 def test_links_of_wrong_loops_since_an_interruption_before_a_node_do_not_hold_it_back() -> None:
-    graph = CoreMap(ExperienceMapConfig(tolerance=1e-9))
-    graph.apply(NODE, 0, 0, 0.0, (0.0, 0.0))
-    for number in range(1, 10):
-        graph.on_odometry(1.0, 0.0, 1.0)
-        graph.apply(NODE, graph.current, number, 0.0, (0.0, 0.0))
-        if number == 7:
-            graph.apply(EDGE, 7, 3, 0.0, (4.0, 0.0))  # wrong: it was carried before node 5
+    graph = core_map(tolerance=1e-9)
+    go(graph, *[(1.0, 0.0)] * 7)
+    graph.apply(EDGE, 7, 3, 0.0, (4.0, 0.0))  # wrong: it was carried before node 5
+    go(graph, *[(1.0, 0.0)] * 2)
     graph.mark_interruption_before(5)
-    graph.apply(EDGE, 9, 1, math.pi / 2, (0.0, 0.5))
+    graph.apply(*TURNED)
     moved = graph.nodes
     relaxed = graph.relax(True)
-    from drives import weighted_errors
-
     links = graph.links
     errors = weighted_errors(graph.nodes, links)[:, :2] * links["sd_m"][:, None]
     residual = math.sqrt((errors**2).sum(axis=1).mean())

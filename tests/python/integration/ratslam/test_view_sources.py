@@ -4,10 +4,12 @@
 
 import json
 import logging
+from itertools import product
 
 import numpy as np
 import pytest
 
+from clouds import seen_after_turn
 from drives import circle_events, on_map, replace_sightings, same, take
 from fusionslam.errors import DataError
 from fusionslam.ratslam import GivenView, GivenViews, Look, Motion, RatSlam
@@ -24,6 +26,7 @@ from fusionslam.sensors.messages import Picture
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates
+from rows import rows
 from scenes import NOTHING, place
 
 
@@ -33,12 +36,7 @@ def image(value: int) -> np.ndarray:
 
 def turn_cloud(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
     """The cloud as seen from x, y and yaw in its frame."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    moved = (cloud.points - np.array([x, y, 0], np.float32)) @ np.array(
-        [[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32
-    )
-    assert cloud.colors is not None
-    return Cloud(moved.astype(np.float32), cloud.colors)
+    return Cloud(seen_after_turn(cloud.points - np.float32([x, y, 0]), yaw), cloud.colors)
 
 
 def test_images_frames_and_what_templates_keep_are_the_same_view() -> None:
@@ -66,7 +64,7 @@ def test_a_turned_panorama_gives_the_rotation() -> None:
     assert seen.view_id == 0 and seen.relative_rotation == pytest.approx(np.pi / 2)
 
 
-@pytest.mark.parametrize("item", [Frame(index=3), "image.png", Cloud(np.zeros((1, 3), np.float32))])
+@rows("item", [Frame(index=3), "image.png", Cloud(np.zeros((1, 3), np.float32))])
 def test_templates_refuse_what_is_no_image(item: object) -> None:
     source = TemplateSource()
     with pytest.raises(DataError):
@@ -122,8 +120,7 @@ def test_two_stages_have_the_second_stage_of_their_preset() -> None:
     assert paper.title == "objects paper, then thesis"
 
 
-@pytest.mark.parametrize("content", [b"", b"\x00" * 7, b"\xff" * 40, b"no views at all"])
-@pytest.mark.parametrize("kind", KINDS)
+@rows("content, kind", product([b"", b"\x00" * 7, b"\xff" * 40, b"no views at all"], KINDS))
 def test_bytes_of_something_else_are_refused(kind: str, content: bytes) -> None:
     with pytest.raises(DataError):
         KINDS[kind]().restore(content)
@@ -135,8 +132,8 @@ def numbers(views: GivenViews, ids: str) -> list[int]:
     return [views.look(view, k).view_id for k, view in enumerate(seen)]
 
 
-@pytest.mark.parametrize(
-    ("ids", "wanted", "restarts"),
+@rows(
+    "ids, wanted, restarts",
     [
         ("0+ 1+ 0 -1 2+ 1 3+", [0, 1, 0, -1, 2, 1, 3], 0),
         # The matcher came back with nothing.
@@ -158,7 +155,7 @@ def test_ids_keep_their_numbers_until_a_restart(ids: str, wanted: list[int], res
     assert numbers(views, ids) == wanted and views.restarts == restarts
 
 
-@pytest.mark.parametrize("at", range(11))
+@rows("at", range(11))
 def test_numbers_go_on_from_bytes(at: int) -> None:
     ids = ["0+", "1+", "2+", "3+", "1", "2+", "0", "7", "3+", "1", "9+"]
     whole, first, second = GivenViews(), GivenViews(), GivenViews()
@@ -185,15 +182,15 @@ def test_a_restart_is_logged_as_a_warning_once(caplog: pytest.LogCaptureFixture)
     assert [one.levelname for one in caplog.records] == ["WARNING", "INFO"]
 
 
-@pytest.mark.parametrize("preset", ["robust", "openratslam"])
+@rows("preset", ["robust", "openratslam"])
 def test_without_restarts_the_map_is_that_of_sightings_to_the_last_bit(preset: str) -> None:
-    events = circle_events(1.3)
+    events = circle_events(1.1)
     plain, through = RatSlam(preset=preset), RatSlam(preset=preset, views=GivenViews())
     assert take(through, replace_sightings(events)) == take(plain, events)
     assert same(on_map(through), on_map(plain))
 
 
-@pytest.mark.parametrize(
+@rows(
     "content",
     [
         b"[]",
@@ -237,7 +234,7 @@ def test_a_matcher_that_follows_odometry_tells_look_alike_places_apart() -> None
     assert [alone.look(place(look), k).view_id for k, look in enumerate(LOOKS)] != list(WHERE)
 
 
-@pytest.mark.parametrize("after", [moved(7, 500.0), moved(2, 5.0), moved(60, 5.0)])
+@rows("after", [moved(7, 500.0), moved(2, 5.0), moved(60, 5.0)])
 def test_odometry_that_jumps_goes_back_or_was_silent_leaves_a_robot_in_doubt(
     after: Odometry2D,
 ) -> None:

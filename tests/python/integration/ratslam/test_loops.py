@@ -9,6 +9,7 @@ import pytest
 
 from drives import NODES_A_LAP, drive, drive_by_odometry, laps, right
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
+from rows import rows
 
 EDGE = ActionKind.CREATE_EDGE
 CERTAIN = {
@@ -52,15 +53,14 @@ def test_one_wrong_match_is_refused_and_folds_the_map_of_the_reference_only() ->
     assert folded.rmse() > 5 * drive(ExperienceMap(preset="openratslam"), laps(2)).rmse()
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, None])
+@rows("seed", [1, 2, 3, None])
 def test_a_false_loop_on_every_frame_does_not_fold_the_map(seed: int | None) -> None:
     # The few that fit what odometry allows after a lap, some 2 m, pull a little.
     driven, folded = (
         drive(ExperienceMap(preset=preset), laps(2), random_claims(seed) if seed else always_ten)
         for preset in ("robust", "openratslam")
     )
-    assert driven.accepted < 0.1 * len(driven.checks)
-    assert driven.rmse() < 1.25
+    assert driven.accepted < 0.1 * len(driven.checks) and driven.rmse() < 1.25
     assert folded.rmse() > 3 * driven.rmse()
 
 
@@ -106,7 +106,7 @@ def test_asking_twice_changes_nothing() -> None:
         np.testing.assert_array_equal(values, after_first[name])
 
 
-@pytest.mark.parametrize("kind", [ActionKind.NONE, ActionKind.CREATE_NODE])
+@rows("kind", [ActionKind.NONE, ActionKind.CREATE_NODE])
 def test_actions_other_than_loops_are_accepted(kind: ActionKind) -> None:
     assert ExperienceMap().check(Action(kind)).accepted
 
