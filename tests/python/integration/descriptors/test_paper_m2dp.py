@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The presets of the papers: a plain NumPy version, and the authors' own programs."""
 
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -142,7 +143,7 @@ def test_the_author_preset_moves_at_most_64_votes_and_leaves_out_the_last_point(
 def test_without_a_radius_shot_takes_five_times_the_resolution() -> None:
     points, colors = street(4, 1000)
     radius = 5 * fusionslam.cloud_resolution(points)
-    assert np.array_equal(fusionslam.shot(points), fusionslam.shot(points, normal_radius=radius))
-    assert np.array_equal(
-        fusionslam.cshot(points, colors), fusionslam.cshot(points, colors, normal_radius=radius)
-    )
+    for call in (fusionslam.shot, partial(fusionslam.cshot, colors=colors)):
+        expected = call(points, normal_radius=radius)
+        assert np.array_equal(call(points), expected)
+        assert np.array_equal(call(points, normal_radius=None), expected)

@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,40 +18,6 @@ import fusionslam
 from arrays import COLORS, IMAGE, POINTS, PROJECTION, RNG
 from project import PROJECT
 from rows import rows
-
-RESULTS: list[tuple[Callable[[], Any], type, tuple[int, ...]]] = [
-    (lambda: fusionslam.m2dp(POINTS, preset="robust"), np.float32, (192,)),
-    (lambda: fusionslam.m2dp_signature(POINTS, preset="robust"), np.float64, (64, 128)),
-    (
-        lambda: fusionslam.cm2dp(POINTS, COLORS, color_space="rgb", preset="robust"),
-        np.float32,
-        (576,),
-    ),
-    (lambda: fusionslam.cm2dp_signature(POINTS, COLORS), np.float64, (64, 512)),
-    (lambda: fusionslam.shot(POINTS, normal_radius=None), np.float32, (352,)),
-    (lambda: fusionslam.cshot(POINTS, COLORS, normal_radius=None), np.float32, (1344,)),
-    (lambda: fusionslam.bev_spectrum(POINTS, height=None), np.float32, (4320,)),
-    (lambda: fusionslam.cscan_context(POINTS, COLORS, height=None), np.float32, (3600,)),
-]
-
-
-@rows("call, dtype, shape", RESULTS)
-def test_descriptors_have_the_promised_shape_and_kind(
-    call: Callable[[], Any], dtype: type, shape: tuple[int, ...]
-) -> None:
-    result = call()
-    assert result.shape == shape and result.dtype == dtype
-    assert np.isfinite(result).all()
-
-
-@rows(
-    "preset, color_space",
-    product(["robust", "upright", "paper", "author"], ["rgb", "hsv", "lab"]),
-)
-def test_every_preset_and_colour_space_has_the_same_length(preset: str, color_space: str) -> None:
-    assert fusionslam.m2dp(POINTS, preset=preset).shape == (192,)
-    given = fusionslam.cm2dp(POINTS, COLORS, preset=preset, color_space=color_space)
-    assert given.shape == (576,)
 
 
 def test_colorize_gives_points_colours_and_indices() -> None:
@@ -74,16 +39,6 @@ def test_colorize_gives_points_colours_and_indices() -> None:
 def test_options_are_keywords_only(function: Callable[..., Any], arguments: tuple[Any]) -> None:
     with pytest.raises(TypeError):
         function(*arguments)
-
-
-def test_the_default_presets_are_robust_and_rgb() -> None:
-    given = fusionslam.cm2dp(POINTS, COLORS)
-    assert np.array_equal(
-        given, fusionslam.cm2dp(POINTS, COLORS, color_space="rgb", preset="robust")
-    )
-    for key, value in (("preset", "best"), ("color_space", "cmyk")):
-        with pytest.raises(fusionslam.ConfigError, match=value):
-            fusionslam.cm2dp(POINTS, COLORS, **{key: value})
 
 
 def test_precision_recall_has_the_promised_signature_and_fields() -> None:

@@ -34,7 +34,13 @@ def out_of_range(section: type, **values: Any) -> Iterator[Refusal]:
         yield ConfigError, rf"\.{name}", partial(section, **{name: value})
 
 
+def sized_m2dp(**sizes: int) -> object:
+    return fusionslam.m2dp(ROUGH, config=fusionslam.M2dpConfig(**sizes))
+
+
+upright_m2dp = partial(fusionslam.m2dp, preset="upright")
 POINT = np.ones((1, 3), np.float32)
+UP = np.tile(np.float32([0, 0, 1]), (20, 1))
 LINE = np.outer(np.arange(50), [1, 2, 3]).astype(np.float32)
 GREYS = np.zeros((50, 3), np.uint8)
 SPARSE = np.arange(300, dtype=np.float32).reshape(100, 3) * 10
@@ -90,6 +96,47 @@ intensity = _core.intensity_scan_context
         (DataError, None, lambda: fusionslam.compare_scan_contexts(CONTEXT, CONTEXT * np.nan)),
         (ShapeError, None, lambda: fusionslam.DescriptorIndex(1199, metric="scan_context")),
         (ConfigError, None, lambda: fusionslam.DescriptorIndex(1200, metric="cosine")),
+        *[
+            (ConfigError, rf"m2dp\.{name}\b", partial(sized_m2dp, **{name: size}))
+            for name, size in (("azimuths", 6), ("sectors", 9))
+        ],
+        (ConfigError, "best", lambda: fusionslam.cm2dp(LINE, GREYS, preset="best")),
+        (ConfigError, "cmyk", lambda: fusionslam.cm2dp(LINE, GREYS, color_space="cmyk")),
+        *no_use(upright_m2dp, LINE * [0, 0, 1], says=None),
+        *[
+            refusal
+            for describe in (
+                partial(fusionslam.estimate_normals, radius=1.0),
+                fusionslam.cloud_resolution,
+                fusionslam.shot,
+                lambda points: fusionslam.cshot(points, np.zeros(points.shape, np.uint8)),
+            )
+            for refusal in (
+                *no_use(describe, np.empty((0, 3)), says="0"),
+                *no_use(describe, [[1, 2, 3]], says="1"),
+                *no_use(describe, ROUGH[:50] * 1e30, says="1e15 m"),
+            )
+        ],
+        *[
+            (ConfigError, "normal_radius", partial(call, ROUGH[:20], **{name: radius}))
+            for call, name in (
+                (fusionslam.estimate_normals, "radius"),
+                (fusionslam.shot, "normal_radius"),
+            )
+            for radius in (0.0, -1.0, math.nan)
+        ],
+        (
+            ShapeError,
+            r"normals .*19.*points .*20",
+            lambda: fusionslam.shot_at_centroid(ROUGH[:20], UP[:19]),
+        ),
+        (
+            DataError,
+            "normal 3",
+            lambda: fusionslam.shot_at_centroid(
+                ROUGH[:20], np.where(np.eye(20)[3][:, None], np.nan, UP)
+            ),
+        ),
         *no_use(fusionslam.esf, LINE, says="triangles"),
         *no_use(fusionslam.esf, np.ones((50, 3)), says="equal"),
         *no_use(fusionslam.esf, LINE[:2], says="at least 3"),

@@ -3,7 +3,7 @@
 """What the preset "robust" promises."""
 
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -47,13 +47,12 @@ def test_the_robust_preset_is_the_default_and_keeps_the_lengths() -> None:
     assert m2dp.shape == (192,) and m2dp.dtype == np.float32
     assert cm2dp.shape == (576,) and cm2dp.dtype == np.float32
     assert np.array_equal(m2dp, fusionslam.m2dp(points, preset="robust"))
-    assert np.array_equal(cm2dp, fusionslam.cm2dp(points, colors, preset="robust"))
-
-
-@rows("sizes", [{"azimuths": 6}, {"sectors": 9}])
-def test_sizes_that_the_robust_rule_cannot_use_are_refused_by_name(sizes: dict[str, int]) -> None:
-    with pytest.raises(fusionslam.ConfigError, match=rf"m2dp\.{next(iter(sizes))}\b"):
-        fusionslam.m2dp(street(9)[0], config=fusionslam.M2dpConfig(**sizes))
+    given = fusionslam.cm2dp(points, colors, color_space="rgb", preset="robust")
+    assert np.array_equal(cm2dp, given)
+    for preset, space in product(["upright", "paper", "author"], ["rgb", "hsv", "lab"]):
+        assert fusionslam.m2dp(points, preset=preset).shape == (192,)
+        given = fusionslam.cm2dp(points, colors, preset=preset, color_space=space)
+        assert given.shape == (576,)
 
 
 @rows("seed", range(4))
