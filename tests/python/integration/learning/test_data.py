@@ -4,8 +4,8 @@
 
 import gzip
 from pathlib import Path
-
 from typing import Any
+
 import numpy as np
 import pytest
 from trimesh import Trimesh

@@ -14,13 +14,10 @@ from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.learning.places import PairConfig, Places, Sights, make_pairs, same_places
 from fusionslam.sensors.frame import Cloud
-from fusionslam.views import SceneConfig, SimilarityConfig, ViewMatcher
-from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.second_stage import MODELS, SecondStage
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.network_files import SHIPPED, check_digest
 from fusionslam.views.second_stage.scores import area_under_curve
-from fusionslam.views.two_stage_comparison import TwoStageComparison
 from learning import cloud, simulated_places
 from refusals import refuses
 from rows import rows
@@ -131,16 +128,6 @@ def test_unknown_places_are_told_apart(model: str, least: float, unknown_places:
     scores = np.stack([stage.probabilities(row, table) for row in table])[first, second]
     same, _ = same_places(places, first, second)
     assert area_under_curve(scores, same) > least
-
-
-def test_the_matcher_takes_it_as_its_second_stage() -> None:
-    near, far = cloud(400, 1, (2.0, 0.0)), cloud(400, 2, (6.0, -2.0))
-    for threshold, expected in ((0.0, [0, 0, 0, 0]), (0.9, [0, 1, 0, 1])):
-        # Every scene is like every other one to this first stage.
-        first = ObjectComparison(SceneConfig(), SimilarityConfig(), 0.0)
-        both = TwoStageComparison(first, SecondStage("places"), threshold=threshold)
-        one = ViewMatcher(comparison=both)
-        assert [one.process(seen).id for seen in (near, far, near, far)] == expected
 
 
 def test_simulated_places_repeat_with_their_seed(warehouse: Sights) -> None:

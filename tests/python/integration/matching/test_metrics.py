@@ -375,22 +375,6 @@ def test_other_lengths_nan_and_unknown_metrics_are_refused(metric: str) -> None:
         compare_descriptors(row, row, "hamming")
 
 
-@rows("metric", metric_names())
-def test_a_damaged_file_is_refused(metric: str, tmp_path: Path) -> None:
-    path = tmp_path / "places.index"
-    index_of(random_rows(metric, 3, seed=8), metric).save(path)
-    content = path.read_bytes()
-    for place in (49, 60, len(content) // 2, len(content) - 3):
-        changed = bytearray(content)
-        changed[place] ^= 0x41
-        path.write_bytes(changed)
-        with pytest.raises(DataError, match=r"places\.index"):
-            DescriptorIndex.load(path)
-    path.write_bytes(content[:-20])
-    with pytest.raises(DataError, match="cut off"):
-        DescriptorIndex.load(path)
-
-
 @rows("metric", ["l2", "regions"])
 @rows("window", [0, 2])
 def test_descriptors_of_zeros_have_no_candidates_and_are_none(metric: str, window: int) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The neighbours found are those of NumPy and scikit-learn, and what an index refuses."""
+"""The neighbours found are those of NumPy, and what an index refuses."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sklearn.neighbors import NearestNeighbors
 
 from arrays import SECOND, filled
 from fusionslam import ConfigError, DataError, DescriptorIndex, ShapeError, nearest, nearest_causal
@@ -134,15 +133,6 @@ def test_descriptors_whose_distances_would_overflow_are_refused() -> None:
     with pytest.raises(DataError, match="descriptor 1 "):
         nearest_causal(np.array([[0, 0], [3e38, 0]], np.float32), window=0)
     assert len(index) == 0
-
-
-def test_the_neighbours_are_those_of_scikit_learn() -> None:
-    rng = np.random.default_rng(1)
-    table, query = rng.normal(size=(500, 192)).astype("f4"), rng.normal(size=192).astype("f4")
-    expected = NearestNeighbors(n_neighbors=10, algorithm="brute").fit(table).kneighbors([query])
-    indices, distances = index_of(table).query(query, k=10)
-    assert np.array_equal(indices, expected[1][0])
-    assert distances == pytest.approx(expected[0][0], rel=1e-5)
 
 
 def test_one_or_two_threads_give_the_same_bytes() -> None:

@@ -46,13 +46,6 @@ def ids(matches: list[ViewMatch]) -> list[int]:
 THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
 
 
-def test_places_that_look_alike_are_told_apart_by_odometry_and_not_without() -> None:
-    assert ids(drive(ViewMatcher(), THERE_AND_BACK)) == list(THERE_AND_BACK)
-    alone = ViewMatcher()
-    found = [alone.process(place(LOOKS[k])).id for k in THERE_AND_BACK]
-    assert found[4:6] == [1, 2]
-
-
 @rows("start, scale", [(at(100.0, -7.0, 2.5), 1.0), (at(0.0), 1.02), (at(0.0, 0.0, -3.1), 1.02)])
 def test_only_relative_motion_counts(start: Matrix, scale: float) -> None:
     assert ids(drive(ViewMatcher(), THERE_AND_BACK, start, scale)) == list(THERE_AND_BACK)
