@@ -50,20 +50,12 @@ def ids(matcher: Desk) -> list[int]:
     return [message.current_id for message in matcher.outlet.of(IDS)]
 
 
-def without_colors(scan: Scan) -> Scan:
-    return replace(scan, colors=None)
-
-
 def empty(scan: Scan) -> Scan:
     return replace(scan, points=scan.points[:0], colors=scan.colors[:0])
 
 
 def of_nan(scan: Scan) -> Scan:
     return replace(scan, points=scan.points * np.float32(np.nan))
-
-
-def unstamped(scan: Scan) -> Scan:
-    return replace(scan, stamp_ns=0)
 
 
 def short(scan: Scan) -> Any:
@@ -74,17 +66,13 @@ def short(scan: Scan) -> Any:
     return message
 
 
-def a_picture(scan: Scan) -> Picture:
-    return picture(1)
-
-
-SPOILED = [
-    (without_colors, "no-colours"),
+SPOILED: list[tuple[Callable[[Scan], Any], str]] = [
+    (lambda scan: replace(scan, colors=None), "no-colours"),
     (empty, "empty-cloud"),
     (of_nan, "empty-cloud"),
-    (unstamped, "no-stamp"),
+    (lambda scan: replace(scan, stamp_ns=0), "no-stamp"),
     (short, "DataError"),
-    (a_picture, "wrong-type"),
+    (lambda scan: picture(1), "wrong-type"),
 ]
 
 
@@ -199,6 +187,13 @@ class Remembering:
     def started(self, **more: Any) -> Desk:
         return Desk(self.name, **{**self.known, **more})
 
+    def closed(self) -> "Remembering":
+        """After a first run with three messages."""
+        desk = self.started()
+        desk.give(self.topic, *self.made(0))
+        desk.node.close()
+        return self
+
 
 def answers(desk: Desk) -> list[tuple[int, ...]]:
     found: list[tuple[int, ...]] = [(loop.query, loop.match) for loop in desk.outlet.of(LOOPS)]
@@ -260,10 +255,7 @@ def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
 def test_a_damaged_memory_is_refused_at_the_start_with_what_to_do(
     kind: str, tmp_path: Path
 ) -> None:
-    each = Remembering(kind, tmp_path)
-    desk = each.started()
-    desk.give(each.topic, *each.made(0))
-    desk.node.close()
+    each = Remembering(kind, tmp_path).closed()
     path = tmp_path / "memory"
     for file in path.iterdir() if path.is_dir() else [path]:
         file.write_bytes(file.read_bytes()[:30])
@@ -288,10 +280,7 @@ def test_a_damaged_memory_is_refused_at_the_start_with_what_to_do(
 def test_a_memory_of_other_parameters_is_refused(
     kind: str, other: dict[str, Any], name: str, tmp_path: Path
 ) -> None:
-    each = Remembering(kind, tmp_path)
-    desk = each.started()
-    desk.give(each.topic, *each.made(0))
-    desk.node.close()
+    each = Remembering(kind, tmp_path).closed()
     with pytest.raises(ConfigError) as error:
         each.started(**other)
     assert (error.value.code, error.value.fields) == ("other-settings", (f"~{name}",))

@@ -35,6 +35,14 @@ def play(desk: Desk, messages: Sent) -> None:
         desk.give(topic, value)
 
 
+def played(messages: Sent, **parameters: Any) -> Desk:
+    """A node that was given messages, and then nothing for a while."""
+    desk = fusion(**parameters)
+    play(desk, messages)
+    desk.worker.idle()
+    return desk
+
+
 def stamps(desk: Desk) -> list[int]:
     return [stamp_of(cloud.header.stamp) for cloud in desk.outlet.of(CLOUDS)]
 
@@ -67,9 +75,7 @@ def same(first: Desk, second: Desk) -> bool:
 
 @pytest.fixture(scope="module")
 def usual() -> Desk:
-    desk = fusion()
-    play(desk, DRIVE)
-    desk.worker.idle()
+    desk = played(DRIVE)
     assert stamps(desk) == SCAN_STAMPS and all(len(cloud.points) for cloud in clouds(desk))
     return desk
 
@@ -89,9 +95,7 @@ def test_transforms_that_come_after_the_first_scans_lose_none(usual: Desk) -> No
 def test_transforms_that_come_very_late_lose_the_scans_before(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    desk = fusion()
-    play(desk, without(DRIVE, "/tf_static"))
-    desk.worker.idle()
+    desk = played(without(DRIVE, "/tf_static"))
     assert not stamps(desk) and causes(caplog).count(NO_TRANSFORM) == 1
     play(desk, drive_messages(later=10))
     desk.worker.idle()
@@ -102,9 +106,7 @@ def test_transforms_that_come_very_late_lose_the_scans_before(
 def test_messages_that_arrive_a_second_late_change_nothing(topic: str, usual: Desk) -> None:
     # At five times the speed, so long takes a thread that waits for a fifth of a second.
     # Before the first odometry, only the parameter tells the robot's name.
-    desk = fusion(online={"robot_frame": "base"})
-    play(desk, late(DRIVE, topic, 1.0))
-    desk.worker.idle()
+    desk = played(late(DRIVE, topic, 1.0), online={"robot_frame": "base"})
     assert same(desk, usual) and desk.node.report()["without odometry"] == 0
 
 
@@ -113,9 +115,7 @@ def test_images_that_are_lost_on_the_way_cost_only_their_scans(
 ) -> None:
     lost = range(START + SECOND, START + 2 * SECOND)
     kept = [entry for entry in DRIVE if entry[0] != IMAGES or entry[1].stamp_ns not in lost]
-    desk = fusion()
-    play(desk, kept)
-    desk.worker.idle()
+    desk = played(kept)
     # Images further away than 0.1 s are not of a scan; that at 1 s still has one.
     gone = [s for s in SCAN_STAMPS if s in lost and s - START > SECOND]
     assert stamps(desk) == [s for s in SCAN_STAMPS if s not in gone] and len(gone) == 1
@@ -201,9 +201,7 @@ def test_clouds_come_from_compressed_images_as_from_raw_ones(usual: Desk) -> Non
         # Without loss; some of them stay raw.
         return value if value.stamp_ns % SECOND == 0 else build(value, "png")
 
-    desk = fusion()
-    play(desk, spoil(DRIVE, IMAGES, stored))
-    desk.worker.idle()
+    desk = played(spoil(DRIVE, IMAGES, stored))
     assert same(desk, usual)
 
 

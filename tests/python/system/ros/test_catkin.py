@@ -59,42 +59,23 @@ def sums(environment: dict[str, str]) -> tuple[Path, list[str]]:
     return Path(path), found
 
 
-@pytest.mark.parametrize("space", ["devel", "install"])
-def test_messages_and_services_of_catkin_are_those_that_came_with_pip(
-    space: str, workspace: Path
+@pytest.mark.parametrize(("space", "package"), [("devel", "src"), ("install", "install/share")])
+def test_a_workspace_has_our_messages_nodes_that_run_launch_files_and_pictures(
+    space: str, package: str, workspace: Path, tmp_path: Path
 ) -> None:
-    installed, wanted = sums(dict(os.environ))
-    built, found = sums(source_setup(workspace / space, dict(os.environ)))
+    environment = source_setup(workspace / space, dict(os.environ))
+    (installed, wanted), (built, found) = sums(dict(os.environ)), sums(environment)
     assert built.is_relative_to(workspace / space) and not installed.is_relative_to(workspace)
     assert found == wanted and len(found) == len(set(found)) == len(MESSAGES) + 1 == 9
-
-
-@pytest.mark.parametrize("space", ["devel", "install"])
-def test_a_node_of_the_workspace_runs_with_the_python_of_the_terminal(
-    space: str, workspace: Path, tmp_path: Path
-) -> None:
     with RosWorld(tmp_path) as world:
         world.environment = source_setup(workspace / space, world.environment)
         node = world.run("node", ["rosrun", "fusionslam_ros", "lv_matching"])
         wait_until(lambda: "is ready" in world.log("node") or node.poll() is not None, "a node")
         assert world.end(node) == 0, world.log("node")
         assert "lv_matching is ready" in world.log("node")
-
-
-@pytest.mark.parametrize(("space", "package"), [("devel", "src"), ("install", "install/share")])
-def test_launch_files_and_pictures_of_the_workspace_are_found(
-    space: str, package: str, workspace: Path
-) -> None:
-    environment = source_setup(workspace / space, dict(os.environ))
-    result = subprocess.run(
-        ["roslaunch", "--files", "fusionslam_ros", "ratslam.launch"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    listing = ["roslaunch", "--files", "fusionslam_ros", "ratslam.launch"]
+    files = subprocess.run(listing, env=environment, capture_output=True, text=True, check=True)
     folder = workspace / package / "fusionslam_ros"
-    assert str((folder / "launch/include/map.launch").resolve()) in map(
-        os.path.realpath, result.stdout.split()
-    )
+    included = str((folder / "launch/include/map.launch").resolve())
+    assert included in map(os.path.realpath, files.stdout.split())
     assert (folder / "rviz/map.rviz").is_file()
