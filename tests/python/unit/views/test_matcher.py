@@ -20,25 +20,11 @@ from fusionslam.views.descriptor_comparison import distance_at, similarity_at
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.object_comparison import ObjectComparison
-from fusionslam.views.recognisers import (
-    complete_config,
-    scene_config,
-    similarity_config,
-)
+from fusionslam.views.recognisers import complete_config, scene_config, similarity_config
 from fusionslam.views.scenes import build_scene
 from refusals import refuses
 from rows import rows
-from scenes import (
-    LAPS,
-    NOTHING,
-    MeanColor,
-    config_of,
-    drive,
-    matcher,
-    painted,
-    place,
-    two_stages,
-)
+from scenes import LAPS, NOTHING, MeanColor, config_of, drive, matcher, painted, place, two_stages
 from stored import change_archive, check_damaged_files
 
 SCENES = {"method": "objects"}
