@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The contexts of Scan Context++ against numpy, and what turns and moves do to them."""
+"""Kin of Scan Context against numpy, and what turns and moves do to them.
+
+The contexts of Scan Context++, and Intensity Scan Context (Wang, Wang, Xie, ICRA 2020).
+"""
 
 import math
 
@@ -13,6 +16,7 @@ from fusionslam._core import (
     ScanContextCartesianConfig,
     ScanContextConfig,
     ScanContextPolarConfig,
+    intensity_scan_context,
     scan_context_cartesian,
     scan_context_polar,
 )
@@ -36,14 +40,6 @@ def test_the_polar_context_is_scan_context() -> None:
         scan_context_polar(points, config=ScanContextPolarConfig(max_range=40.0, height=1.5)),
         fusionslam.scan_context(points, config=ScanContextConfig(max_range=40.0, height=1.5)),
     )
-
-
-@rows("turn", [1, 29, 59])
-def test_a_turn_by_sectors_moves_the_sectors(turn: int) -> None:
-    points = polar_cloud(np.random.default_rng(turn), 60, 20, 80)
-    older = scan_context_polar(points).reshape(60, 20)
-    newer = scan_context_polar(seen_after_turn(points, 2 * math.pi * turn / 60)).reshape(60, 20)
-    np.testing.assert_allclose(newer, np.roll(older, -turn, axis=0), rtol=1e-6)
 
 
 def test_a_cartesian_context_by_hand() -> None:
@@ -95,3 +91,53 @@ def test_half_a_turn_reverses_a_cartesian_context() -> None:
     points = cartesian_cloud(np.random.default_rng(5))
     turned = scan_context_cartesian(seen_after_turn(points, math.pi))
     np.testing.assert_array_equal(turned, scan_context_cartesian(points)[::-1])
+
+
+def random_scan(seed: int) -> tuple[Floats, Floats]:
+    rng = np.random.default_rng(seed)
+    points = polar_cloud(rng, 60, 20, 60)
+    return points, rng.uniform(0, 200, len(points)).astype(np.float32)
+
+
+def test_an_intensity_context_by_hand() -> None:
+    points = [[10, 0.1, 1], [10, 0.2, -9], [0.1, 30, 2], [-10, -0.1, 3], [70, 1, 0]]
+    intensities = [3, 8, 0, 4, 99]
+    found = intensity_scan_context(
+        np.array(points, np.float32), np.array(intensities, np.float32)
+    ).reshape(60, 20)
+    assert {(int(s), int(r)): found[s, r] for s, r in zip(*found.nonzero(), strict=True)} == {
+        (0, 3): 1,  # the brighter of two; z does not matter
+        (14, 10): np.float32(1 / 255),  # black, but not empty
+        (30, 3): 0.5,
+    }
+
+
+@rows("seed", range(3))
+def test_bins_hold_the_largest_intensity(seed: int) -> None:
+    points, intensities = random_scan(seed)
+    expected = np.zeros((60, 20))
+    for (x, y, _), intensity in zip(points.astype(np.float64), intensities, strict=True):
+        sector = int(math.atan2(y, x) % (2 * math.pi) / (2 * math.pi) * 60)
+        ring = int(math.hypot(x, y) / 3)
+        expected[sector, ring] = max(expected[sector, ring], intensity, intensities.max() / 255)
+    found = intensity_scan_context(points, intensities)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected.ravel() / expected.max(), rtol=1e-6)
+
+
+@rows("turn", [1, 30, 59])
+def test_a_turn_moves_the_sectors_of_intensities(turn: int) -> None:
+    points, intensities = random_scan(turn)
+    older, newer = (
+        intensity_scan_context(each, intensities).reshape(60, 20)
+        for each in (points, seen_after_turn(points, 2 * math.pi * turn / 60))
+    )
+    np.testing.assert_array_equal(newer, np.roll(older, -turn, axis=0))
+
+
+def test_the_unit_of_intensities_does_not_matter() -> None:
+    points, intensities = random_scan(9)
+    np.testing.assert_allclose(
+        intensity_scan_context(points, intensities * np.float32(256)),
+        intensity_scan_context(points, intensities),
+    )
