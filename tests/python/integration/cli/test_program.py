@@ -125,6 +125,8 @@ def test_choices_are_those_of_the_registries() -> None:
         (opt.WORLDS, MADE),
     ):
         assert sorted(offered) == sorted(known)
+    for words in (("demo", "--world", "mars", "-o", "x"), ("report", ".", "--protocol", "revist")):
+        assert error_of(2, *words).code == "choice"
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from artefacts import artefact
-from bags import drive, without, write_bag
+from bags import drive, write_bag
 from cli import error_of, fails, last_line, run, succeeds
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -69,7 +69,7 @@ def test_a_recording_becomes_a_map_its_figures_and_a_page(recording: Path, tmp_p
     assert len(figures["nodes"]) == len(run_of.nodes) > 5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_only_the_same_seed_writes_the_same_bytes(recording: Path, tmp_path: Path) -> None:
     noise = ("--odometry", "truth+noise", "--set", "odometry.speed_noise=0.05")
     words = ("ratslam", recording, "--views", "objects", *noise, *QUICK)
@@ -126,24 +126,25 @@ def test_what_is_set_of_drift_counts_with_a_camera_alone_too(bag: Path, tmp_path
     assert config["drift_m"] == 0.11 and config["drift_heading"] == 0.03
 
 
-@rows("lacking", [("/odom",), ("/odom", "/camera/image")])
-def test_without_odometry_and_truth_that_by_images_is_advised_where_there_are_images(
-    lacking: tuple[str, ...], tmp_path: Path
+@rows(
+    "lacking, code, advice",
+    [
+        (("/odom",), "no-motion", "--odometry visual"),
+        (("/odom", "/camera/image"), "no-motion", None),
+        (("/points",), "no-clouds", "--views visual_templates"),
+    ],
+)
+def test_a_bag_that_lacks_something_is_told_what_serves(
+    lacking: tuple[str, ...], code: str, advice: str | None, tmp_path: Path
 ) -> None:
     pytest.importorskip("rosbags")
-    write_bag(tmp_path / "still.bag", [one for one in drive(1.0) if one.topic not in lacking])
-    error = error_of(1, "ratslam", tmp_path / "still.bag", "-o", tmp_path / "out", *QUICK)
-    assert error.code == "no-motion"
-    assert ("--odometry visual" in str(error)) == ("/camera/image" not in lacking)
-
-
-def test_a_recording_of_images_alone_is_told_to_use_visual_templates(tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
-    write_bag(tmp_path / "seen.bag", without(drive(1.0), "/points"))
-    words = ("ratslam", tmp_path / "seen.bag", "-o", tmp_path / "out", *QUICK)
+    write_bag(tmp_path / "a.bag", [one for one in drive(1.0) if one.topic not in lacking])
+    words = ("ratslam", tmp_path / "a.bag", "-o", tmp_path / "out", *QUICK)
     error = error_of(1, *words)
-    assert error.code == "no-clouds" and "--views visual_templates" in str(error)
-    succeeds(*words, "--views", "visual_templates", *TEMPLATES)
+    assert error.code == code
+    assert advice in str(error) if advice else "--odometry visual" not in str(error)
+    if code == "no-clouds":
+        succeeds(*words, "--views", "visual_templates", *TEMPLATES)
 
 
 @pytest.mark.slow
@@ -174,13 +175,12 @@ def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
     assert error_of(1, *again).code == "nothing-later"
 
 
-def interrupted(*_: object, **__: object) -> None:
-    raise KeyboardInterrupt
-
-
-def test_ctrl_c_after_the_last_step_keeps_map_and_state(
+def test_ctrl_c_after_the_last_step_keeps_all_and_before_the_first_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
     monkeypatch.setattr("fusionslam.evaluation.maps.judge.judge_map", interrupted)
     out, state = tmp_path / "out", tmp_path / "state.npz"
     result = run("ratslam", recording, "--views", "objects", "-o", out, "--save", state, *QUICK)
@@ -189,15 +189,9 @@ def test_ctrl_c_after_the_last_step_keeps_map_and_state(
     assert str(out) in said and str(state) in said
     assert len(RatSlamRun.load(out / "run.npz")) and (out / "map.json").exists()
     assert RatSlam.load(state).seen_ns[0] is not None
-
-
-def test_ctrl_c_before_the_first_step_writes_nothing(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setattr(RunRecorder, "step", interrupted)
-    result = run("ratslam", recording, "--views", "objects", "-o", tmp_path / "out", *QUICK)
-    assert result.exit_code == 130
-    assert not (tmp_path / "out").exists()
+    result = run("ratslam", recording, "--views", "objects", "-o", tmp_path / "none", *QUICK)
+    assert result.exit_code == 130 and not (tmp_path / "none").exists()
 
 
 @rows(

@@ -51,6 +51,7 @@ def replace_warehouse(monkeypatch: pytest.MonkeyPatch, make: object) -> None:
         (("-o", "OUT", "--seconds", "0"), "seconds is 0.0"),
         (("-o", "OUT", "--robot", "husky"), "robot 'husky'"),
         (("-o", "OUT", "--obstacles", "-1"), "--obstacles"),
+        (("-o", "OUT", "--format", "rosbag"), "--format is 'rosbag'"),
         ((), "--output is missing: expected a bag or a folder"),
     ],
 )
@@ -63,7 +64,7 @@ def test_cheap_checks_come_before_the_world_is_made(
     places = {name.upper(): str(tmp_path / name) for name in ("file", "full", "out")}
     for name, path in places.items():
         words = tuple(word.replace(name, path) for word in words)
-    usage = words == () or {"--seconds", "--robot", "--obstacles"} & {*words}
+    usage = words == () or {"--seconds", "--robot", "--obstacles", "rosbag"} & {*words}
     assert message in fails(2 if usage else 1, "sim", "warehouse", *words)
     assert not (tmp_path / "out").exists()
 
