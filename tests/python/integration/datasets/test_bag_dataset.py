@@ -44,10 +44,12 @@ from fusionslam.datasets.base import OdometryOrigin, PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
-from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import Event, FrameTransforms
 from fusionslam.sensors.synchronizer import SyncConfig
 from rows import rows
+
+Logs = pytest.LogCaptureFixture
 
 KINDS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap"}
 BASE_FROM_SCANNER = translation(-0.1, 0, 0.3)
@@ -55,9 +57,7 @@ NO_CAMERA = {"camera_matrix": np.zeros((3, 3)), "projection": np.zeros((3, 4))}
 
 
 @rows("suffix", SUFFIXES)
-def test_each_scan_becomes_a_frame_with_its_image_camera_and_pose(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_each_scan_becomes_a_frame_with_image_camera_and_pose(tmp_path: Path, suffix: str) -> None:
     dataset = open_dataset(write_bag(tmp_path / f"drive.{suffix}", drive()))
     assert dataset.kind == KINDS[suffix] and len(dataset) == 5
     assert dataset.sensors == ("points", "left") and dataset.counts == {"points": 5, "left": 21}
@@ -81,8 +81,7 @@ def test_each_scan_becomes_a_frame_with_its_image_camera_and_pose(
 
 def test_the_halves_of_the_wall_get_the_colours_of_the_halves_of_the_image(tmp_path: Path) -> None:
     cloud = fuse(open_dataset(put_bag(tmp_path, drive()))[0])
-    left = cloud.points[:, 1] > 0.05
-    right = cloud.points[:, 1] < -0.05
+    left, right = cloud.points[:, 1] > 0.05, cloud.points[:, 1] < -0.05
     assert cloud.colors is not None and left.sum() > 10 and right.sum() > 10
     assert (cloud.colors[left] == RED).all() and (cloud.colors[right] == BLUE).all()
 
@@ -108,9 +107,7 @@ def test_the_policy_decides_which_image_belongs_to_a_scan(tmp_path: Path) -> Non
     assert offsets == {"nearest": SECOND // 50, "last_before": -SECOND * 8 // 100}
 
 
-def test_scans_without_an_image_near_are_gaps(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_scans_without_an_image_near_are_gaps(tmp_path: Path, caplog: Logs) -> None:
     dark = [
         e
         for e in drive()
@@ -130,9 +127,7 @@ def test_frames_can_be_read_by_several_threads(tmp_path: Path) -> None:
             np.testing.assert_array_equal(points, scan(x=4 - SPEED * (k % 9) / 2).points)
 
 
-def test_topics_are_guessed_by_a_rule_that_is_logged_and_can_be_named(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_topics_are_guessed_and_logged_or_named(tmp_path: Path, caplog: Logs) -> None:
     events = [*drive(), *copies(drive(), "/points", "/a_points")]
     events += copies(drive(), "/camera/image", "/camera/depth/image")
     path = put_bag(tmp_path, [*events, *copies(drive(), "/odom", "/truth")])
@@ -170,9 +165,7 @@ def test_true_poses_may_come_from_a_file(tmp_path: Path) -> None:
     assert open_dataset(path, poses=truth).numbers.tolist() == [1, 2, 3]
 
 
-def test_frames_from_before_the_odometry_are_left_out_and_counted(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_frames_before_the_odometry_are_left_out(tmp_path: Path, caplog: Logs) -> None:
     late = [e for e in drive() if e.topic != "/odom" or e.time_ns >= START + SECOND * 7 // 10]
     dataset = open_dataset(put_bag(tmp_path, late))
     assert dataset.numbers.tolist() == [2, 3, 4] and dataset.gaps == [0, 1]
@@ -234,26 +227,21 @@ def test_frames_that_nothing_links_are_named(tmp_path: Path) -> None:
         open_dataset(path, sensors=("points", "left"))
 
 
-def test_an_image_of_another_size_than_its_calibration_is_refused(tmp_path: Path) -> None:
-    dataset = open_dataset(
-        put_bag(tmp_path, changed(drive(), "/camera/camera_info", size=(128, 96)))
-    )
-    with pytest.raises(DataError, check=has_code("image-size", "/camera/image")):
-        fuse(dataset[0])
-
-
-def test_a_distorted_image_is_rectified(tmp_path: Path) -> None:
-    bent = np.array([-0.3, 0.1, 0, 0, 0])
-    dataset = open_dataset(
-        put_bag(tmp_path, changed(drive(), "/camera/camera_info", distortion=bent))
-    )
-    assert not np.array_equal(dataset[0].images["left"], picture().image)
-    assert dataset[0].images["left"].shape == picture().image.shape
-
-
-def test_bad_messages_are_left_out_and_each_cause_is_named_once(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+def test_an_image_is_rectified_and_refused_if_it_is_not_of_its_calibrations_size(
+    tmp_path: Path,
 ) -> None:
+    def with_info(**changes: object) -> Frame:
+        return open_dataset(put_bag(tmp_path, changed(drive(), "/camera/camera_info", **changes)))[
+            0
+        ]
+
+    image = with_info(distortion=np.array([-0.3, 0.1, 0, 0, 0])).images["left"]
+    assert not np.array_equal(image, picture().image) and image.shape == picture().image.shape
+    with pytest.raises(DataError, check=has_code("image-size", "/camera/image")):
+        fuse(with_info(size=(128, 96)))
+
+
+def test_bad_messages_are_left_out_and_named_once(tmp_path: Path, caplog: Logs) -> None:
     loop = dataclasses.replace(extrinsics().transforms[0], parent="velodyne", child="base")
     tf = FrameTransforms(transforms=(loop,))
     broken = dataclasses.replace(camera_info(), camera_matrix=np.full((3, 3), np.nan))
@@ -321,13 +309,9 @@ def test_commands_take_topics_stamps_and_policies(tmp_path: Path) -> None:
 
 
 def test_a_pack_of_single_messages_is_enough_for_one_frame(tmp_path: Path) -> None:
-    events = [
-        Event("/tf_static", START, extrinsics()),
-        Event("/odom", START, odometry(START)),
-        Event("/info", START, camera_info()),
-        Event("/image", START, picture()),
-        Event("/points", START, scan()),
-    ]
+    messages = {"/tf_static": extrinsics(), "/odom": odometry(START), "/info": camera_info()}
+    messages |= {"/image": picture(), "/points": scan()}
+    events = [Event(topic, START, message) for topic, message in messages.items()]
     assert len(fuse(open_dataset(put_bag(tmp_path, events))[0])) > 0
 
 
@@ -380,9 +364,7 @@ def test_a_calibration_stands_for_what_a_bag_lacks(
         assert np.array_equal(frame.images["left"], expected.images["left"])
 
 
-def test_a_calibration_wins_over_that_of_the_bag(
-    tmp_path: Path, camera: Camera, whole: Path
-) -> None:
+def test_a_calibration_wins_over_the_bags(tmp_path: Path, camera: Camera, whole: Path) -> None:
     moved = camera.rectified_from_points.copy()
     moved[0, 3] += 0.5
     file = calib_yaml(tmp_path / "other.yaml", camera, rectified_from_points=moved.tolist())
@@ -448,7 +430,7 @@ def test_the_file_places_a_scanner_that_tf_does_not_link_to_the_robot(tmp_path: 
 
 @rows("missing", ["/tf_static", "/camera/camera_info"])
 def test_scans_serve_where_the_camera_is_not_calibrated_and_the_cure_is_named(
-    tmp_path: Path, missing: str, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, missing: str, caplog: Logs
 ) -> None:
     bag = write_bag(tmp_path / "poor.bag", without(drive(), missing))
     assert open_dataset(bag).sensors == ("points",)

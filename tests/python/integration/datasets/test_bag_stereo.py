@@ -43,6 +43,8 @@ from fusionslam.sensors.messages import Event
 from fusionslam.sensors.synchronizer import SyncConfig
 from rows import rows
 
+Logs = pytest.LogCaptureFixture
+
 STEREO = FusionConfig(source="stereo")
 PAIR = ("left", "right")
 
@@ -66,7 +68,7 @@ def test_scans_have_both_images_and_the_cameras_have_one_place(tmp_path: Path, s
 
 
 @rows("right_frame", ["camera", RIGHT_FRAME, "nowhere_in_tf"])
-def test_the_wall_is_as_far_as_it_is_whichever_frame_the_right_camera_names(
+def test_the_wall_is_as_far_whichever_frame_the_right_camera_names(
     tmp_path: Path, right_frame: str
 ) -> None:
     frame = open_dataset(put_bag(tmp_path, stereo_drive(right_frame=right_frame)))[0]
@@ -107,12 +109,6 @@ def test_without_scans_the_left_camera_leads_and_has_the_points(tmp_path: Path) 
     assert abs(np.median(robot.points[:, 0]) - 0.1 - WALL_M) < 0.05
 
 
-def test_pairs_alone_need_no_transforms(tmp_path: Path) -> None:
-    events = [event for event in stereo_drive() if "/stereo" in event.topic]
-    frame = open_dataset(put_bag(tmp_path, events))[0]
-    assert frame.robot_from_points is None and len(fuse(frame, STEREO)) > 8000
-
-
 def test_pairs_of_a_bag_with_scans_have_their_points_in_the_scans_frame(tmp_path: Path) -> None:
     path = put_bag(tmp_path, stereo_drive())
     pairs, whole = open_dataset(path, sensors=PAIR), open_dataset(path)
@@ -120,9 +116,12 @@ def test_pairs_of_a_bag_with_scans_have_their_points_in_the_scans_frame(tmp_path
     first, second = (fuse(dataset[0], STEREO).points for dataset in (pairs, whole))
     np.testing.assert_array_equal(first, second)
     np.testing.assert_allclose(pairs.body_from_points, whole.body_from_points)
+    alone = [event for event in stereo_drive() if "/stereo" in event.topic]
+    frame = open_dataset(put_bag(tmp_path, alone))[0]  # which need no transforms
+    assert frame.robot_from_points is None and len(fuse(frame, STEREO)) > 8000
 
 
-def test_a_pair_is_taken_at_one_time(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_pair_is_taken_at_one_time(tmp_path: Path, caplog: Logs) -> None:
     """The right image of the second scan is missing; the next one is near enough for a scan."""
     missing = START + SECOND // 2
     events = [e for e in stereo_drive() if (e.topic, e.time_ns) != (TOPICS["right"], missing)]
@@ -204,6 +203,8 @@ def test_the_images_of_one_camera_are_no_pair(tmp_path: Path) -> None:
     path, left = put_bag(tmp_path, stereo_drive()), TOPICS["left"]
     with pytest.raises(DataError, check=has_code("no-pair", left)):
         open_dataset(path, topics={"left": left, "right": left})
+    with pytest.raises(DataError, check=has_code("no-pair")):
+        open_dataset(path, sensors=("points", "right"))
     # Named as the right one, the left camera is not taken for the left one.
     swapped = open_dataset(path, topics={"right": left, "right_camera_info": INFOS["left"]})
     assert swapped.source.roles["left"] == TOPICS["right"] and not swapped.has_stereo
@@ -233,7 +234,7 @@ OTHER_FOCAL = {"projection": info("right").projection * [[1.1], [1], [1]]}
     ],
 )
 def test_a_right_camera_that_cannot_be_used_is_named_and_the_left_one_still_works(
-    tmp_path: Path, events: Iterable[Event], word: str, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, events: Iterable[Event], word: str, caplog: Logs
 ) -> None:
     path = put_bag(tmp_path, events)
     with pytest.raises(DataError, match=word) as error:
@@ -254,11 +255,6 @@ def test_a_right_image_of_another_size_is_refused_when_it_is_read(tmp_path: Path
     with pytest.raises(DataError, check=has_code("image-size", TOPICS["right"])):
         fuse(frame, STEREO)
     assert len(fuse(frame)) > 0
-
-
-def test_right_images_alone_are_no_frames(tmp_path: Path) -> None:
-    with pytest.raises(DataError, check=has_code("no-pair")):
-        open_dataset(put_bag(tmp_path, stereo_drive()), sensors=("points", "right"))
 
 
 def test_info_and_bench_know_the_pair(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.messages import Event
 from rows import rows
 
+Logs = pytest.LogCaptureFixture
+
 FURTHER = tuple(name for name in RING if name != "left")
 TOPICS = {"left": "/left/image", **{name: f"/{name}/image" for name in FURTHER}}
 ALONE = FusionConfig(cameras=("left",))
@@ -29,9 +31,7 @@ def all_round(frame: Frame) -> bool:
     return len(fuse(frame)) == len(frame.points)
 
 
-def test_a_folder_has_the_cameras_that_its_calibration_names(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_folder_has_the_cameras_that_its_calibration_names(tmp_path: Path, caplog: Logs) -> None:
     folder = write_ring_folder(tmp_path / "ring")
     dataset = Recording.at(folder).open("lidar")
     assert dataset.sensors == ("points", "left") and list(dataset.cameras) == list(RING)
@@ -76,9 +76,7 @@ def test_a_bag_has_the_further_cameras_that_are_named(tmp_path: Path, suffix: st
     assert not all_round(unnamed[0]) and set(unnamed[0].images) <= {"left", "right"}
 
 
-def test_a_bag_whose_further_camera_is_late_or_has_no_place_does_without_it(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_bag_does_without_a_camera_that_is_late_or_nowhere(tmp_path: Path, caplog: Logs) -> None:
     events = [e for e in ring_events() if e.topic != "/rear/image" or e.time_ns % 10**9 > 6 * 10**8]
     events = list(changed(events, "/side_left/info", frame_id="nowhere"))
     dataset = open_dataset(write_bag(tmp_path / "ring.bag", events), topics=TOPICS)

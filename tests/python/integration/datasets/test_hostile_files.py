@@ -33,9 +33,7 @@ def pcd(path: Path, extra: int, fields: int = 1) -> Path:
 
 
 @rows("extra, fields", [(900_000_000, 1), (20_000, 1), (1, 20_000)])
-def test_a_pcd_point_of_too_many_numbers_is_refused(
-    tmp_path: Path, extra: int, fields: int
-) -> None:
+def test_a_pcd_point_of_too_many_numbers_is_none(tmp_path: Path, extra: int, fields: int) -> None:
     path = pcd(tmp_path / "a.pcd", extra, fields)
     with pytest.raises(DataError, check=has_code("damaged-file", path)):
         read_cloud(path)

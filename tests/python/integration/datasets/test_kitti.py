@@ -34,6 +34,9 @@ from kitti import (
 from refusals import refuses
 from rows import rows
 
+Make = Callable[[Path], Path]
+Logs = pytest.LogCaptureFixture
+
 
 def test_scans_of_kitti_00_come_with_their_numbers_times_and_poses(test_data: Path) -> None:
     root = test_data / "kitti"
@@ -118,9 +121,7 @@ def test_the_raw_calibration_joins_rectification_and_scanner(tmp_path: Path) -> 
 
 
 @rows("direct", [True, False])
-def test_a_linked_sequence_has_the_poses_and_times_beside_the_link(
-    tmp_path: Path, direct: bool
-) -> None:
+def test_a_linked_sequence_has_the_poses_beside_the_link(tmp_path: Path, direct: bool) -> None:
     stored = odometry(tmp_path / "stored")
     (stored / "times.txt").rename(tmp_path / "stored/times.txt")
     # Of another drive, under the number of the link.
@@ -140,9 +141,7 @@ def test_a_linked_sequence_has_the_poses_and_times_beside_the_link(
     assert open_dataset(tmp_path / "mine").cameras["left"].size == (4, 3)
 
 
-def test_another_file_of_poses_may_be_given_and_frames_after_its_end_are_left_out(
-    tmp_path: Path,
-) -> None:
+def test_poses_may_be_given_and_frames_after_their_end_are_left_out(tmp_path: Path) -> None:
     sequence, mine, stood = odometry(tmp_path), tmp_path / "mine.txt", np.tile(np.eye(4), (6, 1, 1))
     stamps = open_dataset(sequence).stamps_ns
     write_poses_tum(mine, stamps + 3_000_000, stood)
@@ -154,9 +153,7 @@ def test_another_file_of_poses_may_be_given_and_frames_after_its_end_are_left_ou
 
 
 @rows("make", [odometry, raw_drive])
-def test_poses_by_time_need_a_recording_with_times(
-    make: Callable[[Path], Path], tmp_path: Path
-) -> None:
+def test_poses_by_time_need_a_recording_with_times(make: Make, tmp_path: Path) -> None:
     root, given = make(tmp_path / "drive"), tmp_path / "mine.txt"
     for name in ("times.txt", "timestamps.txt"):
         for path in root.rglob(name):
@@ -171,18 +168,14 @@ def test_poses_by_time_need_a_recording_with_times(
     assert len(open_dataset(root, poses=given)) == len(assumed)
 
 
-def test_a_sequence_without_times_runs_at_10_hz_and_says_so(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_sequence_without_times_runs_at_10_hz_and_says_so(tmp_path: Path, caplog: Logs) -> None:
     sequence = odometry(tmp_path)
     (sequence / "times.txt").unlink()
     assert open_dataset(sequence).stamps_ns.tolist() == [n * 100_000_000 for n in range(6)]
     assert str(sequence / "times.txt") in caplog.text
 
 
-def test_a_sequence_without_calibration_gives_its_scans_and_says_so(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_without_calibration_there_are_scans(tmp_path: Path, caplog: Logs) -> None:
     sequence = odometry(tmp_path)
     calib = sequence / "calib.txt"
     calib.unlink()
@@ -213,7 +206,7 @@ def test_published_raw_drives_lie_under_their_date_and_have_exact_times(tmp_path
 
 @rows("name", ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"])
 def test_a_raw_drive_without_calibration_gives_its_scans_and_names_both_places(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str
+    tmp_path: Path, caplog: Logs, name: str
 ) -> None:
     drive = raw_drive(tmp_path)
     (tmp_path / name).unlink()
@@ -223,9 +216,7 @@ def test_a_raw_drive_without_calibration_gives_its_scans_and_names_both_places(
     assert Recording.at(drive).sources() == ("cloud",)
 
 
-def test_object_frames_have_their_own_calibration_and_no_gaps_between_numbers(
-    tmp_path: Path,
-) -> None:
+def test_object_frames_have_their_own_calibration_and_no_gaps(tmp_path: Path) -> None:
     root = tmp_path / "training"
     for number, focal in ((3, 700), (8, 800)):
         put_scan(root / f"velodyne/{number:06d}.bin")
@@ -241,9 +232,7 @@ def test_object_frames_have_their_own_calibration_and_no_gaps_between_numbers(
         open_dataset(tmp_path)
 
 
-def test_a_gap_in_the_middle_is_an_error_unless_it_may_be_skipped(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_gap_in_the_middle_is_an_error_unless_skipped(tmp_path: Path, caplog: Logs) -> None:
     sequence = odometry(tmp_path, (0, 1, 4, 5))
     with pytest.raises(DataError, check=has_code("gaps", sequence / "velodyne/000002.bin", 2)):
         open_dataset(sequence)
@@ -272,9 +261,7 @@ def test_sensors_that_never_meet_and_names_that_do_not_count_are_refused(tmp_pat
 
 
 @rows("make", [odometry, raw_drive, folder])
-def test_poses_of_another_drive_are_refused_by_their_number(
-    make: Callable[[Path], Path], tmp_path: Path
-) -> None:
+def test_poses_of_another_drive_are_refused_by_their_number(make: Make, tmp_path: Path) -> None:
     root = make(tmp_path / "drive")
     count = len(open_dataset(root))
     if make is folder:
@@ -298,9 +285,7 @@ def test_poses_fit_the_frames_that_are_here_or_all_that_were_recorded(tmp_path: 
         open_dataset(tmp_path, poses=given)
 
 
-def test_lines_beyond_the_frames_are_said_where_nothing_tells_whose_they_are(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_lines_beyond_the_frames_are_logged(tmp_path: Path, caplog: Logs) -> None:
     sequence = odometry(tmp_path)
     put_text(tmp_path / "poses/03.txt", pose_lines(9))
     assert open_dataset(tmp_path).poses[:, 0, 3].tolist() == [0, 1, 2, 3, 4, 5]
@@ -351,7 +336,7 @@ def test_opening_reads_no_scan_and_no_image(tmp_path: Path) -> None:
         ("Tr", " ".join(["0"] * 12), "rectified_from_points"),
     ],
 )
-def test_a_wrong_calib_txt_is_named_with_the_key(
+def test_a_wrong_calib_txt_is_named(
     tmp_path: Path, key: str, text: str | None, message: str
 ) -> None:
     sequence = odometry(tmp_path)
@@ -377,7 +362,7 @@ def test_a_wrong_calib_txt_is_named_with_the_key(
         ("times.txt", "1e99\n" * 6, "64 bits"),
     ],
 )
-def test_a_wrong_file_of_poses_or_times_is_named(
+def test_wrong_poses_and_times_are_named(
     tmp_path: Path, file: str, text: str, message: str
 ) -> None:
     sequence = odometry(tmp_path)
@@ -453,9 +438,7 @@ def test_a_folder_that_may_not_be_read_is_named(
 
 
 @rows("sequence", [None, 3, "3", "03", "003"])
-def test_a_sequence_is_opened_from_its_folder_and_from_the_root(
-    tmp_path: Path, sequence: int | str | None
-) -> None:
+def test_a_sequence_is_opened_by_folder_or_root(tmp_path: Path, sequence: int | str | None) -> None:
     root = odometry(tmp_path)
     for path in (root, tmp_path):
         dataset = open_dataset(path, sequence=sequence)

@@ -55,9 +55,7 @@ def test_datasets_and_frames_say_in_a_line_what_they_are(tmp_path: Path) -> None
     assert repr(Frame()) == "<Frame 0 at 0.000000000 s: empty>"
 
 
-def test_clouds_may_lie_in_the_folder_itself_and_errors_name_the_number_of_their_files(
-    tmp_path: Path,
-) -> None:
+def test_clouds_may_lie_in_the_folder_and_errors_name_their_number(tmp_path: Path) -> None:
     for name in ("scan_9.bin", "scan_10.bin", "scan_11.bin"):
         put_scan(tmp_path / name)
     dataset = open_dataset(tmp_path)
@@ -189,9 +187,7 @@ def test_calib_yaml_may_say_only_where_the_scanner_is_on_the_robot(tmp_path: Pat
         ("left: {projection: [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]}", "projection"),
     ],
 )
-def test_a_wrong_calib_yaml_is_named_with_what_was_expected(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_a_wrong_calib_yaml_is_named_with_its_key(tmp_path: Path, text: str, message: str) -> None:
     put_text(tmp_path / "calib.yaml", text)
     with pytest.raises(DataError, match=message) as error:
         open_dataset(folder(tmp_path))

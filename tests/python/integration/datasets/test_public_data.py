@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The readers of SemanticKITTI, KITTI-360, MulRan, NCLT and KITTI raw's GPS, against made folders."""
+"""The readers of SemanticKITTI, KITTI-360, MulRan, NCLT and GPS of KITTI raw, of made folders."""
 
 import shutil
 import struct
@@ -34,10 +34,11 @@ from public_data import (
 from refusals import refuses
 from rows import rows
 
+Make = Callable[[Path], Path]
+Logs = pytest.LogCaptureFixture
 
-def test_labels_beside_the_scans_are_no_trouble_and_the_poses_there_come_first(
-    tmp_path: Path,
-) -> None:
+
+def test_labels_beside_scans_are_no_trouble_and_poses_there_come_first(tmp_path: Path) -> None:
     sequence = semantic_kitti(tmp_path)
     dataset = open_dataset(tmp_path / "dataset", sequence="3")
     assert (dataset.kind, dataset.name) == ("kitti-odometry", "SemanticKITTI 03")
@@ -78,23 +79,20 @@ def test_a_drive_is_chosen_by_its_name_or_number(tmp_path: Path) -> None:
         open_dataset(tmp_path, sequence=10)
 
 
-def test_frames_without_a_pose_keep_it_unknown_or_are_left_out(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_frames_without_a_pose_may_be_left_out(tmp_path: Path, caplog: Logs) -> None:
     kept = open_dataset(kitti_360(tmp_path), without_pose="keep")
     known = np.isfinite(kept.poses).all(axis=(1, 2))
     assert known.tolist() == [False, True, True, False, True, False]
     assert np.isnan(kept[0].pose).all() and np.isfinite(kept[1].pose).all()
+    put_text(tmp_path / "mine.txt", pose_lines(6, 3))
+    dataset = open_dataset(tmp_path, poses=tmp_path / "mine.txt")
+    assert np.array_equal(dataset.poses, read_poses_kitti(tmp_path / "mine.txt"))
     caplog.clear()
-    assert len(open_dataset(tmp_path)) == 3
+    dataset = open_dataset(tmp_path)
+    assert len(dataset) == 3
     assert any(record.args[1:] == (3, 6) for record in caplog.records if record.args)
-
-
-def test_the_fisheyes_are_counted_and_not_read(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    assert "image_02" not in open_dataset(kitti_360(tmp_path)).sensors
-    assert "6 of image_02" in caplog.text
+    # The fisheyes are counted and not read.
+    assert "image_02" not in dataset.sensors and "6 of image_02" in caplog.text
     caplog.clear()
     open_dataset(tmp_path, sensors=["points"], without_pose="keep")
     assert not caplog.records
@@ -130,7 +128,7 @@ def test_poses_are_of_the_imu_turned_upright_and_place_the_scanner(tmp_path: Pat
 
 @rows("name", ["perspective.txt", "calib_cam_to_velo.txt"])
 def test_without_calibration_the_scans_are_there_and_the_log_names_the_file(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str
+    tmp_path: Path, caplog: Logs, name: str
 ) -> None:
     (kitti_360(tmp_path) / "calibration" / name).unlink()
     dataset = open_dataset(tmp_path)
@@ -138,9 +136,7 @@ def test_without_calibration_the_scans_are_there_and_the_log_names_the_file(
     assert name in caplog.text
 
 
-def test_what_a_drive_lacks_it_does_without(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_a_drive_lacks_it_does_without(tmp_path: Path, caplog: Logs) -> None:
     placed = kitti_360(tmp_path / "placed")
     (placed / "calibration/calib_cam_to_pose.txt").unlink()
     dataset = open_dataset(placed)
@@ -158,12 +154,6 @@ def test_what_a_drive_lacks_it_does_without(
     assert dataset.root.parent.name == "data_2d_raw"
 
 
-def test_other_poses_may_be_given(tmp_path: Path) -> None:
-    put_text(tmp_path / "mine.txt", pose_lines(6, 3))
-    dataset = open_dataset(kitti_360(tmp_path / "data"), poses=tmp_path / "mine.txt")
-    assert np.array_equal(dataset.poses, read_poses_kitti(tmp_path / "mine.txt"))
-
-
 GOOD = "1 1 0 0 5 0 -1 0 7 0 0 -1 9\n"
 
 
@@ -179,9 +169,7 @@ GOOD = "1 1 0 0 5 0 -1 0 7 0 0 -1 9\n"
         ("\n", "too-short", "1"),
     ],
 )
-def test_damaged_poses_are_named_with_the_line(
-    tmp_path: Path, text: str, code: str, line: str
-) -> None:
+def test_damaged_poses_are_named_by_line(tmp_path: Path, text: str, code: str, line: str) -> None:
     path = kitti_360(tmp_path) / "data_poses" / KITTI_360_DRIVE / "poses.txt"
     put_text(path, text)
     with refuses(code, str(path), line):
@@ -214,18 +202,13 @@ def test_a_missing_scan_is_a_gap_and_stamps_that_end_early_are_refused(tmp_path:
         open_dataset(tmp_path, gaps="skip")
 
 
-def test_a_mulran_scan_has_its_stamp_to_the_nanosecond_and_its_points(tmp_path: Path) -> None:
-    dataset = open_dataset(mulran(tmp_path), without_pose="keep")
-    assert (dataset.kind, dataset.name, len(dataset)) == ("mulran", "MulRan KAIST01", 4)
-    stamps = [MULRAN_STAMP + frame * 100_000_000 for frame in range(4)]
-    assert dataset.stamps_ns.tolist() == stamps and dataset.recorded == 4
-    assert np.array_equal(dataset[3].points, POINTS)
-
-
 def test_mulran_poses_are_interpolated_within_the_recorded_span_only(tmp_path: Path) -> None:
     """Poses run from 0.05 s to 0.25 s after the first scan: scans 1 and 2 are within."""
     sequence = mulran(tmp_path)
     kept = open_dataset(sequence, without_pose="keep")
+    assert (kept.kind, kept.name, len(kept)) == ("mulran", "MulRan KAIST01", 4)
+    assert kept.stamps_ns.tolist() == [MULRAN_STAMP + frame * 100_000_000 for frame in range(4)]
+    assert np.array_equal(kept[3].points, POINTS) and kept.recorded == 4
     assert np.isfinite(kept.poses).all(axis=(1, 2)).tolist() == [False, True, True, False]
     np.testing.assert_allclose(kept.poses[1:3, 0, 3], [353_001, 353_002], atol=1e-9)
     dataset = open_dataset(sequence)
@@ -251,7 +234,7 @@ def test_mulran_poses_between_two_rows_turn_half_way(tmp_path: Path) -> None:
 
 
 @rows("gap_s, known", [(0.5, 4), (0.6, 2)])
-def test_no_pose_is_interpolated_across_more_than_half_a_second(
+def test_no_pose_is_interpolated_across_a_long_gap(
     tmp_path: Path, gap_s: float, known: int
 ) -> None:
     """Poses before and after the gap, which begins just after the second scan."""
@@ -327,9 +310,7 @@ def test_frames_have_intensities_in_the_scanners_own_unit(tmp_path: Path) -> Non
 
 
 @rows("make, size", [(mulran, 16), (nclt, 8)])
-def test_a_cut_scan_is_refused_when_it_is_read(
-    make: Callable[[Path], Path], size: int, tmp_path: Path
-) -> None:
+def test_a_cut_scan_is_refused_when_it_is_read(make: Make, size: int, tmp_path: Path) -> None:
     root = make(tmp_path)
     path = max(root.rglob("*.bin"))
     path.write_bytes(path.read_bytes()[: size + 3])
@@ -341,9 +322,7 @@ def test_a_cut_scan_is_refused_when_it_is_read(
 
 
 @rows("make", [mulran, nclt])
-def test_scans_without_poses_open_and_have_no_images(
-    make: Callable[[Path], Path], tmp_path: Path
-) -> None:
+def test_scans_without_poses_open_and_have_no_images(make: Make, tmp_path: Path) -> None:
     root = make(tmp_path)
     text = " ".join(succeeds("info", root).stdout.split())
     assert f"kind {make.__name__}" in text and ".csv" in text
@@ -373,7 +352,7 @@ def cut(line: str) -> str:
     ],
 )
 def test_a_damaged_line_of_poses_is_named(
-    make: Callable[[Path], Path], damage: Callable[[str], str], tmp_path: Path
+    make: Make, damage: Callable[[str], str], tmp_path: Path
 ) -> None:
     root = make(tmp_path)
     path = next(root.glob("*.csv"))
@@ -385,7 +364,7 @@ def test_a_damaged_line_of_poses_is_named(
 
 
 @rows("make", [mulran, nclt])
-def test_poses_of_another_time_are_refused(make: Callable[[Path], Path], tmp_path: Path) -> None:
+def test_poses_of_another_time_are_refused(make: Make, tmp_path: Path) -> None:
     root = make(tmp_path)
     path = next(root.glob("*.csv"))
     lines = path.read_text().splitlines(keepends=True)
@@ -437,9 +416,7 @@ def test_a_drive_along_a_parallel_is_as_long_as_on_the_sphere() -> None:
     np.testing.assert_allclose(poses[:, 1:3, 3], 0, atol=1e-6)
 
 
-def test_short_drives_are_right_on_the_ellipsoid_to_centimetres_and_long_ones_to_0_2_percent() -> (
-    None
-):
+def test_short_drives_are_right_on_the_ellipsoid_to_centimetres_and_long_to_0_2_percent() -> None:
     """Radii of curvature of WGS 84: of the prime vertical, and of the meridian."""
     sine_2 = np.sin(np.radians(LATITUDE)) ** 2
     square = FLATTENING * (2 - FLATTENING)
@@ -466,14 +443,10 @@ def test_two_records_by_hand() -> None:
 
 
 def test_roll_pitch_and_yaw_turn_about_x_then_y_then_z() -> None:
-    roll, pitch, yaw = 0.1, -0.2, 2.5
-    rows = np.zeros((2, 6))
-    rows[1, 3:] = roll, pitch, yaw
-    x = [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
-    y = [[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]]
-    z = [[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
-    turn = np.array(z) @ np.array(y) @ np.array(x)
-    np.testing.assert_allclose(oxts_poses(rows)[1, :3, :3], turn, atol=1e-12)
+    angles = 0.1, -0.2, 2.5
+    turn = Rotation.from_euler("xyz", angles).as_matrix()  # about fixed axes
+    poses = oxts_poses(np.array([[0.0] * 6, [0, 0, 0, *angles]]))
+    np.testing.assert_allclose(poses[1, :3, :3], turn, atol=1e-12)
 
 
 def east(frame: int) -> str:
@@ -518,17 +491,14 @@ def test_without_cameras_the_imu_is_placed_by_the_scanner(tmp_path: Path) -> Non
     np.testing.assert_allclose(imu, [0, 0, 0, 1], atol=1e-12)
 
 
-def test_a_given_file_of_poses_comes_before_the_gps(tmp_path: Path) -> None:
-    drive = raw_drive_with_oxts(tmp_path, {n: "cut" for n in range(3)})
-    put_text(tmp_path / "mine.txt", pose_lines(3, 7))
-    assert open_dataset(drive, poses=tmp_path / "mine.txt").poses[2, 0, 3] == 14
-
-
-def test_a_frame_without_a_record_has_no_pose(tmp_path: Path) -> None:
+def test_frames_without_a_record_have_no_pose_and_given_poses_come_first(tmp_path: Path) -> None:
     drive = raw_drive_with_oxts(tmp_path, {0: east(0), 2: east(2)})
     assert open_dataset(drive).numbers.tolist() == [0, 2]
     kept = open_dataset(drive, without_pose="keep")
     assert np.isfinite(kept.poses).all(axis=(1, 2)).tolist() == [True, False, True]
+    put_text(drive / "oxts/data/0000000001.txt", "cut")
+    put_text(tmp_path / "mine.txt", pose_lines(3, 7))
+    assert open_dataset(drive, poses=tmp_path / "mine.txt").poses[2, 0, 3] == 14
 
 
 def test_records_of_a_drive_that_is_not_synchronised_are_not_of_its_frames(tmp_path: Path) -> None:
@@ -552,7 +522,7 @@ def test_records_of_a_drive_that_is_not_synchronised_are_not_of_its_frames(tmp_p
         (oxts_line(49, 8, 116, (0, 0, 0.5)).replace("0.5", "north"), "damaged-file", "yaw"),
     ],
 )
-def test_a_damaged_record_is_named_with_its_field(
+def test_a_damaged_record_is_named_by_field(
     tmp_path: Path, line: str, code: str, field: str
 ) -> None:
     drive = raw_drive_with_oxts(tmp_path, {0: east(0), 1: line, 2: east(2)})

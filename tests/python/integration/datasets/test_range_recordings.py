@@ -103,9 +103,7 @@ def test_a_recording_without_poses_has_scenes_but_no_odometry(tmp_path: Path) ->
         ({"visual_rgb": "float"}, "visual_rgb.*float64"),
     ],
 )
-def test_arrays_that_are_wrong_are_named(
-    change: dict[str, Any], words: str, tmp_path: Path
-) -> None:
+def test_wrong_arrays_are_named(change: dict[str, Any], words: str, tmp_path: Path) -> None:
     path = tmp_path / "r.npz"
     write_recording(path, LAPS)
     with np.load(path) as stored:

@@ -29,13 +29,15 @@ from fusionslam.sensors.frame import Cloud
 from kitti import COLORS, POINTS, put_text
 from rows import rows
 
+Logs = pytest.LogCaptureFixture
+
 Read = Callable[[Path], object]
 
 
 @rows("suffix", [".ply", ".pcd", ".bin"])
 @rows("count", [0, 1, 20])
 @rows("colored", [True, False])
-def test_clouds_come_back_as_they_were_written(
+def test_clouds_come_back_as_written(
     tmp_path: Path, suffix: str, count: int, colored: bool
 ) -> None:
     path = tmp_path / f"cloud{suffix}"
@@ -256,9 +258,7 @@ def test_the_nearest_pose_is_found_whatever_the_order_of_the_file(tmp_path: Path
     assert np.array_equal(np.abs(found - wanted), np.abs(brute - wanted))
 
 
-def test_poses_at_half_the_rate_of_the_frames_are_interpolated(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_poses_at_half_the_rate_are_interpolated(tmp_path: Path, caplog: Logs) -> None:
     # A constant screw motion along z: 3 degrees and 0.2 m every 0.1 s, poses every 0.2 s.
     stamps = np.arange(11) * 100_000_000
     angles = np.radians(3.0) * np.arange(11)
@@ -277,9 +277,7 @@ def test_poses_at_half_the_rate_of_the_frames_are_interpolated(
         match_poses(path, np.arange(10), stamps[:10], recorded=11)
 
 
-def test_frames_just_outside_of_the_poses_have_none_and_are_counted(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_frames_just_outside_of_the_poses_have_none(tmp_path: Path, caplog: Logs) -> None:
     stamps, path = np.arange(12) * 100_000_000, tmp_path / "poses.txt"
     poses = np.tile(np.eye(4), (12, 1, 1))
     write_poses_tum(path, stamps[1::2], poses[1::2])
@@ -342,9 +340,7 @@ def test_a_damaged_file_of_poses_or_times_is_named(
 
 @rows("suffix", [".ply", ".pcd"])
 @rows("kept", [0, 1, 3, 20, 60, 100])
-def test_a_header_that_is_cut_is_named_in_plain_words(
-    tmp_path: Path, suffix: str, kept: int
-) -> None:
+def test_a_cut_header_is_named_in_plain_words(tmp_path: Path, suffix: str, kept: int) -> None:
     path = tmp_path / f"cloud{suffix}"
     write_cloud(path, Cloud(POINTS, COLORS))
     path.write_bytes(path.read_bytes()[:kept])
@@ -365,7 +361,7 @@ def test_a_pcd_without_fields_is_refused_in_our_words(tmp_path: Path) -> None:
 
 @rows("columns, warned", [(5, True), (4, False)])
 def test_bin_files_of_other_columns_are_read_with_a_warning(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, columns: int, warned: bool
+    tmp_path: Path, caplog: Logs, columns: int, warned: bool
 ) -> None:
     values = np.random.default_rng(0).uniform(-9, 9, (40, 5)).astype(np.float32)
     values[:, 3:] = 1

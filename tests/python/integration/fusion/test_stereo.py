@@ -281,7 +281,7 @@ def test_an_image_narrower_than_the_disparities_gives_the_same_every_time() -> N
         (np.full((3, 4), np.nan), "not finite"),
     ],
 )
-def test_projections_that_are_no_rectified_pair_are_refused(
+def test_projections_of_no_rectified_pair_are_refused(
     right: NDArray[np.float64], message: str
 ) -> None:
     image = np.zeros((120, 160), np.uint8)

@@ -137,9 +137,7 @@ def test_equal_scans_give_equal_bits(house: Drive) -> None:
     assert one.tobytes() == other.tobytes()
 
 
-def test_variables_of_the_environment_change_nothing(
-    house: Drive, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_environment_changes_nothing(house: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
     scans = Drive(house.scans[:6], house.seconds[:6], house.stamps_ns[:6], house.truth[:6])
     poses = scans.run(LidarOdometry())
     monkeypatch.setenv("KISS_ICP_DATA", '{"max_range": 2.0}')
@@ -191,9 +189,7 @@ def test_a_recording_may_not_end_with_scans_that_do_not_fit(town: Drive, house: 
         odometry.check()
 
 
-def test_frames_of_kitti_lie_as_far_apart_as_registration_of_the_outer_ones_says(
-    test_data: Path,
-) -> None:
+def test_frames_of_kitti_lie_as_far_apart_as_registration_says(test_data: Path) -> None:
     pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     from fusionslam.registration import RegistrationConfig, register
 

@@ -132,7 +132,7 @@ def in_order() -> list[fusionslam.Frame]:
 
 @settings(max_examples=20, derandomize=True)
 @given(st.randoms(), st.floats(0, 0.3))
-def test_frames_do_not_depend_on_the_order_of_arrival(
+def test_the_order_of_arrival_changes_nothing(
     in_order: list[fusionslam.Frame], rng: random.Random, late: float
 ) -> None:
     fixed, info, *rest = drive()

@@ -74,13 +74,10 @@ def test_without_a_scanner_every_pair_is_a_frame() -> None:
     np.testing.assert_allclose(frames[3].robot_from_points, OPTICAL)
     forward = fuse(frames[3], FusionConfig(source="stereo", frame="robot")).points[:, 0]
     assert abs(np.median(forward) - 0.1 - WALL_M) < 0.05
-
-
-def test_pairs_need_no_transforms() -> None:
+    # Pairs need no transforms; odometry of a robot whose camera TF does not place is waited for.
     events = [e for e in stereo_drive() if isinstance(e.message, Picture | CameraInfo)]
     frames = run(FrameBuilder(cameras=PAIR, scans=False), events)
     assert len(frames) == 11 and frames[0].robot_from_points is None
-    # Odometry of a robot whose camera TF does not place: it is waited for, then done without.
     events = [e for e in stereo_drive() if not isinstance(e.message, FrameTransforms | Scan)]
     assert len(run(FrameBuilder(cameras=PAIR, scans=False), events)) == 11
 
@@ -97,7 +94,7 @@ def test_the_halves_of_a_pair_are_taken_at_one_time() -> None:
     assert builder.dropped == {("left", NO_IMAGE): 1}
 
 
-def test_frames_do_not_depend_on_the_order_of_arrival() -> None:
+def test_the_order_of_arrival_changes_nothing() -> None:
     events = list(stereo_drive())
     head, rest = events[:1], events[1:]
     rng = random.Random(5)
@@ -105,10 +102,7 @@ def test_frames_do_not_depend_on_the_order_of_arrival() -> None:
     config = OnlineConfig(sync=SyncConfig(lateness=0.25), wait=5.0)
     frames = run(FrameBuilder(config, cameras=PAIR), [*head, *rest])
     assert [(frame.stamp_ns - START) / SECOND for frame in frames] == [0, 0.5, 1]
-
-
-def test_a_recording_played_again_goes_on_from_its_start() -> None:
-    builder = FrameBuilder(cameras=PAIR)
+    builder = FrameBuilder(cameras=PAIR)  # goes on from the start of a recording played again
     frames = run(builder, [*stereo_drive(3.0), *stereo_drive(3.0)])
     assert [(frame.stamp_ns - START) / SECOND for frame in frames] == [k / 2 for k in range(7)] * 2
     assert builder.sync.jumps == 1 and not builder.dropped

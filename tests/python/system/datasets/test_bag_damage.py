@@ -31,11 +31,11 @@ from fusionslam.sensors.messages import Event
 from fusionslam.storage import files
 from rows import rows
 
+Logs = pytest.LogCaptureFixture
+
 
 @rows("suffix", ["bag", "mcap"])
-def test_a_bag_cut_in_half_gives_what_is_whole(
-    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_bag_cut_in_half_gives_what_is_whole(tmp_path: Path, suffix: str, caplog: Logs) -> None:
     big = [Event("/image", START + k, picture(START + k, (640, 480))) for k in range(12)]
     path = write_bag(tmp_path / f"drive.{suffix}", [*drive(0.1), *big])
     content = path.read_bytes()
@@ -101,7 +101,7 @@ def open_with_one_refused(path: Path) -> BagDataset:
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @rows("topic", ["/odom", "/points", "/camera/image", "/camera/camera_info"])
 def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
-    tmp_path: Path, suffix: str, topic: str, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, suffix: str, topic: str, caplog: Logs
 ) -> None:
     def cut(name: str, time_ns: int) -> bool:
         return (name, time_ns) == (topic, MIDDLE)
@@ -126,7 +126,7 @@ SIZES = {
 
 @pytest.mark.parametrize("topic", [*SIZES])
 @rows("suffix", SUFFIXES)
-def test_a_scan_or_image_shorter_than_it_says_is_left_out_by_every_command(
+def test_what_is_shorter_than_it_says_is_left_out_by_commands(
     tmp_path: Path, suffix: str, topic: str
 ) -> None:
     def bend(name: str, time_ns: int, data: bytes) -> bytes:
@@ -178,7 +178,7 @@ def test_a_topic_of_which_no_message_can_be_decoded_is_an_error(tmp_path: Path) 
 
 @rows("suffix", SUFFIXES)
 def test_a_bag_whose_transforms_cannot_be_decoded_opens_like_one_without(
-    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, suffix: str, caplog: Logs
 ) -> None:
     topic, scans = "/tf_static", without(drive(), "/camera/image")
     bare = open_dataset(write_bag(tmp_path / f"bare.{suffix}", without(scans, topic)))
@@ -209,7 +209,7 @@ def test_a_topic_whose_messages_the_index_gives_to_another_is_an_error(tmp_path:
 
 @rows("suffix", SUFFIXES)
 def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
-    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, suffix: str, caplog: Logs
 ) -> None:
     path = write_bag(tmp_path / f"drive.{suffix}", drive(0.1))
 
@@ -250,9 +250,7 @@ def check_partial(path: Path, message: str) -> None:
 
 
 @rows("suffix", SUFFIXES)
-def test_a_file_that_may_not_grow_keeps_what_is_whole_and_can_be_read(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_a_file_that_may_not_grow_keeps_what_can_be_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"drive.{suffix}"
     for limit in (3_000, 300_000):
         assert str(path) in fill(path, limit)
@@ -291,7 +289,7 @@ def test_a_broken_message_or_one_of_another_definition_is_refused(tmp_path: Path
             list(bag.events())
 
 
-def test_without_rosbags_it_is_said_what_to_install(
+def test_without_rosbags_its_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_bag(tmp_path / "drive.bag", drive(0.1))

@@ -59,9 +59,7 @@ def all_kinds_of_messages() -> list[Event]:
 
 @rows("images", ["raw", "png"])
 @rows("suffix", SUFFIXES)
-def test_what_is_written_is_read_again_field_by_field(
-    tmp_path: Path, suffix: str, images: str
-) -> None:
+def test_what_is_written_is_read_field_by_field(tmp_path: Path, suffix: str, images: str) -> None:
     events = all_kinds_of_messages()
     with open_bag(write_bag(tmp_path / f"drive.{suffix}", events, images=images)) as bag:
         found = list(bag.events())

@@ -107,7 +107,7 @@ def test_a_field_of_several_values_becomes_several_and_padding_none() -> None:
         ({"height": 2, "row_step": 20}, "'row_step'"),
     ],
 )
-def test_a_cloud_that_contradicts_itself_names_topic_stamp_and_field(
+def test_a_cloud_that_contradicts_itself_names_the_field(
     changes: dict[str, Any], word: str
 ) -> None:
     with pytest.raises(DataError) as error:
@@ -166,9 +166,7 @@ def test_a_bayer_mosaic_of_one_colour_gives_that_colour(pattern: str) -> None:
     "encoding, order",
     [("yuv422", "UYVY"), ("uyvy", "UYVY"), ("yuv422_yuy2", "YUYV"), ("yuyv", "YUYV")],
 )
-def test_pairs_of_pixels_that_share_a_colour_become_rgb(
-    encoding: str, order: str, padding: int
-) -> None:
+def test_pixels_that_share_a_colour_become_rgb(encoding: str, order: str, padding: int) -> None:
     """The bars of ITU-R BT.601, two pixels wide; then black and white beside each other."""
     bars = {
         (81, 90, 240): (255, 0, 0),
@@ -236,9 +234,7 @@ def test_an_image_that_cannot_be_read_names_the_field(message: Message, word: st
         (b"", "16UC1; compressedDepth", "compressedDepth"),
     ],
 )
-def test_a_compressed_image_that_cannot_be_decoded_is_refused(
-    data: bytes, text: str, word: str
-) -> None:
+def test_a_compressed_image_that_is_damaged_is_refused(data: bytes, text: str, word: str) -> None:
     with pytest.raises(DataError, match=word):
         read_image(Message(header=HEADER, format=text, data=data), "CompressedImage")
 

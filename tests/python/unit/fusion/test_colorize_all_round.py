@@ -184,7 +184,7 @@ def test_a_right_camera_that_looks_elsewhere_is_no_stereo_partner() -> None:
 
 
 @rows("lacking", ["images", "cameras"])
-def test_a_camera_that_lacks_something_is_left_out_and_logged(
+def test_an_incomplete_camera_is_left_out_and_logged(
     lacking: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     whole = frame()

@@ -25,6 +25,8 @@ from fusionslam.storage.arrays import Matrix
 from kitti import write_sequence
 from rows import rows
 
+Logs = pytest.LogCaptureFixture
+
 CLOUD = FusionConfig(source="cloud")
 
 
@@ -38,23 +40,15 @@ def frame(seed: int = 18, **changes: object) -> Frame:
     return Frame(index=7, **(parts | changes))
 
 
-def test_fuse_colours_the_scan_of_a_frame() -> None:
-    given, made = frame(), fusionslam.fuse(frame())
-    points, colors, _ = fusionslam.colorize(given.points, given.images["left"], PROJECTION)
+@rows("place", [np.eye(4), homogeneous(np.eye(3), (0.3, -0.1, 0.2))])
+def test_fuse_colours_the_scan_of_a_frame_from_the_place_of_the_scanner(place: Matrix) -> None:
+    given = frame(cameras={"left": Camera(PROJECTION, place)})
+    made = fusionslam.fuse(given)
+    points, colors, _ = fusionslam.colorize(given.points, given.images["left"], PROJECTION @ place)
     assert np.array_equal(made.points, points) and np.array_equal(made.colors, colors)
 
 
-def test_fuse_uses_the_place_of_the_scanner() -> None:
-    shift = homogeneous(np.eye(3), (0.3, -0.1, 0.2))
-    made = fusionslam.fuse(frame(cameras={"left": Camera(PROJECTION, shift)}))
-    given = frame()
-    expected = fusionslam.colorize(given.points, given.images["left"], PROJECTION @ shift)
-    assert np.array_equal(made.points, expected[0]) and np.array_equal(made.colors, expected[1])
-
-
-def test_points_farther_than_any_lidar_sees_are_refused_and_dropouts_at_the_scanner_are_not(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_points_too_far_for_a_lidar_are_refused_and_dropouts_are_not(caplog: Logs) -> None:
     config, points = CLOUD, np.ones((100, 3), np.float32)
     points[:10, 1] = 2e4
     assert len(fusionslam.fuse(Frame(points=points), config)) == 100
@@ -68,11 +62,9 @@ def test_points_farther_than_any_lidar_sees_are_refused_and_dropouts_at_the_scan
     # No return, for many drivers.
     points[:60] = np.inf
     assert len(fusionslam.fuse(Frame(points=points), config)) == 40
-
-
-def test_scans_in_millimetres_are_fused_with_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.clear()  # millimetres
     points = 1000 * np.random.default_rng(0).uniform(1, 9, (100, 3)).astype(np.float32)
-    fusionslam.fuse(Frame(points=points, number=8), CLOUD)
+    fusionslam.fuse(Frame(points=points, number=8), config)
     (record,) = caplog.records
     assert isinstance(record.args, tuple) and record.args[:3] == (8, 100, 100)
 
@@ -110,7 +102,7 @@ def test_a_frame_takes_rigid_motions_and_whole_nanoseconds(name: str) -> None:
         Frame(stamp_ns=1.5)
 
 
-def test_fuse_drops_and_counts_invalid_points(caplog: pytest.LogCaptureFixture) -> None:
+def test_fuse_drops_and_counts_invalid_points(caplog: Logs) -> None:
     points, _ = scene(19)
     clean = fusionslam.fuse(frame(points=points))
     spoilt = np.insert(points, [5, 5, 90], np.nan, axis=0)
@@ -141,10 +133,8 @@ def test_intensities_stay_with_their_points() -> None:
     # Each point's own x, so that it can be told in any selection of them.
     intensities = points[:, 0].copy()
     given = frame(points=points, images={"left": image}, intensities=lambda: intensities)
-    for config in (
-        FusionConfig(),
-        FusionConfig(source="cloud", ground="height", ground_height=0.0),
-    ):
+    above = FusionConfig(source="cloud", ground="height", ground_height=0.0)
+    for config in (FusionConfig(), above):
         made = fusionslam.fuse(given, config)
         assert 0 < len(made) < len(points)
         assert made.intensities is not None and np.array_equal(made.intensities, made.points[:, 0])
@@ -157,13 +147,13 @@ def test_intensities_stay_with_their_points() -> None:
 
 
 def test_fuse_names_what_a_frame_lacks() -> None:
-    _, image = scene(21)
+    small = {"left": scene(21)[1][:100]}
     cases: list[tuple[Frame, FusionConfig, tuple[str, ...]]] = [
         (frame(points=None), FusionConfig(), ("missing-sensor", "points")),
         (frame(images={}), FusionConfig(), ("missing-sensor", "left")),
         (frame(cameras={}), FusionConfig(), ("no-calibration", "left")),
         (frame(), FusionConfig(source="stereo"), ("missing-sensor", "right")),
-        (frame(images={"left": image[:100]}), FusionConfig(), ("image-size", "left")),
+        (frame(images=small), FusionConfig(), ("image-size", "left")),
     ]
     for given, config, expected in cases:
         with pytest.raises(DataError, match="frame 7", check=has_code(*expected)):
@@ -268,15 +258,12 @@ def test_the_ground_goes_in_every_frame(name: Any, ground: Any) -> None:
     assert np.abs(cloud.points - moved(points[~is_floor], EXPECTED[name])).max() < 1e-5
 
 
-def test_the_height_is_that_of_the_frame() -> None:
+def test_the_height_is_that_of_the_frame_and_by_default_a_cars_in_the_scans() -> None:
     """A robot that climbs: its floor is at z = 0 in its own frame, at 2 m in odometry."""
     raised = on_robot(odometry=pose((0, 0, 2.0)))
     for name, expected in (("robot", 1000), ("odometry", 4000)):
         config = FusionConfig(source="cloud", frame=name, ground="height")
         assert len(fusionslam.fuse(raised, config)) == expected
-
-
-def test_the_default_height_in_the_frame_of_the_scan_is_a_cars() -> None:
     points = np.array([[3, 0, -1.5], [3, 1, -1.41], [3, 2, -1.39]], np.float32)
     cloud = fusionslam.fuse(Frame(points=points), FusionConfig(source="cloud", ground="height"))
     assert np.array_equal(cloud.points, points[2:])
@@ -336,14 +323,14 @@ def test_segments_lie_along_the_robot_whatever_odometry_calls_forward() -> None:
         ("odometry", "odometry", "no-odometry", "odometry"),
     ],
 )
-def test_what_a_frame_lacks_for_the_frame_of_its_cloud_is_named(
+def test_what_lacks_for_the_frame_of_a_cloud_is_named(
     lacking: str, name: Any, code: str, field: str
 ) -> None:
     with pytest.raises(DataError, check=has_code(code, field)):
         fusionslam.fuse(on_robot(**{lacking: None}), FusionConfig(source="cloud", frame=name))
 
 
-def test_where_no_ground_is_found_the_log_says_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_where_no_ground_is_found_the_log_says_so(caplog: Logs) -> None:
     wall = np.stack(np.meshgrid([3.0], np.linspace(-1, 1, 20), np.linspace(0.3, 1, 20)), axis=-1)
     given = on_robot(points=wall.reshape(-1, 3).astype(np.float32), colors=None)
     config = FusionConfig(source="cloud", frame="robot", ground="segments")

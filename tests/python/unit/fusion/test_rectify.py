@@ -59,9 +59,7 @@ def rectified(image: NDArray[np.uint8], **changes: Any) -> NDArray[np.uint8]:
 
 @rows("channels", [1, 3])
 @rows("model", MODELS)
-def test_a_rectified_image_is_read_where_the_published_formulas_say(
-    model: str, channels: int
-) -> None:
+def test_a_rectified_image_is_read_where_published_formulas_say(model: str, channels: int) -> None:
     image, turn = picture(channels), Rotation.from_euler("xyz", [2, -3, 1], degrees=True)
     made = rectified(
         image, model=model, distortion=np.array(MODELS[model]), rectification=turn.as_matrix()

@@ -35,26 +35,20 @@ def test_times_are_seconds_after_the_stamp(name: str, values: Any) -> None:
     found = point_seconds(scan(name, values))
     assert found is not None
     np.testing.assert_allclose(found, SECONDS, atol=1e-6)
-
-
-@rows(
-    "name, values",
-    [
-        ("intensity", SECONDS),
-        ("time", SECONDS * 1e3),  # milliseconds
-        ("timestamp", 1.5e9 + SECONDS),  # another clock
-    ],
-)
-def test_other_times_are_unknown(name: str, values: Any) -> None:
-    assert point_seconds(scan(name, values)) is None
-
-
-def test_rays_without_return_may_have_any_time() -> None:
+    # Rays without return may have any time.
     points = np.ones((3, 3), np.float32)
     points[1] = np.nan
     found = point_seconds(scan("time", np.array([0.0, np.nan, 0.1], np.float32), points))
     assert found is not None
     np.testing.assert_allclose(found, [0, 0, 0.1], atol=1e-6)
+
+
+MILLISECONDS, OTHER_CLOCK = SECONDS * 1e3, 1.5e9 + SECONDS
+
+
+@rows("name, values", [("intensity", SECONDS), ("time", MILLISECONDS), ("timestamp", OTHER_CLOCK)])
+def test_other_times_are_unknown(name: str, values: Any) -> None:
+    assert point_seconds(scan(name, values)) is None
 
 
 def test_a_frame_keeps_the_times_when_it_is_sent_to_another_process() -> None:

@@ -151,7 +151,7 @@ def test_a_clock_that_goes_back_is_noticed_although_nothing_waits() -> None:
 
 
 @rows("at, x, frame, code", [(101.1, 0, "map", "two-robots"), (3, np.nan, "odom", "no-transform")])
-def test_bad_odometry_is_refused_and_what_waits_goes_on_waiting(
+def test_bad_odometry_is_refused_and_the_rest_waits(
     at: float, x: float, frame: str, code: str
 ) -> None:
     posed = waiting()
