@@ -1,24 +1,40 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which loops the experience map believes, and what that prevents."""
+"""Which loops the experience map believes, and how they find a robot that was carried."""
 
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drives import NODES_A_LAP, drive, drive_by_odometry, laps, right
-from fusionslam.ratslam import Action, ActionKind, ExperienceMap
+from drives import (
+    NODES_A_LAP,
+    RATE,
+    SECOND,
+    Leg,
+    drive,
+    drive_by_odometry,
+    lap_course,
+    laps,
+    process_and_flush,
+    right,
+    rmse,
+)
+from fusionslam.errors import DataError
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.pipelines.map_events import RunEvents
+from fusionslam.pipelines.maps import RunRecorder
+from fusionslam.ratslam import Action, ActionKind, ExperienceMap, Look, OnlineRatSlam, RatSlam
+from fusionslam.ratslam.external_views import GivenViews
+from fusionslam.sensors.messages import Odometry
 from rows import rows
 
 EDGE = ActionKind.CREATE_EDGE
-CERTAIN = {
-    "drift_m": 0.01,
-    "drift_turn": 0.005,
-    "drift_heading": 0.003,
-    "place_m": 0.1,
-    "place_rad": 0.05,
-}
+CERTAIN = {"drift_m": 0.01, "drift_turn": 0.005, "drift_heading": 0.003}
+CERTAIN |= {"place_m": 0.1, "place_rad": 0.05}
 """More than odometry is here."""
 
 
@@ -126,3 +142,160 @@ def test_the_error_of_a_loop_is_the_way_between_both_places() -> None:
     check = graph.check(Action(EDGE, 1, 0, 0.2, (1.0, 2.0)))
     assert check.error_m == pytest.approx(np.hypot(2.0, 2.0))
     assert check.error_rad == pytest.approx(0.3)
+
+
+OFF, ON = 130, 185
+"""Steps after which the robot is switched off, and where it is put down."""
+
+
+def carry(graph: ExperienceMap, *parts: tuple[int, int]) -> Iterator[Leg]:
+    """These parts of the laps, with an interruption before each but the first."""
+    legs = list(laps(4))
+    for number, (first, last) in enumerate(parts or ((0, OFF), (ON, 300))):
+        if number:
+            graph.mark_interruption()
+        yield from legs[first:last]
+
+
+def test_loops_that_agree_put_a_carried_robot_back_on_its_map() -> None:
+    graph = ExperienceMap()
+    driven = drive(graph, carry(graph))
+    late = [check.accepted for check in driven.checks[OFF - 120 :]]
+    first = late.index(True)
+    # Four loops at least 0.8 m from each other, at steps of 0.5 m, after the first node since the
+    # interruption.
+    assert first == 1 + 2 * (graph.config.rejoin - 1)
+    assert all(late[first:])
+    assert driven.rmse() < 0.4
+    # The refused loops that agree are linked, too, beside the way by odometry.
+    ends = np.sort(np.stack([graph.links["source"], graph.links["target"]], axis=1))
+    between = (ends[:, 0] <= NODES_A_LAP) & (ends[:, 1] > NODES_A_LAP)
+    assert np.count_nonzero(between) >= graph.config.rejoin + 1
+
+
+def test_without_an_interruption_the_same_loops_are_refused_for_ever() -> None:
+    graph = ExperienceMap()
+    legs = list(laps(2.5))
+    driven = drive(graph, iter(legs[:OFF] + legs[ON:]))
+    assert not any(check.accepted for check in driven.checks[OFF - 120 :][:60])
+
+
+def test_a_robot_that_was_not_carried_goes_on_as_before() -> None:
+    graph = ExperienceMap()
+    driven = drive(graph, carry(graph, (0, OFF), (OFF, 300)))
+    plain = drive(ExperienceMap(), laps(2.5))
+    np.testing.assert_array_equal(graph.nodes, plain.graph.nodes)
+    assert not graph.state()["interruptions"].size
+    assert driven.checks == plain.checks
+
+
+def test_wrong_loops_that_do_not_agree_do_not_move_a_robot() -> None:
+    random = np.random.default_rng(3)
+
+    def claim(number: int, nodes: Any, place: Any) -> Any:
+        if number < OFF:
+            return right(number, nodes, place)
+        return int(random.choice(list(nodes.values())[:100]))
+
+    graph = ExperienceMap()
+    driven = drive(graph, carry(graph), claim)
+    accepted = driven.checks[OFF - 120 :]
+    fitting = [c for c in accepted if c.error_m <= c.allowed_m and c.error_rad <= c.allowed_rad]
+    assert [c for c in accepted if c.accepted] == fitting
+
+
+def test_a_robot_that_is_carried_twice_is_found_twice() -> None:
+    graph = ExperienceMap()
+    driven = drive(graph, carry(graph, (0, OFF), (ON, ON + 40), (ON + 90, ON + 160)))
+    assert driven.rmse() < 0.4 and not graph.state()["interruptions"].size
+
+
+def test_a_part_that_no_loop_joined_is_found_by_later_loops() -> None:
+    # Day one is half of the block, day two the next side without a loop, day three all of it.
+    graph = ExperienceMap()
+    driven = drive(graph, carry(graph, (0, 55), (65, 95), (125, 245)))
+    assert driven.rmse() < 0.6 and not graph.state()["interruptions"].size
+    assert all(check.accepted for check in driven.checks[-20:])
+
+
+def test_an_interruption_is_part_of_the_state() -> None:
+    graph = drive(ExperienceMap(), islice(laps(2.5), OFF)).graph
+    graph.mark_interruption()
+    graph.mark_interruption()
+    state = graph.state()
+    np.testing.assert_array_equal(state["interruptions"], [len(graph)])
+    restored = ExperienceMap()
+    restored.restore(state)
+    np.testing.assert_array_equal(restored.state()["interruptions"], [len(graph)])
+    # Files of version 0.2.0 have none.
+    restored.restore({name: value for name, value in state.items() if name != "interruptions"})
+    assert not restored.state()["interruptions"].size
+    for wrong in ([0], [len(graph) + 1], [3, 3], [5, 4]):
+        with pytest.raises(DataError, match="interruptions"):
+            restored.restore({**state, "interruptions": np.array(wrong)})
+
+
+def test_a_loop_before_the_first_node_after_an_interruption_makes_no_link() -> None:
+    # Nothing is known of the way from the last node: a link would claim the opposite.
+    graph = drive(ExperienceMap(), laps(0.5)).graph
+    graph.mark_interruption()
+    links = len(graph.links)
+    loop = Action(ActionKind.CREATE_EDGE, graph.current, 3)
+    assert not graph.check(loop).accepted
+    graph.apply(loop)
+    assert len(graph.links) == links and graph.current == 3
+    assert not graph.state()["interruptions"].size
+
+
+NIGHT = 8 * 3600 * SECOND
+
+
+@pytest.mark.parametrize("measured", [True, pytest.param(False, marks=pytest.mark.nightly)])
+def test_carried_at_night_and_odometry_anew_the_robot_is_found_within_20_s(
+    measured: bool, tmp_path: Path
+) -> None:
+    course = lap_course(4, measured=measured)
+    lap = len(course.speeds) // 4
+    off, on = 2 * lap, 2 * lap + lap // 2
+    online = OnlineRatSlam()
+    process_and_flush(online, course.messages(0, off))
+    online.save(tmp_path / "map.npz")
+    again = OnlineRatSlam.load(tmp_path / "map.npz")
+    steps = process_and_flush(again, course.messages(on, on + lap, NIGHT))
+    assert any("odometry was reset" in step.why for step in steps[:2])
+    found = next(step for step in steps if step.action.kind == ActionKind.CREATE_EDGE)
+    assert found.stamp_ns - steps[0].stamp_ns < 20 * SECOND
+    stamps = np.array(again.slam.memory.node_stamps_ns) % NIGHT
+    truth = course.poses[stamps * RATE // SECOND]
+    assert rmse(again.slam.map.nodes, truth) < 0.3
+
+
+def test_the_record_of_a_run_tells_that_a_carried_robot_was_found() -> None:
+    course = lap_course(3)
+    lap = len(course.speeds) // 3
+    slam = RatSlam(views=GivenViews())
+    for message in course.messages(0, 2 * lap):
+        slam.step(message)
+    day = course.messages(lap // 2, lap + lap // 2, NIGHT)
+    motions = [message for message in day if isinstance(message, Odometry)]
+    looks = [message for message in day if isinstance(message, Look)]
+    stamps = np.array([look.stamp_ns for look in looks])
+    seconds = np.arange(lap + 1) / RATE + stamps[0] / SECOND
+    truth = Trajectory(seconds, *course.poses[lap // 2 : lap + lap // 2 + 1].T)
+    events = RunEvents("day", "wheels", motions, stamps, lambda row: looks[row].item, truth)
+    recorder = RunRecorder(slam, events)
+    steps = [recorder.step(event) for event in events]
+    (recovery,) = recorder.recoveries
+    found = next(step for step in steps if step is not None and step.found)
+    assert steps[0] is not None and steps[0].interrupted
+    assert recovery.seconds == (found.stamp_ns - steps[0].stamp_ns) / SECOND
+    assert recovery.refused == slam.map.config.rejoin - 1
+    run = recorder.record()
+    assert any(str(recovery) in note for note in run.notes)
+
+
+def test_the_original_preset_knows_no_interruptions() -> None:
+    slam = RatSlam(preset="openratslam")
+    slam.map.apply(Action(ActionKind.CREATE_NODE))
+    slam.map.mark_interruption()
+    assert not slam.map.state()["interruptions"].size

@@ -199,31 +199,50 @@ def stamps(events: list[Event]) -> list[int]:
     return [event.stamp_ns for event in events]
 
 
-def test_an_event_waits_until_nothing_can_come_before_it() -> None:
-    order = StampOrder(wait=0.1)
-    assert order.add(Motion(0, 0, 0)) == [] and order.add(Motion(100 * MS, 0, 0)) == []
-    assert stamps(order.add(Motion(101 * MS, 0, 0))) == [0]
-    assert stamps(order.flush()) == [100 * MS, 101 * MS]
+def motion(stamp_ns: int) -> Event:
+    return Motion(stamp_ns, 0, 0)
 
 
-def test_an_event_that_is_too_late_is_counted_and_left_out() -> None:
-    order = StampOrder(wait=0.1)
-    assert stamps(order.add(Motion(0, 0, 0)) + order.add(Motion(500 * MS, 0, 0))) == [0]
-    assert order.add(Motion(-1, 0, 0)) == [] and order.too_late == 1
-    # One that is late, but not later than what was given out, is in time.
-    assert stamps(order.add(Motion(200 * MS, 0, 0))) == [200 * MS]
-    assert stamps(order.flush()) == [500 * MS] and order.too_late == 1
+def sighting(stamp_ns: int) -> Event:
+    return Sighting(stamp_ns, 0)
 
 
-def test_stamps_may_be_negative() -> None:
-    order = StampOrder(wait=0.01)
-    assert stamps(order.add(Motion(0, 0, 0)) + order.add(Motion(-9 * MS, 0, 0))) == []
-    assert stamps(order.add(Motion(2 * MS, 0, 0))) == [-9 * MS]
+@rows(
+    "options, story, too_late",
+    [
+        # An event waits until nothing can come before it.
+        ({"wait": 0.1}, "m0 m100 m101>m0 end>m100,m101", 0),
+        # What is too late is left out; what is no later than what was given out is in time.
+        ({"wait": 0.1}, "m0 m500>m0 m-1 m200>m200 end>m500", 1),
+        ({"wait": 0.01}, "m0 m-9 m2>m-9", 0),
+        ({"wait": 0}, "m1 m2>m1", 0),
+        # In order, both kinds have to reach a stamp; where both have the same, odometry is first.
+        ({"in_order": True}, "m0 m30 s10>m0,s10 s40>m30 s50 m50>s40,m50,s50", 0),
+        # A clock that goes back is followed kind by kind; less than the jump is late.
+        (
+            {"in_order": True, "jump": 0.5},
+            "m9000 s9000>m9000,s9000 m9100 m0 s9050>s9050 m10 s5>m9100,m0,s5 m-1",
+            1,
+        ),
+        # Without an order by kind, too.
+        ({"jump": 5.0}, "m9000 s9500 m0>m9000,s9500 m1001>m0", 0),
+    ],
+)
+def test_events_are_released_in_order_after_the_wait(
+    options: dict[str, Any], story: str, too_late: int
+) -> None:
+    """A story has arriving events, m of odometry and s of views in milliseconds, and after > those
+    that are released."""
+    order = StampOrder(**{"wait": 1.0} | options)
+    for chapter in story.split():
+        arrived, _, released = chapter.partition(">")
+        found = order.flush() if arrived == "end" else order.add(event_of(arrived))
+        assert found == [event_of(name) for name in released.split(",") if name], chapter
+    assert order.too_late == too_late
 
 
-def test_no_wait_keeps_the_order_of_arrival() -> None:
-    order = StampOrder(wait=0)
-    assert stamps(order.add(Motion(1, 0, 0)) + order.add(Motion(2, 0, 0))) == [1]
+def event_of(name: str) -> Event:
+    return {"m": motion, "s": sighting}[name[0]](int(name[1:]) * MS)
 
 
 def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
@@ -234,16 +253,6 @@ def test_a_stamp_that_is_no_number_is_refused_and_nothing_is_lost() -> None:
     assert [event.stamp_ns for event in order.flush()] == [0]
 
 
-def test_in_order_an_event_is_released_once_both_kinds_have_reached_its_stamp() -> None:
-    order = StampOrder(wait=1.0, in_order=True)
-    assert order.add(Motion(0, 0, 0)) == [] == order.add(Motion(30 * MS, 0, 0))
-    assert stamps(order.add(Sighting(10 * MS, 0))) == [0, 10 * MS]
-    assert stamps(order.add(Sighting(40 * MS, 0))) == [30 * MS]
-    # At the same stamp odometry comes first, and one of the two is enough for neither.
-    assert stamps(order.add(Sighting(50 * MS, 0))) == []
-    assert stamps(order.add(Motion(50 * MS, 0, 0))) == [40 * MS, 50 * MS, 50 * MS]
-
-
 def test_in_order_a_kind_that_lags_behind_is_waited_for_as_long_as_it_arrives() -> None:
     order = StampOrder(wait=1.0, in_order=True)
     released = [*order.add(Motion(0, 0, 0)), *order.add(Sighting(0, 0))]
@@ -252,14 +261,6 @@ def test_in_order_a_kind_that_lags_behind_is_waited_for_as_long_as_it_arrives() 
         released += order.add(Sighting(max(k - 50, 0) * 100 * MS + 1, 0))
     assert order.too_late == 0 and released[-1].stamp_ns == 49 * 100 * MS + 1
     assert stamps(released) == sorted(stamps(released))
-
-
-def motion(stamp_ns: int) -> Event:
-    return Motion(stamp_ns, 0, 0)
-
-
-def sighting(stamp_ns: int) -> Event:
-    return Sighting(stamp_ns, 0)
 
 
 @rows("silent, heard", [(motion, sighting), (sighting, motion)])
@@ -274,27 +275,6 @@ def test_in_order_a_kind_that_falls_silent_is_waited_for_no_longer_than_the_wait
     assert order.add(silent(500 * MS)) == [] and order.too_late == 1
     assert stamps(order.add(heard(2100 * MS))) == []
     assert stamps(order.add(silent(1050 * MS))) == [1000 * MS, 1050 * MS]
-
-
-def test_a_clock_that_goes_back_is_followed_kind_by_kind() -> None:
-    order = StampOrder(wait=1.0, in_order=True, jump=0.5)
-    before = [motion(9000 * MS), sighting(9000 * MS), motion(9100 * MS)]
-    released = [one for event in before for one in order.add(event)]
-    assert stamps(released) == [9000 * MS, 9000 * MS]
-    # Odometry is back at 0 while a view of before is still on its way.
-    assert order.add(motion(0)) == []
-    assert stamps(order.add(sighting(9050 * MS))) == [9050 * MS]
-    assert stamps(order.add(motion(10 * MS))) == []
-    assert stamps(order.add(sighting(5 * MS))) == [9100 * MS, 0, 5 * MS]
-    # Less than the jump is late.
-    assert order.add(motion(-1 * MS)) == [] and order.too_late == 1
-
-
-def test_a_clock_that_goes_back_needs_no_order_by_kind() -> None:
-    order = StampOrder(wait=1.0, jump=5.0)
-    assert order.add(motion(9000 * MS)) == [] == order.add(sighting(9500 * MS))
-    assert stamps(order.add(motion(0))) == [9000 * MS, 9500 * MS]
-    assert stamps(order.add(motion(1001 * MS))) == [0]
 
 
 @settings(max_examples=20)

@@ -158,40 +158,42 @@ def added(
 AHEAD, LEFT, ASLANT = (1.0, 0.0), (0.0, 1.0), (math.sqrt(0.5), math.sqrt(0.5))
 
 
-def near(metres: float, radians: float = 0.0) -> Any:
-    return pytest.approx((metres, radians), rel=1e-6, abs=1e-6)
+STRAIGHT = [(2.0, 0.0)] * 10
+THERE_AND_BACK = [(5.0, 0.0), (5.0, math.pi), (5.0, 0.0), (5.0, 0.0)]
+CORNER = [(10.0, QUARTER), (4.0, 0.0), (4.0, 0.0)]
+WAY, TURN = 0.02, 0.03
+HALF = math.sqrt(0.5)
 
 
-def test_on_a_straight_course_the_way_is_unsure_by_its_share_of_the_distance() -> None:
+@rows(
+    "course, toward, deviations, metres, radians",
+    [
+        # On a straight course the way is unsure by its share of the distance.
+        (STRAIGHT, AHEAD, (WAY, 0.05), WAY * 20, 0.0),
+        (STRAIGHT, LEFT, (WAY, 0.05), 0.0, 0.0),
+        (STRAIGHT, ASLANT, (WAY, 0.05), WAY * 20 * HALF, 0.0),
+        # A way there and back is as long as it may be.
+        (THERE_AND_BACK, AHEAD, (WAY, 0.0), 0.0, 0.0),
+        (THERE_AND_BACK, LEFT, (WAY, 0.0), 0.0, 0.0),
+        # The turn moves the end, 8 m to the left of it, backwards along the first leg.
+        (CORNER, AHEAD, (0.0, TURN), TURN * QUARTER * 8, TURN * QUARTER),
+        (CORNER, LEFT, (0.0, TURN), 0.0, TURN * QUARTER),
+        (CORNER, AHEAD, (WAY, 0.0), WAY * 10, 0.0),
+        (CORNER, LEFT, (WAY, 0.0), WAY * 8, 0.0),
+        (CORNER, AHEAD, (WAY, TURN), math.hypot(WAY * 10, TURN * QUARTER * 8), TURN * QUARTER),
+        # Each of both factors moves the end in one direction, whatever the error is.
+        (
+            *(CORNER, ASLANT, (WAY, TURN)),
+            *(math.hypot(WAY * (10 + 8), TURN * QUARTER * 8) * HALF, TURN * QUARTER),
+        ),
+    ],
+)
+def test_the_factors_of_odometry_move_the_end_of_a_course(
+    course: Any, toward: Any, deviations: Any, metres: float, radians: float
+) -> None:
     graph = ExperienceMap()
-    go(graph, *[(2.0, 0.0)] * 10)
-    assert added(graph, AHEAD, (0.02, 0.05)) == near(0.02 * 20)
-    assert added(graph, LEFT, (0.02, 0.05)) == near(0.0)
-    assert added(graph, ASLANT, (0.02, 0.05)) == near(0.02 * 20 * math.sqrt(0.5))
-
-
-def test_a_way_there_and_back_is_as_long_as_it_may_be() -> None:
-    graph = ExperienceMap()
-    go(graph, (5.0, 0.0), (5.0, math.pi), (5.0, 0.0), (5.0, 0.0))
-    for toward in (AHEAD, LEFT):
-        metres, radians = added(graph, toward, (0.02, 0.0))
-        assert (metres, radians) == near(0.0)
-
-
-def test_after_a_turn_the_way_swings_about_where_it_turned() -> None:
-    graph = ExperienceMap()
-    go(graph, (10.0, QUARTER), (4.0, 0.0), (4.0, 0.0))
-    way, turn = 0.02, 0.03
-    # The turn moves the end, 8 m to the left of it, backwards along the first leg.
-    assert added(graph, AHEAD, (0.0, turn)) == near(turn * QUARTER * 8, turn * QUARTER)
-    assert added(graph, LEFT, (0.0, turn)) == near(0.0, turn * QUARTER)
-    assert added(graph, AHEAD, (way, 0.0)) == near(way * 10)
-    assert added(graph, LEFT, (way, 0.0)) == near(way * 8)
-    both = math.hypot(way * 10, turn * QUARTER * 8)
-    assert added(graph, AHEAD, (way, turn)) == near(both, turn * QUARTER)
-    # Each of both factors moves the end in one direction, whatever the error is.
-    slant = math.hypot(way * (10 + 8) * math.sqrt(0.5), turn * QUARTER * 8 * math.sqrt(0.5))
-    assert added(graph, ASLANT, (way, turn)) == near(slant, turn * QUARTER)
+    go(graph, *course)
+    assert added(graph, toward, deviations) == pytest.approx((metres, radians), rel=1e-6, abs=1e-6)
 
 
 @rows("turns, net", [([0.7, 0.7, 0.7], 2.1), ([0.7, -0.7], 0.0), ([2.0] * 4, 8.0)])
@@ -329,31 +331,25 @@ def test_after_an_interruption_before_a_node_a_contradicting_loop_moves_the_node
     assert between["sd_m"] > 10 and between["sd_rad"] > 1
 
 
-def test_without_an_interruption_the_same_loop_moves_no_node() -> None:
-    graph = carried(None)
-    graph.apply(*TURNED)
-    np.testing.assert_array_equal(graph.nodes, ROW)
-
-
-def test_an_interruption_after_which_there_is_no_node_makes_no_link() -> None:
-    graph = carried(10)
-    graph.apply(*TURNED)
-    np.testing.assert_array_equal(graph.nodes, ROW)
-    assert len(graph.links) == 9 and graph.pose == pytest.approx((1.0, 0.5, QUARTER))
-
-
-def test_a_loop_that_fits_odometry_ends_the_doubt() -> None:
-    graph = carried(5)
-    graph.apply(EDGE, 9, 1, 0.0, (8.0, 0.0))
+@rows(
+    "before, loop, links, interruptions",
+    [
+        (None, TURNED, 10, []),
+        (10, TURNED, 9, []),  # after it there is no node yet, so that the loop makes no link
+        (5, (EDGE, 9, 1, 0.0, (8.0, 0.0)), 10, []),  # it fits odometry, which ends the doubt
+        (5, (EDGE, 9, 6, 0.5, (0.0, 0.0)), 10, [5]),  # among the nodes since: it says nothing
+    ],
+)
+def test_a_loop_that_contradicts_no_interruption_moves_no_node(
+    before: int | None, loop: Any, links: int, interruptions: list[int]
+) -> None:
+    graph = carried(before)
+    graph.apply(*loop)
     assert_near(graph.nodes, ROW, 1e-9)
-    assert not graph.state()["interruptions"].size and (graph.links["sd_m"] < 1).all()
-
-
-def test_a_loop_among_the_nodes_since_says_nothing_of_an_interruption() -> None:
-    graph = carried(5)
-    graph.apply(EDGE, 9, 6, 0.5, (0.0, 0.0))
-    np.testing.assert_array_equal(graph.nodes, ROW)
-    np.testing.assert_array_equal(graph.state()["interruptions"], [5])
+    assert len(graph.links) == links and (graph.links["sd_m"] < 1).all()
+    assert graph.state()["interruptions"].tolist() == interruptions
+    if before == 10:
+        assert graph.pose == pytest.approx((1.0, 0.5, QUARTER))
 
 
 def test_an_earlier_interruption_is_kept_and_later_ones_are_forgotten() -> None:

@@ -13,6 +13,7 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.registration import count_overlap, nearest_ranges
 from fusionslam.storage.arrays import Floats32, Points
 from rows import rows
+from streets import at
 
 NAMES = ["agreeing", "before", "open", "behind", "outside"]
 
@@ -56,9 +57,7 @@ def counts_of(
         ((40, 0, 0), "outside"),  # farther than anything that was seen
     ],
 )
-def test_a_point_is_judged_by_what_the_other_sensor_saw(
-    point: tuple[float, float, float], name: str
-) -> None:
+def test_a_point_is_judged_by_what_the_other_sensor_saw(point: Any, name: str) -> None:
     assert counts_of(point) == {name: 1}
 
 
@@ -124,9 +123,7 @@ def test_ranges_are_the_least_of_each_direction(step: float) -> None:
 @rows("size", [1e6, 1e18, 3e38])
 def test_points_far_beyond_any_sensor_are_outside(size: float) -> None:
     far = size * np.array([[1, 0, 0], [-1, 1, 0.3], [1, 1, 1]], np.float32)
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_euler("z", 40, degrees=True).as_matrix()
-    assert count_overlap(far, SEEN, RANGES, turn)["outside"] == 3
+    assert count_overlap(far, SEEN, RANGES, at(0, 0, 40, 0))["outside"] == 3
     assert nearest_ranges(far[:1]).max() >= 0.9 * size
 
 
@@ -139,35 +136,30 @@ def test_no_points_are_no_overlap() -> None:
 
 
 @rows(
-    "changes, error",
+    "name, value, error",
     [
-        ({"points": np.full((1, 3), np.nan, np.float32)}, DataError),
-        ({"other": np.full((1, 3), np.inf, np.float32)}, DataError),
-        ({"points": np.zeros((2, 2), np.float32)}, ShapeError),
-        ({"other_ranges": np.zeros(5, np.float32)}, ShapeError),
-        ({"other_ranges": np.zeros((0, 4), np.float32)}, ShapeError),
-        ({"other_ranges": np.zeros((4, 4), np.int32)}, ShapeError),
-        ({"other_from_points": np.eye(3)}, ShapeError),
-        ({"other_from_points": np.full((4, 4), np.nan)}, DataError),
-        ({"other_from_points": np.diag([2.0, 2, 2, 1])}, DataError),
-        ({"other_from_points": np.diag([1.0, 1, -1, 1])}, DataError),
-        ({"other_ranges": np.full((4, 8), np.inf, np.float32)}, DataError),
-        ({"other_ranges": np.full((4, 8), np.nan, np.float32)}, DataError),
-        ({"other_ranges": np.full((4, 8), -1, np.float32)}, DataError),
-        ({"distance": 0.0}, ConfigError),
-        ({"distance": 101.0}, ConfigError),
-        ({"distance": float("nan")}, ConfigError),
+        ("points", np.full((1, 3), np.nan, np.float32), DataError),
+        ("other", np.full((1, 3), np.inf, np.float32), DataError),
+        ("points", np.zeros((2, 2), np.float32), ShapeError),
+        ("other_from_points", np.eye(3), ShapeError),
+        ("other_from_points", np.full((4, 4), np.nan), DataError),
+        *[
+            ("other_from_points", np.diag(row), DataError)
+            for row in ([2.0, 2, 2, 1], [1.0, 1, -1, 1])
+        ],
+        *[("other_ranges", np.zeros(n, np.float32), ShapeError) for n in (5, (0, 4))],
+        ("other_ranges", np.zeros((4, 4), np.int32), ShapeError),
+        *[
+            ("other_ranges", np.full((4, 8), value, np.float32), DataError)
+            for value in (np.inf, np.nan, -1)
+        ],
+        *[("distance", value, ConfigError) for value in (0.0, 101.0, np.nan)],
     ],
 )
-def test_bad_input_is_refused(changes: dict[str, Any], error: type[Exception]) -> None:
-    whole: dict[str, Any] = {
-        "points": SEEN,
-        "other": SEEN,
-        "other_ranges": RANGES,
-        "other_from_points": np.eye(4),
-    }
+def test_bad_input_is_refused(name: str, value: Any, error: type[Exception]) -> None:
+    whole: dict[str, Any] = {"points": SEEN, "other": SEEN, "other_ranges": RANGES}
     with pytest.raises(error):
-        count_overlap(**(whole | changes))
+        count_overlap(**whole | {"other_from_points": np.eye(4), name: value})
 
 
 @rows("step", [0.0, 0.05, 31.0, float("nan")])
