@@ -181,9 +181,6 @@ def test_the_figures_at_chosen_thresholds_are_those_of_the_curve() -> None:
     assert curve.max_f1 == pytest.approx(2 * good / (accepted.sum() + curve.n_revisits))
     if curve.threshold_at_full_precision is not None:
         assert curve.correct[curve.accepted(curve.threshold_at_full_precision)].all()
-
-
-def test_a_first_match_that_is_false_gives_recall_zero_at_full_precision() -> None:
     matches = Matches(
         np.array([[-1], [0], [0], [0]]), np.array([[np.inf], [1], [2], [3]], dtype=np.float32)
     )
@@ -331,13 +328,10 @@ def test_a_run_is_judged_under_every_protocol_if_its_poses_are_known() -> None:
     assert evaluation.matches is not None and len(evaluation.matches) == 40
 
 
-def test_what_was_published_stands_beside_runs_of_whole_sequences() -> None:
+def test_published_figures_are_found_by_whole_sequence_source_and_descriptor() -> None:
     descriptors, _ = places_and_descriptors(2, 40)
     whole = descriptor_run(np.resize(descriptors, (1101, descriptors.shape[1])))
     assert evaluate(whole, window=5).published == {"recall_at_full_precision": 0.668122}
-
-
-def test_the_published_figures_are_found_by_sequence_source_and_descriptor() -> None:
     known = published_figures("00", "stereo", "cm2dp", 4541)
     assert known == {"recall_at_full_precision": 0.697466}
     assert published_figures("00", "stereo", "cm2dp", 114) is None

@@ -275,7 +275,7 @@ def test_verified_loops_are_judged_by_the_protocols_of_matches_alone() -> None:
     assert list(judged.curves) == ["solid"]
 
 
-def test_published_figures_are_found_by_protocol_and_whole_sequence() -> None:
+def test_published_figures_are_those_that_protocols_show_of_whole_sequences() -> None:
     found = {peer.method: peer for peer in peer_figures("ssc", "08", 4071)}
     assert found["Scan Context"].figures == {"max_f1": 0.607, "extended_precision": 0.569}
     assert (found["M2DP"].descriptor, found["OverlapNet"].descriptor) == ("m2dp", None)
@@ -289,9 +289,6 @@ def test_published_figures_are_found_by_protocol_and_whole_sequence() -> None:
     ):
         assert peer_figures(protocol, sequence, frames) == ()
     assert [p.method for p in peer_figures("solid", "05", 2761)] == ["Scan Context", "RING++"]
-
-
-def test_every_published_figure_is_one_that_its_protocol_shows() -> None:
     for peer in PEERS:
         assert tuple(peer.figures) == PROTOCOLS[peer.protocol].figures
         assert all(0 <= figure <= 1 for figure in peer.figures.values())

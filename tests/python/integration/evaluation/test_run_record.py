@@ -10,43 +10,32 @@ import numpy as np
 import pytest
 
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.evaluation.maps.run import LINK, REFUSED, RatSlamRun
-from maps import square_run
+from fusionslam.evaluation.maps.run import RatSlamRun
+from maps import little_run, square_run
 from rows import rows
 from stored import change_archive
 
 
 def record(**changes: Any) -> RatSlamRun:
     """Three steps, the middle one a view; two nodes."""
-    values: dict[str, Any] = {
-        "name": "a drive",
-        "views": "alignment",
-        "odometry": "truth",
-        "preset": "robust",
-        "config": {"gap_s": 1.0},
-        "stamps_ns": np.array([0, 5, 5], np.int64),
+    given: dict[str, Any] = {
         "is_view": np.array([False, True, False]),
-        "view_ids": np.array([-1, 0, -1], np.int64),
+        "view_ids": np.array([-1, 0, -1]),
         "poses": np.arange(9.0).reshape(3, 3),
-        "dead_reckoning": np.arange(9.0).reshape(3, 3),
-        "node_ids": np.array([-1, 0, 1], np.int64),
-        "offsets": np.array([[1.0, 2.0, 3.0], [0.5, 0.0, 0.1], [0.0, 2.0, 3.0]]),
-        "actions": np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1]], np.int64),
+        "dead_reckoning": np.arange(9.0, 18.0).reshape(3, 3),
         "cells": np.ones((3, 3)),
-        "step_seconds": np.zeros((3, 3)),
-        "truth": None,
+        "offsets": np.array([[1.0, 2.0, 3.0], [0.5, 0.0, 0.1], [0.0, 2.0, 3.0]]),
+        "refused": [(30.0, 1, 0)],
         "why": ["view 0 is new"],
         "notes": ["a gap"],
-        "nodes": np.array([[1.0, 1.0, np.pi / 2], [4.0, 4.0, 1.0]]),
-        "node_stamps_ns": np.array([5, 5], np.int64),
-        "node_views": np.array([0, 0], np.int64),
-        "links": np.array([(0, 1, 3.0, 0.1, 0.2, 1.0, 0.1, 0.1)], LINK),
-        "refused": np.array([(5, 1, 0, 3.0, 0.1, 1.0, 0.2)], REFUSED),
+        "config": {"gap_s": 1.0},
         "activity_th": np.ones((1, 36), np.float32),
         "activity_x": np.ones((1, 20), np.float32),
         "activity_y": np.ones((1, 20), np.float32),
     }
-    return RatSlamRun(**(values | changes))
+    nodes = [(1.0, 1.0, np.pi / 2), (4.0, 4.0, 1.0)]
+    run = little_run(None, [(0, 0, 0), (1, 0, 0), (1, 0, 1)], nodes, [(0, 1)], **given)
+    return replace(run, **changes)
 
 
 def test_a_stored_run_comes_back_the_same(tmp_path: Path) -> None:

@@ -273,17 +273,13 @@ def test_verified_loops_are_rows_of_matches_with_the_errors_of_their_poses(tmp_p
     assert {row["correct"] + row["pose_error_m"] for row in rows} == {""}
 
 
-def test_the_shown_loops_are_the_surest_the_least_sure_a_head_on_and_the_wrong_ones() -> None:
+def test_telling_loops_are_shown_before_and_after_registration() -> None:
     run = verified_run()
     curve = evaluate_verified(run, radius=10, window=0).curves["revisit"]
     assert telling_loops(run, None) == {8: "probable", 5: "improbable", 4: "opposite"}
     assert telling_loops(run, curve) == {8: "wrong", 5: "improbable", 4: "opposite"}
     none = replace(run, accepted=np.zeros(len(run), np.bool_))
     assert telling_loops(none, curve) == {}
-
-
-def test_clouds_of_a_loop_lie_over_each_other_after_registration_only() -> None:
-    run = verified_run()
     corner = np.array([[x, 0, z] for x in range(9) for z in range(3)], np.float32)
     corner = np.concatenate([corner, [[0, y, 1] for y in range(1, 6)]]).astype(np.float32)
     pose = run.match_from_query[4]
@@ -357,17 +353,13 @@ def test_the_shown_clouds_are_those_that_registration_compared(
 ) -> None:
     monkeypatch.setattr("fusionslam.registration.scale.ROOM_REACH", np.inf)  # fits what is no room
     shown: dict[float, list[Points]] = {}
+
+    def note(run: VerifiedRun, query: int, scans: ScanReader) -> None:
+        shown.setdefault(run.config["registration"]["voxel"], []).append(scans(run.source, 0))
+
+    monkeypatch.setattr("fusionslam.report.loops.sections.draw_overlay", note)
     for voxel in (0.4, 2.0):
         config = {"fusion": {"source": "lidar"}, "registration": {"voxel": voxel}}
-        drawn = shown.setdefault(voxel, [])
-
-        def note(
-            run: VerifiedRun, query: int, scans: ScanReader, drawn: list[Points] = drawn
-        ) -> None:
-            scan = scans(run.source, 0)
-            drawn.append(scan)
-
-        monkeypatch.setattr("fusionslam.report.loops.sections.draw_overlay", note)
         folder = tmp_path / str(voxel)
         Work(Recording(str(recording)), "nine frames").save(folder)
         judged = evaluate_verified(verified_run(config=config), radius=10, window=0)

@@ -137,14 +137,11 @@ def test_looks_are_counted_by_what_they_led_to_however_the_run_words_it() -> Non
     ]
 
 
-def test_a_map_is_laid_over_the_truth() -> None:
+def test_a_map_is_laid_over_the_truth_and_its_loops_are_what_arrivals_made() -> None:
     turned = np.array([(-y + 5.0, x - 7.0, th + np.pi / 2) for x, y, th in CORNERS])
     scene = judged(drifting_run(nodes=turned))
     np.testing.assert_allclose(scene.nodes[:, :2], np.array(CORNERS)[:, :2], atol=1e-9)
     np.testing.assert_allclose(scene.path[:, :2], np.array(CORNERS * 2)[:, :2], atol=1e-9)
-
-
-def test_loops_are_the_links_that_an_arrival_made() -> None:
     scene = judged(wrong_run())
     assert scene.made.tolist() == [-1, -1, 3, -1]
     assert scene.false.tolist() == [False, False, True, False]
@@ -161,6 +158,7 @@ def written_kinds(folder: Path, run: RatSlamRun) -> tuple[list[str], set[str]]:
 
 
 UNKNOWN = {"nodes": [], "actions": [(0, 0, 0)] * 4, "links": [], "view_ids": np.full(4, -1)}
+SINGLE_NODE = {"nodes": HALL[:1], "actions": [(1, 0, 0), *[(0, 0, 0)] * 3], "links": []}
 SINGLE_STEP = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.full((1, 3), 1e-3))
 
 
@@ -172,18 +170,13 @@ SINGLE_STEP = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.fu
         (alone(**UNKNOWN), "no-view no-node no-times", "views cells"),
         (nodeless(), "no-look no-node no-times", ""),
         (SINGLE_STEP, "single-node", "errors views cells times"),
+        (alone(**SINGLE_NODE), "single-node no-times", "errors views cells"),
     ],
 )
 def test_pages_say_what_is_lacking(
     tmp_path: Path, run: RatSlamRun, missing: str, kinds: str
 ) -> None:
     assert written_kinds(tmp_path, run) == (missing.split(), set(kinds.split()))
-
-
-def test_a_single_node_is_not_drawn(tmp_path: Path) -> None:
-    run = alone(nodes=HALL[:1], actions=[(1, 0, 0), *[(0, 0, 0)] * 3], links=[])
-    missing, kinds = written_kinds(tmp_path, run)
-    assert "single-node" in missing and "map" not in kinds
 
 
 def test_runs_over_several_drives_stand_apart(tmp_path: Path) -> None:
@@ -305,9 +298,6 @@ def test_a_refusal_is_judged_and_one_that_was_linked_later_is_not_held_against_t
     assert refusals(judged(lost)) == ["right: lost"]
     blind = agreed_run(truth=None)
     assert refusals(judged(blind)) == ["linked later", "\N{EN DASH}"]
-
-
-def test_a_loop_that_was_linked_later_is_a_loop() -> None:
     found = judged(agreed_run())
     assert found.made.tolist() == [-1, -1, -1, -1, 4, 5] and not found.false.any()
     table = loop_table(found)

@@ -161,9 +161,6 @@ def test_loops_are_measured_against_the_drift_model() -> None:
     assert factor == pytest.approx(4, rel=0.1)
     errors = np.array([fit.error_m for fit in fits]), np.array([fit.promised_m for fit in fits])
     assert np.sqrt((errors[0] ** 2).mean() / (errors[1] ** 2).mean()) > 4
-
-
-def test_loops_between_sessions_say_nothing_of_drift() -> None:
     covariance = np.eye(6)
     edges = [edge for edge in chain(9, covariance) if edge.a != 4]
     loop = Edge(9, "merge", 2, 7, np.eye(4), covariance, "believed")

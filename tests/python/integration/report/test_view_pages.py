@@ -23,6 +23,7 @@ def beside(tmp_path: Path, test_data: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return tmp_path
 
 
+@pytest.mark.nightly
 def test_the_page_prints_what_it_says(beside: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, Any] = {}
     for snippet in snippets(PAGE):

@@ -120,16 +120,13 @@ def test_the_figures_are_those_of_the_judge(written: Written) -> None:
     assert metrics["rule"] == "paper" and metrics["limits"]["loop_age"] == 20
 
 
-def test_every_scan_is_a_row(written: Written) -> None:
+def test_every_scan_is_a_row_and_every_false_positive_a_picture(written: Written) -> None:
     rows = list(csv.DictReader(io.StringIO((written[0] / "views.csv").read_text())))
     assert len(rows) == 120
     own = rows[40]
     assert (own["scan"], own["view_scan"], own["verdict"]) == ("80", "6", "false positive")
     assert (own["loop"], own["revisit"]) == ("wrong loop", "1")
     assert rows[45]["verdict"] == "false negative" and rows[0]["similarity"] == ""
-
-
-def test_pictures_of_the_false_positives_lie_beside_the_page(written: Written) -> None:
     names = {path.name for path in written[0].iterdir() if path.suffix in (".png", ".jpg")}
     assert {f"views_{kind}_warehouse.png" for kind in ("pr", "errors", "times")} <= names
     assert {"views_path_warehouse_ours.png", "views_false_warehouse_ours_80.jpg"} <= names
@@ -214,9 +211,6 @@ def test_a_red_post_ahead_is_seen_ahead_and_from_above(colored: bool) -> None:
     assert 140 < columns.mean() < 160 and rows.mean() > 80
     above = np.nonzero(redness[:, 304:])
     assert 72 < above[1].mean() < 88 and 80 < above[0].mean() < 125
-
-
-def test_an_empty_cloud_and_a_grey_image_have_a_picture() -> None:
     empty = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
     for data in (cloud_preview(empty, scale_of([empty])), image_preview(np.zeros((9, 9), "u1"))):
         assert image.open(io.BytesIO(data)).height == HEIGHT
@@ -244,14 +238,11 @@ def test_a_long_run_shows_at_most_so_many_scans_and_its_worst_false_positives(wr
     assert np.diff(rows).max() <= 10
 
 
-def test_the_path_is_cut_where_scans_are_missing() -> None:
+def test_paths_are_cut_where_scans_are_missing_and_pairs_timed_by_stored_views() -> None:
     poses, stamps = laps()
     kept = np.r_[0:20, 40:60]
     run = ViewRun("w", "m", np.zeros(40, int), poses[kept], stamps[kept])
     assert [len(piece) for piece in path_pieces(run)] == [20, 20]
-
-
-def test_time_a_pair_is_that_of_the_stored_views() -> None:
     run = ViewRun("w", "m", [0, 1, -1, 0], np.zeros((4, 3)), np.arange(4.0), match_seconds=[8] * 4)
     assert np.array_equal(run.pair_seconds, [np.nan, 8, 4, 4], equal_nan=True)
 

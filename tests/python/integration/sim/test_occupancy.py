@@ -118,16 +118,13 @@ def test_a_thin_wall_has_no_gap_and_is_no_wider_than_its_cells(
     assert np.array_equal(largest_part(grid.occupied), grid.occupied)
 
 
-def test_what_stands_below_or_above_the_band_is_no_obstacle() -> None:
+def test_only_what_is_within_the_band_is_an_obstacle() -> None:
     low_step = box((1, 1, 0), (1.4, 1.4, 0.02), PAINT)
     table = box((2, 1, 0.7), (2.4, 1.4, 0.75), PAINT)
     crate = box((3, 1, 0), (3.4, 1.4, 0.5), PAINT)
     grid = occupancy_of(scene(room(5, 3), low_step, table, crate))
     x = np.array([1.2, 2.2, 3.02])
     assert list(grid.is_free(x, np.full(3, 1.2))) == [True, True, False]
-
-
-def test_only_the_part_of_a_ramp_that_is_within_the_band_is_occupied() -> None:
     ramp = panels([[(1, 1, 0), (3, 1, 1), (3, 2, 1), (1, 2, 0)]], PAINT)
     grid = occupancy_of(scene(room(5, 3), ramp), low_m=0.25, high_m=0.5)
     x = np.array([1.2, 1.44, 1.55, 1.95, 2.06, 2.5])
@@ -139,23 +136,17 @@ def test_the_inside_of_a_box_and_the_outside_of_a_house_are_not_reachable() -> N
     places = np.array([(3, 3), (1.5, 1.5), (-0.5, 2), (100, 2), (np.nan, 1)])
     assert list(grid.is_free(*places.T)) == [True, False, False, False, False]
     assert not grid.occupied[grid.cells(1.5, 1.5)[:2]]
-
-
-def test_an_open_place_is_reachable_around_its_obstacles() -> None:
     crates = [box((x, y, 0), (x + 0.5, y + 0.5, 1), PAINT) for x in (0, 4) for y in (0, 4)]
     grid = occupancy_of(scene(*crates))
     assert list(grid.is_free([2.0, -0.5, 0.25], [2.0, 2.0, 0.25])) == [True, True, False]
 
 
-def test_a_start_chooses_the_room() -> None:
+def test_a_start_chooses_the_room_and_several_scenes_make_one_map() -> None:
     two = scene(room(8, 4), wall((5, 0), (5, 4), 0, 2))
     assert list(occupancy_of(two).is_free([2, 7], [2, 2])) == [True, False]
     assert list(occupancy_of(two, start=(7.0, 2.0)).is_free([2, 7], [2, 2])) == [False, True]
     with pytest.raises(DataError, check=has_code("not-free", "5.0", "2.0")):
         occupancy_of(two, start=(5.0, 2.0))
-
-
-def test_several_scenes_make_one_map() -> None:
     walls, crate = scene(room(4, 4)), scene(box((1, 1, 0), (2, 2, 1), PAINT))
     both = scene(room(4, 4), box((1, 1, 0), (2, 2, 1), PAINT))
     assert np.array_equal(occupancy_of(walls, crate).occupied, occupancy_of(both).occupied)

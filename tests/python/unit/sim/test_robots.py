@@ -60,16 +60,13 @@ def test_the_car_has_the_sensors_of_the_embedded_drive() -> None:
             assert getattr(mount, key) == getattr(config, key), key
 
 
-def test_the_car_with_four_cameras_has_the_ring_of_the_town() -> None:
+def test_other_cars_have_the_ring_of_the_town_or_a_lidar_alone() -> None:
     car, config = robot_named("car_four_cameras"), RingConfig()
     assert list(car.cameras) == list(RING)
     for name, mount in car.cameras.items():
         assert np.allclose(base_from_camera(car, mount), car_from_ring_camera(config, name))
         assert np.array_equal(mount.matrix(), config.matrix())
         assert (mount.width, mount.height) == (config.width, config.height)
-
-
-def test_the_car_with_a_lidar_alone_drives_as_the_car_and_measures_while_it_moves() -> None:
     car, alone = robot_named("car"), robot_named("car_lidar")
     assert (alone.drive, alone.radius_m) == (car.drive, car.radius_m)
     lidar = alone.lidars["velodyne"]
@@ -119,16 +116,12 @@ def test_a_robot_of_ones_own_is_a_file(tmp_path: Path) -> None:
     assert robot.radius_m == 0.1 and not robot.cameras
 
 
-def test_a_sensor_is_changed_by_its_name() -> None:
+def test_a_sensor_is_changed_by_its_name_and_none_added_by_mistake() -> None:
     waffle = robot_named("turtlebot3_waffle_pi")
     changed = with_settings(waffle, [f"{SENSOR}.rate_hz=5"])
     assert changed.lidars["velodyne"].rate_hz == 5
     assert changed.lidars["velodyne"].rings == 18
     assert changed.cameras == waffle.cameras
-
-
-def test_a_setting_adds_no_sensor_by_mistake() -> None:
-    waffle = robot_named("turtlebot3_waffle_pi")
     unknown = has_code("unknown-name", "lidars", "velo")
     with pytest.raises(ConfigError, match=r"'velodyne'.* velodyne", check=unknown):
         with_settings(waffle, ["lidars.velo.noise_m=0.1"])

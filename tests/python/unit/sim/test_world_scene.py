@@ -38,9 +38,6 @@ def test_every_ray_knows_the_object_that_it_hits() -> None:
     found = caster.part_of(caster.cast(np.array([0, 0.5, 1], np.float32), rays))
     assert found.dtype == np.int32
     assert found.tolist() == [0, 1, -1, -1]
-
-
-def test_a_scene_that_does_not_know_its_objects_says_so() -> None:
     caster = RayCaster(Scene(tile(0), []))
     hits = caster.cast(np.array([0.5, 0.5, 1], np.float32), DOWN)
     assert hits.triangle[0] >= 0 and caster.part_of(hits).tolist() == [-1]
