@@ -95,14 +95,6 @@ def test_the_grey_pair_serves_where_there_is_no_colour(tmp_path: Path) -> None:
     assert open_dataset(sequence)[0].cameras["right"].projection[0, 3] == -386
 
 
-def test_a_root_with_several_sequences_lists_them(tmp_path: Path) -> None:
-    odometry(tmp_path).rename(tmp_path / "sequences/00")
-    odometry(tmp_path)
-    for wanted in (None, "1"):
-        with pytest.raises(DataError, check=has_code("no-sequence", "00", "03")):
-            open_dataset(tmp_path, sequence=wanted)
-
-
 def test_the_raw_calibration_joins_rectification_and_scanner(tmp_path: Path) -> None:
     drive = raw_drive(tmp_path)
     rectify, transform = np.eye(4), np.eye(4)
@@ -197,11 +189,16 @@ def test_published_raw_drives_lie_under_their_date_and_have_exact_times(tmp_path
     for dataset in (open_dataset(drive), open_dataset(tmp_path)):
         assert dataset.root == drive and len(dataset) == 3
         assert dataset.stamps_ns[2] == exact
-    raw_drive(tmp_path, "2011_09_26_drive_0002_sync")
-    assert open_dataset(tmp_path, sequence="0002").root.name == "2011_09_26_drive_0002_sync"
-    drives = ("2011_09_26_drive_0001_sync", "2011_09_26_drive_0002_sync")
-    with pytest.raises(DataError, check=has_code("no-sequence", *drives)):
+    other = raw_drive(tmp_path, "2011_09_26_drive_0002_sync")
+    assert open_dataset(tmp_path, sequence="0002").root == other
+    with pytest.raises(DataError, check=has_code("no-sequence", drive.name, other.name)):
         open_dataset(tmp_path)
+    # Sequences of odometry, too, are listed where there are several.
+    odometry(tmp_path / "several").rename(tmp_path / "several/sequences/00")
+    odometry(tmp_path / "several")
+    for wanted in (None, "1"):
+        with pytest.raises(DataError, check=has_code("no-sequence", "00", "03")):
+            open_dataset(tmp_path / "several", sequence=wanted)
 
 
 @rows("name", ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"])
@@ -306,13 +303,6 @@ def test_scans_without_tr_are_an_error_and_not_left_out_for_stereo(tmp_path: Pat
     assert recording.open("stereo").sensors == ("left", "right")
 
 
-def test_the_recording_in_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
-    odometry(tmp_path / "dataset")
-    with pytest.raises(DataError, match=rf"but {tmp_path}/dataset is one") as error:
-        open_dataset(tmp_path)
-    assert error.value.code == "no-recording"
-
-
 def test_opening_reads_no_scan_and_no_image(tmp_path: Path) -> None:
     sequence = odometry(tmp_path)
     (sequence / "velodyne/000005.bin").write_bytes(b"123")
@@ -394,6 +384,10 @@ def test_what_is_no_dataset_is_named_with_what_was_looked_for(tmp_path: Path) ->
     ):
         with pytest.raises(DataError, check=has_code(code, path)):
             open_dataset(path)
+    odometry(tmp_path / "dataset")
+    with pytest.raises(DataError, match=rf"but {tmp_path}/dataset is one") as error:
+        open_dataset(tmp_path)
+    assert error.value.code == "no-recording"
     (tmp_path / "velodyne").mkdir()
     for kind in (None, "folder"):
         with pytest.raises(DataError, check=has_code("no-frames")):

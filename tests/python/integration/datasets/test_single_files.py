@@ -147,14 +147,6 @@ def test_a_pcd_that_is_cut_is_called_truncated(tmp_path: Path, encoding: str, lo
         read_cloud(path)
 
 
-def test_a_pcd_with_more_points_than_stated_is_refused_as_such(tmp_path: Path) -> None:
-    path = tmp_path / "a.pcd"
-    PointCloud.from_xyz_points(POINTS).save(path, Encoding.ASCII)
-    path.write_text(path.read_text().replace("POINTS 20", "POINTS 19"))
-    with pytest.raises(DataError, match=r"\b20\b.*\b19\b", check=has_code("more-points", path)):
-        read_cloud(path)
-
-
 def test_rays_without_return_in_a_pcd_are_left_out(tmp_path: Path) -> None:
     points = POINTS.copy()
     points[3] = np.nan
@@ -220,12 +212,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path, read: Read, name: str
         read(tmp_path / name)
 
 
-def test_times_are_exact_nanoseconds(tmp_path: Path) -> None:
-    put_text(tmp_path / "times.txt", "1.037359e-01\n1317354879.229752001\n")
-    assert read_times(tmp_path / "times.txt").tolist() == [103_735_900, 1_317_354_879_229_752_001]
-
-
-def test_tum_poses_come_back_as_they_were_written(tmp_path: Path) -> None:
+def test_tum_poses_come_back_as_written_and_times_are_exact_nanoseconds(tmp_path: Path) -> None:
     rng = np.random.default_rng(11)
     stamps = np.append(np.sort(rng.integers(1, 2**62, 300)), 2**62)
     poses = np.tile(np.eye(4), (len(stamps), 1, 1))
@@ -235,6 +222,8 @@ def test_tum_poses_come_back_as_they_were_written(tmp_path: Path) -> None:
     found, read = read_poses_tum(tmp_path / "poses.txt")
     assert np.array_equal(found, stamps) and np.array_equal(read[:, :3, 3], poses[:, :3, 3])
     assert np.allclose(read, poses, rtol=0, atol=1e-9)
+    put_text(tmp_path / "times.txt", "1.037359e-01\n1317354879.229752001\n")
+    assert read_times(tmp_path / "times.txt").tolist() == [103_735_900, 1_317_354_879_229_752_001]
 
 
 def test_tum_quaternions_have_their_real_part_last_and_one_stamp_each(tmp_path: Path) -> None:
@@ -349,14 +338,17 @@ def test_a_cut_header_is_named_in_plain_words(tmp_path: Path, suffix: str, kept:
     assert type(caught.value.__cause__) is DataError  # not one of the library that reads it
 
 
-def test_a_pcd_without_fields_is_refused_in_our_words(tmp_path: Path) -> None:
+def test_a_pcd_that_contradicts_itself_is_refused_in_our_words(tmp_path: Path) -> None:
     path = tmp_path / "a.pcd"
-    write_cloud(path, Cloud(np.ones((5, 3), np.float32)))
-    path.write_bytes(path.read_bytes().replace(b"FIELDS", b"FYELDS"))
-    with pytest.raises(DataError, check=has_code("damaged-file", path)) as refused:
+    PointCloud.from_xyz_points(POINTS).save(path, Encoding.ASCII)
+    text = path.read_text()
+    path.write_text(text.replace("POINTS 20", "POINTS 19"))
+    with pytest.raises(DataError, match=r"\b20\b.*\b19\b", check=has_code("more-points", path)):
         read_cloud(path)
-    assert "fields" in str(refused.value) and "\n" not in str(refused.value)
-    assert "pydantic" not in str(refused.value) and "type=" not in str(refused.value)
+    path.write_text(text.replace("FIELDS", "FYELDS"))
+    with pytest.raises(DataError, match="fields", check=has_code("damaged-file", path)) as refused:
+        read_cloud(path)
+    assert not any(word in str(refused.value) for word in ("\n", "pydantic", "type="))
 
 
 @rows("columns, warned", [(5, True), (4, False)])

@@ -182,12 +182,10 @@ def test_the_cloud_is_given_in_the_frame_that_is_asked_for() -> None:
 
 
 def test_only_depths_within_the_range_become_points() -> None:
-    depth = depths(3, 1.0, 100.0)
-    image = np.zeros((120, 160, 3), np.uint8)
+    depth, image = depths(3, 1.0, 100.0), np.zeros((120, 160, 3), np.uint8)
     config = StereoConfig(min_range=5.0, max_range=30.0)
-    _, _, pixels = fusionslam.cloud_from_disparity(
-        disparity_of(depth), image, LEFT, RIGHT, config=config
-    )
+    disparity = disparity_of(depth)
+    _, _, pixels = fusionslam.cloud_from_disparity(disparity, image, LEFT, RIGHT, config=config)
     clear = (np.abs(depth - 5) > 0.01) & (np.abs(depth - 30) > 0.1)
     kept = np.zeros(depth.size, bool)
     kept[pixels] = True
