@@ -4,7 +4,11 @@
 
 from pathlib import Path
 
+import pytest
+
 from benchmarks.accuracy.bag_depth import FULL_CIRCLE, SECTOR, depth_agreement
+
+pytestmark = pytest.mark.nightly  # tests of the simulator and of fuse hold most of it
 
 
 def test_points_of_the_full_circle_lie_where_the_renderer_sees_a_surface(test_data: Path) -> None:

@@ -312,15 +312,6 @@ def test_a_recording_without_a_usable_frame_is_refused(recording: Path, tmp_path
         describe_dataset(dataset, ["m2dp"], tmp_path / "out", bad_frames="skp")
 
 
-def test_frames_are_numbered_as_their_files_are(recording: Path, tmp_path: Path) -> None:
-    scan_path(recording, 3).unlink()
-    dataset = open_dataset(recording, gaps="skip")
-    (run,) = describe_dataset(dataset, ["m2dp"], tmp_path / "out")
-    stored = DescriptorRun.load(run_path(tmp_path / "out", "lidar", "m2dp"))
-    assert stored.numbers.tolist() == [n for n in range(FRAMES) if n != 3]
-    assert stored.frames.tolist() == list(range(FRAMES - 1)) == run.frames.tolist()
-
-
 def test_a_finished_run_removes_the_rest_of_other_settings(recording: Path, tmp_path: Path) -> None:
     dataset, out = open_dataset(recording), tmp_path / "out"
     interrupted(dataset, out, 1)

@@ -80,6 +80,14 @@ def test_a_folder_is_never_written_over_itself_and_its_colours_warn_nobody(tmp_p
     assert "no colours" not in said_by_fuse(made, "-o", tmp_path / "again")
 
 
+def test_what_is_written_is_counted_and_a_bag_that_is_replaced_is_named(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "d.bag", drive())
+    for name, there in (("made", 0), ("made.bag", 0), ("made", 0), ("made.bag", 1)):
+        result = succeeds("fuse", path, "-o", tmp_path / name)
+        assert result.stdout.splitlines() == [f"{tmp_path / name}: 5 frames"]
+        assert " ".join(result.stderr.split()).count("will be replaced") == there
+
+
 def test_clouds_and_times_that_no_fuse_wrote_are_kept(tmp_path: Path) -> None:
     base = tmp_path / "kitti"
     data = write_sequence(base, [0, 2, 5], [300] * 3, metres=1.5, width=64)
@@ -87,14 +95,6 @@ def test_clouds_and_times_that_no_fuse_wrote_are_kept(tmp_path: Path) -> None:
     error = error_of(1, "fuse", base, "-o", data, "--sequence", data.name)
     assert error.code == "other-results" and error.fields == (str(data), "times.txt")
     assert contents(data) == before
-
-
-def test_a_bag_that_is_replaced_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    read, made = Recording.at(write_bag(tmp_path / "d.bag", drive())), tmp_path / "made.bag"
-    write_cloud_bag(read, made, FusionConfig())
-    assert not caplog.messages
-    write_cloud_bag(read, made, FusionConfig(frame="robot"))
-    assert caplog.messages == [f"{made} is there already and will be replaced"]
 
 
 def truths(path: Path) -> list[Odometry]:
@@ -149,12 +149,6 @@ def test_clouds_that_stay_without_colours_are_announced(tmp_path: Path, lacking:
     assert warning in said_by_fuse(path, "-o", tmp_path / "one")
     # Somebody who asks for it knows.
     assert warning not in said_by_fuse(path, "-o", tmp_path / "two", "--source", "cloud")
-
-
-def test_fuse_says_how_many_frames_it_has_written(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "d.bag", drive())
-    for out in (tmp_path / "made", tmp_path / "made.bag", tmp_path / "made"):
-        assert succeeds("fuse", path, "-o", out).stdout.splitlines() == [f"{out}: 5 frames"]
 
 
 def test_titles_of_pictures_name_what_is_drawn(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.ratslam.view_sources import SourceOptions
 from fusionslam.views.visual_templates import VisualTemplatesConfig
 from kitti import ODOMETRY_CALIB, TR, put_image, put_text, raw_drive
+from rows import rows
 
 # Tr of the made drives: the camera is 0.1 m left of the scanner, 0.2 m above and 0.3 m behind.
 CAMERA_FROM_ROBOT = np.array([*map(float, TR.split()), 0, 0, 0, 1]).reshape(4, 4)
@@ -60,7 +61,7 @@ def relative(truth: Trajectory) -> NDArray[np.float64]:
     return np.stack([poses[:, 0, 3], poses[:, 1, 3], wrapped(yaw)], axis=1)
 
 
-@pytest.mark.parametrize("with_tr", [True, False])
+@rows("with_tr", [True, False])
 def test_the_truth_is_the_path_of_the_robot_in_the_plane(tmp_path: Path, with_tr: bool) -> None:
     # Without Tr the robot is where the camera is, with a robot's axes.
     camera_from_robot = CAMERA_FROM_ROBOT if with_tr else AXES
@@ -103,8 +104,9 @@ def test_recorded_scenes_and_the_drive_agree_on_the_truth(kitti: Path) -> None:
     np.testing.assert_allclose(scenes.poses[:, :2], np.stack([truth.x, truth.y], axis=1), atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("sequence", "calibration", "extent"),
+@pytest.mark.slow
+@rows(
+    "sequence, calibration, extent",
     [("00", "calib_00-02.txt", (564, 496)), ("06", "calib_04-12.txt", (23, 457))],
 )
 def test_kitti_extends_over_the_ground(

@@ -5,13 +5,13 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from fusionslam.pipelines.results import check_output
 from refusals import refuses
+from rows import rows
 
 
-@pytest.mark.parametrize("name", ["drive.bag.npz", "drive.mcap.csv", "matches.csv"])
+@rows("name", ["drive.bag.npz", "drive.mcap.csv", "matches.csv"])
 def test_results_named_after_a_recording_may_be_replaced(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     if path.suffix == ".npz":
@@ -30,6 +30,6 @@ def test_the_input_is_not_replaced_even_through_a_link(tmp_path: Path) -> None:
     check_output(tmp_path / "other.txt", [source])
 
 
-@pytest.mark.parametrize("name", ["x" * 300, "~nobody_of_this_name/a.csv"])
+@rows("name", ["x" * 300, "~nobody_of_this_name/a.csv"])
 def test_names_that_cannot_be_are_left_to_whoever_writes(name: str, tmp_path: Path) -> None:
     check_output(name, [tmp_path, name + "y"])

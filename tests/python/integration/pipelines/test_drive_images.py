@@ -16,6 +16,7 @@ from fusionslam.pipelines.template_views import template_views
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
+from rows import rows
 
 SECONDS = np.array([0.0, 0.5, 1.0])
 POSES = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.1], [0.6, 0.1, 0.2]])
@@ -126,7 +127,7 @@ def test_recorded_images_are_not_kept(cache: Path) -> None:
     assert not cache.exists()
 
 
-@pytest.mark.parametrize("damage", ["cut", "text", "other"])
+@rows("damage", ["cut", "text", "other"])
 def test_a_damaged_file_in_the_cache_is_made_anew(cache: Path, damage: str) -> None:
     made = template_views(given(), SMALL)
     (path,) = cache.glob("*.npz")
