@@ -173,7 +173,7 @@ def town() -> fusionslam.Dataset:
     return fusionslam.open_dataset(folder, sensors=["points", "left"])
 
 
-@rows("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
+@pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
 def test_a_town_is_judged_right(town: fusionslam.Dataset, degrees: Degrees) -> None:
     found = check_calibration(Turned(town, degrees), CalibrationCheckConfig(frames=5))
     assert found.fits is not any(degrees)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ground, voxels and invalid points against plain NumPy."""
 
-import importlib
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 import fusionslam
+from benchmarks.accuracy import ground
 from clouds import ground_and_things, read_scan, scene
 from fusionslam import GroundSegmentsConfig
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from project import PROJECT
+from fusionslam.sim.lidar import LidarConfig
+from fusionslam.sim.mesh import Paint, box
+from fusionslam.sim.world import Part, scene_of
 from rows import rows
 
 
@@ -118,17 +120,9 @@ def test_what_cannot_be_cut_into_segments_is_refused() -> None:
         fusionslam.remove_ground_segments(points[:, :2])
 
 
-def test_the_comparison_on_simulated_truth_counts_what_is_ground(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_comparison_on_simulated_truth_counts_what_is_ground() -> None:
     """A LiDAR over a floor with a box on it: every way finds all of the floor and nothing else."""
     pytest.importorskip("embreex")
-    monkeypatch.syspath_prepend(str(PROJECT))
-    ground = importlib.import_module("benchmarks.accuracy.ground")
-    from fusionslam.sim.lidar import LidarConfig
-    from fusionslam.sim.mesh import Paint, box
-    from fusionslam.sim.world import Part, scene_of
-
     paint = Paint(0)
     floor = Part("floor", box((-30, -30, -1), (30, 30, 0), paint), is_ground=True)
     crate = Part("crate", box((4, -2, 0.3), (6, 2, 2), paint))

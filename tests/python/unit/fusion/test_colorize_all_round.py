@@ -55,12 +55,8 @@ def test_one_camera_colours_as_colorize_does(interpolation: str) -> None:
 
 def test_a_point_takes_the_camera_to_whose_centre_it_is_nearest() -> None:
     """Images of unlike sizes, seen by two cameras or three."""
-    cameras = {
-        "left": camera_at(0, (160, 120)),
-        "side_left": camera_at(70),
-        "between": camera_at(40, (40, 30)),
-        "rear": camera_at(180),
-    }
+    cameras = {"left": camera_at(0, (160, 120)), "side_left": camera_at(70)}
+    cameras |= {"between": camera_at(40, (40, 30)), "rear": camera_at(180)}
     points = points_around(2000)
     images, projections = inputs(cameras)
     kept, colors, indices, chosen, _ = fusionslam.colorize_all_round(
