@@ -3,7 +3,7 @@
 """Places of a small fleet, described from clouds, and a client of the service of them."""
 
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from clouds import Points, scan_blocks
+from fleets import InProcess
 from fusionslam import DescriptorConfig, FusionConfig, LoopConfig
 from fusionslam.datasets import write_cloud
-from fusionslam.fleet.chunk import Chunk
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.places import Places
@@ -66,20 +66,8 @@ def describe_fleet(folder: Path) -> Path:
         ),
     )
     plan = Plan.make(folder / "recordings", found, places.settings, None)
-    assert not places.describe(plan, _InThisProcess())
+    assert not places.describe(plan, InProcess())
     return places.path
-
-
-class _InThisProcess:
-    """An engine without workers."""
-
-    def run(self, chunks: Iterable[Chunk], work: Any) -> Iterator[Any]:
-        for chunk in chunks:
-            work(chunk)
-            yield chunk, None
-
-    def close(self) -> None:
-        """Nothing was begun."""
 
 
 def as_npy(array: Any) -> bytes:

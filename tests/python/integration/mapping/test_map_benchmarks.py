@@ -92,12 +92,11 @@ def test_loops_of_peers_go_into_the_graph_and_false_ones_are_counted(drive: Floa
     odometry = [drive[0]]
     for step in steps:
         odometry.append(odometry[-1] @ step)
-    match, accepted = np.full(count, -1), np.zeros(count, np.bool_)
-    poses = np.full((count, 4, 4), np.nan)
-    for row in range(100, count):
-        match[row], accepted[row] = row - 100, row % 2 == 0
-        poses[row] = inverse(drive[row - 100]) @ drive[row]
     rows = np.arange(count)
+    match = np.maximum(rows - 100, -1)
+    accepted = (match >= 0) & (rows % 2 == 0)
+    poses = np.full((count, 4, 4), np.nan)
+    poses[100:] = inverse(drive[:-100]) @ drive[100:]
     run = VerifiedRun(
         source="cloud",
         descriptors=("peer",),
