@@ -90,6 +90,11 @@ def test_every_figure_is_what_the_judge_says_of_the_ids(drive: Drive) -> None:
         assert report is not None and report.accuracy is not None
         assert shown[0] == f"{100 * report.accuracy:.1f}"
         assert as_json(result)["paper"] == report.metrics()
+    # Costs have those of the thesis beside them.
+    label, cells = cost_table(results[:1]).rows[0]
+    texts = [cell.text for cell in cells]
+    assert label == "first stage" and texts[0].isdigit()
+    assert (texts[1], texts[3]) == ("194", "78")
     seen_again = results[0].paper
     assert seen_again is not None and seen_again.revisits == PLACES
     assert seen_again.loop_recall is not None and seen_again.loop_recall > 0.9
@@ -140,11 +145,7 @@ def test_templates_are_fed_with_all_images_and_asked_at_the_scans(drive: Drive) 
     assert found.method == "templates"
     assert found.bytes_per_view == VisualTemplates(SMALL).bytes_per_view
     assert found.judge().loop_recall == 1.0
-
-
-def test_templates_can_be_judged_at_every_image(drive: Drive) -> None:
-    images = images_of(drive)
-    pictured = Pictured(drive, images)
+    # They can be judged at every image, too.
     found = run_templates(SMALL, every_image=True)(Task("templates", pictured, "robot"))
     assert found.method == "templates, 2.5 Hz"
     assert found.ids.tolist() == ids_of(images)
@@ -290,14 +291,9 @@ def test_a_mistake_is_named_in_a_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_costs_have_the_thesis_beside_them(drive: Drive) -> None:
-    ((label, cells),) = cost_table(bench_views([drive], ["objects:author"])).rows
-    texts = [cell.text for cell in cells]
-    assert label == "first stage" and texts[0].isdigit()
-    assert (texts[1], texts[3]) == ("194", "78")
-
-
-def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
+def test_a_second_stage_costs_bytes_and_only_rejects(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("onnxruntime")
     first, both = bench_views([drive], ["objects:author", "two_stages:author"])
     assert first.run is not None and both.run is not None
@@ -307,9 +303,7 @@ def test_a_second_stage_costs_bytes_and_only_rejects(drive: Drive) -> None:
     same = first.run.ids == both.run.ids
     rejected = int(np.argmin(same)) if not same.all() else len(same)
     assert rejected == len(same) or both.run.ids[rejected] > first.run.ids[rejected]
-
-
-def test_a_missing_extra_is_told_in_its_row(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Without its package, its row says so.
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     first, both = bench_views([drive], ["objects:author", "two_stages:author"])
     assert first.run is not None

@@ -403,14 +403,6 @@ def test_the_demo_replaces_only_earlier_demos(described: DescriptorRun, tmp_path
     assert left == {"lidar-cm2dp.npz", "lidar-mine.npz", "my-own.npz"}
 
 
-def test_the_demo_says_how_to_move_a_cache_that_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path / "file"))
-    assert error_of(1, "demo", "-o", tmp_path / "out").code == "cache"
-
-
 @rows(
     "words, module, extra",
     [
@@ -425,3 +417,11 @@ def test_a_missing_extra_is_named_with_the_line_that_installs_it(
     monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: name != module or None)
     error = error_of(1, *words)
     assert error.code == "missing-extra" and error.fields == (extra,)
+
+
+def test_a_cache_that_cannot_be_written_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("FUSIONSLAM_CACHE", str(tmp_path / "file"))
+    assert error_of(1, "demo", "-o", tmp_path / "out").code == "cache"

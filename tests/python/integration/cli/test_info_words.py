@@ -43,6 +43,7 @@ def test_info_keeps_silent_about_topics_as_they_should_be(tmp_path: Path) -> Non
     events = list(drive())
     out = told(write_bag(tmp_path / "drive.bag", events))
     assert "sensor_msgs/PointCloud2, 5 messages, 2.00 Hz topic" in out
+    assert "path of 1.0 m" in out  # short ones to the decimetre
     assert "tf2_msgs/TFMessage, 1 message " in out and " 1 messages" not in out
     late = sorted(event.time_ns for event in events if event.topic == "/points")[2]
     moved = [
@@ -58,10 +59,6 @@ def test_info_keeps_silent_about_topics_as_they_should_be(tmp_path: Path) -> Non
     assert "2.00 Hz (longest step 1.000 s, 2.0 x the median; 1 gap)" in told(
         write_bag(tmp_path / "gap.bag", lacking)
     )
-
-
-def test_short_paths_are_told_to_the_decimetre(tmp_path: Path) -> None:
-    assert "path of 1.0 m" in told(write_bag(tmp_path / "drive.bag", drive()))
 
 
 def test_info_says_of_folders_too_whether_they_can_be_fused(kitti: Path, recording: Path) -> None:

@@ -11,10 +11,10 @@ import pytest
 from artefacts import artefact, copy_artefact
 from cli import error_of, run, succeeds
 from fusionslam import datasets
-from fusionslam.errors import DataError
 from fusionslam.evaluation import RatSlamRun
 from fusionslam.pipelines.lidar_odometry import LidarTrack, track_lidar
 from fusionslam.storage.arrays import Matrix
+from refusals import refuses
 
 pytest.importorskip("kiss_icp", reason="the library of odometry by LiDAR is an extra")
 
@@ -116,19 +116,14 @@ def test_scans_that_cannot_be_used_are_named_or_left_out(corridor: Path, tmp_pat
     assert error_of(1, *words).code == "no-pose"
 
 
-def test_a_recording_of_one_scan_has_no_motion(corridor: Path) -> None:
-    dataset = datasets.open_dataset(corridor)
-    with pytest.raises(DataError) as bad:
-        track_lidar(dataset[:1])
-    assert bad.value.code == "no-scans"
-
-
 def test_the_poses_are_those_of_the_body(corridor: Path) -> None:
     dataset = datasets.open_dataset(corridor)
     turned = np.array([[0.0, -1, 0, 2], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
     of_camera = track_lidar(replace(dataset, body_from_points=turned))
     np.testing.assert_allclose(of_camera.poses[-1][:3, 3], [0, 0, 0.55], atol=0.02)
     assert isinstance(of_camera, LidarTrack) and 0.5 < of_camera.length_m < 0.6
+    with refuses("no-scans"):  # one scan has no motion
+        track_lidar(dataset[:1])
 
 
 def test_ctrl_c_says_that_nothing_was_written(

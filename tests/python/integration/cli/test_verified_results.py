@@ -59,6 +59,9 @@ def test_verified_loops_are_a_row_of_the_table_and_in_the_report(results: Path) 
     assert "3 loops accepted, 0 of them wrong" in printed
     assert "candidates of m2dp+scan_context" in printed
     assert [run["verified"] for run in figures["runs"]] == [False, True]
+    printed = succeeds("info", verified_path(results, "lidar", "cm2dp")).stdout
+    assert "verified loops" in printed and "frames" in printed
+    assert "3 loops in 9 frames" in succeeds("info", results).stdout
     succeeds("report", results, "-o", results / "page")
     assert "verified m2dp+scan_context" in (results / "page" / "report.html").read_text()
 
@@ -107,12 +110,6 @@ def test_the_demo_replaces_its_verified_loops(tmp_path: Path) -> None:
     old.save(tmp_path)
     forget_demo(tmp_path, Recording("/drives/two"))
     assert [path.name for path in (tmp_path / "verified").iterdir()] == ["stereo-cm2dp.npz"]
-
-
-def test_info_says_what_a_file_of_verified_loops_is(results: Path) -> None:
-    printed = succeeds("info", verified_path(results, "lidar", "cm2dp")).stdout
-    assert "verified loops" in printed and "frames" in printed
-    assert "3 loops in 9 frames" in succeeds("info", results).stdout
 
 
 def test_without_the_extra_loops_are_those_of_descriptors_and_it_is_said_once(
@@ -167,9 +164,7 @@ def test_the_window_of_the_evaluation_holds_for_proven_loops(kitti: Path, tmp_pa
     proven = VerifiedRun.load(verified_path(tmp_path, "lidar", "m2dp"))
     rows, columns = np.nonzero(proven.candidates >= 0)
     assert (rows - proven.candidates[rows, columns]).min() == 8
-
-
-def test_a_run_that_proves_nothing_deletes_former_poses(kitti: Path, tmp_path: Path) -> None:
+    # A run that proves nothing deletes the poses of former loops.
     (tmp_path / "loops.g2o").write_text("EDGE_SE3:QUAT 0 9\n")
     succeeds("loops", kitti, "-d", "m2dp", "-o", tmp_path, "--threshold", "0.2", *NO_WINDOW)
     assert sorted(path.name for path in tmp_path.glob("loops.*")) == ["loops.csv"]

@@ -85,12 +85,6 @@ def test_matching_writes_a_page_and_a_matcher_that_goes_on(scenes: Path, tmp_pat
     assert ViewMatcher.load(out / "matcher.npz").process(place(3, 9)).id == 3
 
 
-def test_empty_scans_are_left_out_on_request(scenes: Path, tmp_path: Path) -> None:
-    words = ("views", "match", scenes, "-o", tmp_path, "--no-report")
-    assert "15 scans" in succeeds(*words).stdout
-    assert "14 scans" in succeeds(*words, "--skip-empty").stdout
-
-
 def test_a_set_without_poses_is_matched_but_not_judged_or_tuned(tmp_path: Path) -> None:
     path = tmp_path / "plain.npz"
     drive(LAPS, poses=False).save(path)
@@ -191,10 +185,12 @@ def test_an_interrupted_tuning_says_where_it_goes_on_and_ends_alike(
     assert whole == parts
 
 
-def test_values_that_come_along_are_used_by_name(scenes: Path, tmp_path: Path) -> None:
-    words = ("views", "match", scenes, "-o", tmp_path, "--no-report", "--tuned")
-    succeeds(*words, preset_names()[0])
-    assert "'none'" in fails(2, *words, "none")
+def test_tuned_values_are_taken_and_empty_scans_left_out(scenes: Path, tmp_path: Path) -> None:
+    words = ("views", "match", scenes, "-o", tmp_path, "--no-report")
+    succeeds(*words, "--tuned", preset_names()[0])
+    assert "'none'" in fails(2, *words, "--tuned", "none")
+    assert "15 scans" in succeeds(*words).stdout
+    assert "14 scans" in succeeds(*words, "--skip-empty").stdout
 
 
 def test_a_set_that_is_cut_or_missing_is_named(scenes: Path, tmp_path: Path) -> None:

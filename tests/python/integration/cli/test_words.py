@@ -97,8 +97,9 @@ def test_frames_have_their_number_whatever_is_missing(recording: Path, tmp_path:
     (recording / "velodyne/000002.bin").unlink()
     succeeds("describe", recording, "-d", "cm2dp", "--skip-gaps", "-o", out / "runs", *NO_WINDOW)
     for name, missing in (("m2dp", ()), ("cm2dp", (2,))):
-        numbers = DescriptorRun.load(out / f"runs/lidar-{name}.npz").numbers.tolist()
-        assert numbers == [n for n in range(FRAMES) if n not in missing]
+        stored = DescriptorRun.load(out / f"runs/lidar-{name}.npz")
+        assert stored.numbers.tolist() == [n for n in range(FRAMES) if n not in missing]
+        assert stored.frames.tolist() == list(range(FRAMES - len(missing)))
     succeeds("loops", recording, "-o", out, "--skip-gaps", *NO_WINDOW)
     loops = csv.DictReader((out / "loops.csv").open())
     pairs = [(int(row["query"]), int(row["match"])) for row in loops]
