@@ -220,14 +220,13 @@ def test_mulran_poses_are_interpolated_within_the_recorded_span_only(tmp_path: P
 
 
 def test_mulran_poses_between_two_rows_turn_half_way(tmp_path: Path) -> None:
-    sequence = mulran(tmp_path)
-    rows = []
+    sequence, lines = mulran(tmp_path), ""
     for seconds, yaw in ((0.05, 0.2), (0.15, 0.6), (0.35, 0.6)):
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_euler("z", yaw).as_matrix()
         pose[:3, 3] = 10 * seconds, 0, 0
-        rows.append(matrix_row(MULRAN_STAMP + int(seconds * 1e9), pose))
-    put_text(sequence / "global_pose.csv", "".join(rows))
+        lines += matrix_row(MULRAN_STAMP + int(seconds * 1e9), pose)
+    put_text(sequence / "global_pose.csv", lines)
     first, second, third = open_dataset(sequence).poses
     np.testing.assert_allclose(first[:3, :3], Rotation.from_euler("z", 0.4).as_matrix(), atol=1e-9)
     np.testing.assert_allclose([first[0, 3], second[0, 3], third[0, 3]], [1, 2, 3], atol=1e-6)
