@@ -195,7 +195,7 @@ def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path:
         assert clouds(folder) == whole and sorted(os.listdir(folder)) == names
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.9])
+@pytest.mark.parametrize("share", [0.0, pytest.param(0.1, marks=pytest.mark.nightly), 0.9])
 @rows("name", REPLACING)
 def test_a_full_disk_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, name: str, share: float
