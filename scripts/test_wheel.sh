@@ -38,7 +38,7 @@ fi
 folder=${root:-$PWD/build/wheel}/test-$version
 rm -rf "$folder"
 mkdir -p "$folder"
-git ls-files -z pyproject.toml benchmarks tests/python tests/data | tar -c --null -T - | tar -x -C "$folder"
+git ls-files -z pyproject.toml benchmarks docs/stages/descriptors.md tests/python tests/data | tar -c --null -T - | tar -x -C "$folder"
 cp "$archive" "$folder"
 cat >"$folder/test.sh" <<'END'
 set -euo pipefail

@@ -2,27 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """benchmarks/accuracy/checks.py says pass or fail, and tells a script so."""
 
-import importlib
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
-from project import PROJECT
+from benchmarks.accuracy import checks
 from rows import rows
-
-
-@pytest.fixture
-def checks(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    pytest.importorskip("scipy")
-    monkeypatch.syspath_prepend(str(PROJECT))
-    return importlib.import_module("benchmarks.accuracy.checks")
 
 
 @rows("value, code, verdict", [(9e-5, 0, "pass"), (2e-4, 1, "FAIL")])
 def test_a_check_beyond_its_bound_fails(
-    checks: ModuleType,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     value: float,
@@ -48,7 +38,7 @@ def test_a_check_beyond_its_bound_fails(
 
 
 def test_without_the_data_it_says_which_variable_names_them(
-    checks: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("FUSIONSLAM_TEST_DATA", str(tmp_path))
     with pytest.raises(SystemExit, match=r"\bFUSIONSLAM_TEST_DATA\b"):
