@@ -51,12 +51,6 @@ def save_detector(folder: Path) -> Path:
     return folder
 
 
-def test_saving_again_replaces_the_file_and_leaves_nothing_else(tmp_path: Path) -> None:
-    folder = save_detector(tmp_path / "loops")
-    save_detector(folder)
-    assert os.listdir(folder) == ["detector.npz"]
-
-
 def test_a_detector_of_an_earlier_version_goes_on_and_is_saved_in_the_new_one(
     tmp_path: Path,
 ) -> None:

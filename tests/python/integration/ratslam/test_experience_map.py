@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from drives import drive, laps, same, unchanged, weighted_errors
-from fusionslam import ConfigError, DataError
+from fusionslam import DataError
 from fusionslam.evaluation.maps.run import LINK
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap, Route
 from fusionslam.ratslam.experience_map import quickest_route
@@ -431,15 +431,6 @@ def test_a_state_without_one_of_its_arrays_is_refused(graph: ExperienceMap, name
     del state[name]
     with unchanged(graph), pytest.raises(DataError, match=name):
         graph.restore(state)
-
-
-@rows(
-    "change",
-    [{"correction": 0.6}, {"loops": -1}, {"preset": "best"}, {"drift_m": 0.0}, {"sigma": 3}],
-)
-def test_a_configuration_out_of_range_is_an_error(change: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(change))):
-        ExperienceMap(**change)
 
 
 def test_headings_of_many_turns_are_taken_as_the_angles_that_they_are() -> None:

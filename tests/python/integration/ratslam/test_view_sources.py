@@ -4,7 +4,6 @@
 
 import json
 import logging
-from itertools import product
 
 import numpy as np
 import pytest
@@ -120,10 +119,11 @@ def test_two_stages_have_the_second_stage_of_their_preset() -> None:
     assert paper.title == "objects paper, then thesis"
 
 
-@rows("content, kind", product([b"", b"\x00" * 7, b"\xff" * 40, b"no views at all"], KINDS))
-def test_bytes_of_something_else_are_refused(kind: str, content: bytes) -> None:
-    with pytest.raises(DataError):
-        KINDS[kind]().restore(content)
+@rows("kind", KINDS)
+def test_bytes_of_something_else_are_refused(kind: str) -> None:
+    for content in (b"", b"\x00" * 7, b"\xff" * 40, b"no views at all"):
+        with pytest.raises(DataError):
+            KINDS[kind]().restore(content)
 
 
 def numbers(views: GivenViews, ids: str) -> list[int]:
@@ -155,15 +155,14 @@ def test_ids_keep_their_numbers_until_a_restart(ids: str, wanted: list[int], res
     assert numbers(views, ids) == wanted and views.restarts == restarts
 
 
-@rows("at", range(11))
-def test_numbers_go_on_from_bytes(at: int) -> None:
-    ids = ["0+", "1+", "2+", "3+", "1", "2+", "0", "7", "3+", "1", "9+"]
-    whole, first, second = GivenViews(), GivenViews(), GivenViews()
-    expected = numbers(whole, " ".join(ids))
-    found = numbers(first, " ".join(ids[:at]))
-    second.restore(first.to_bytes())
-    assert found + numbers(second, " ".join(ids[at:])) == expected
-    assert second.to_bytes() == whole.to_bytes()
+def test_numbers_go_on_from_bytes() -> None:
+    whole, part = GivenViews(), GivenViews()
+    for name in ["0+", "1+", "2+", "3+", "1", "2+", "0", "7", "3+", "1", "9+"]:
+        content = part.to_bytes()
+        part = GivenViews()
+        part.restore(content)
+        assert numbers(part, name) == numbers(whole, name)
+        assert part.to_bytes() == whole.to_bytes()
 
 
 def test_a_sighting_keeps_the_values_of_its_view() -> None:
@@ -190,23 +189,18 @@ def test_without_restarts_the_map_is_that_of_sightings_to_the_last_bit(preset: s
     assert same(on_map(through), on_map(plain))
 
 
-@rows(
-    "content",
-    [
-        b"[]",
-        b"{}",
-        b'{"count": 1, "numbers": [[0, 1]]}',
-        b'{"count": 1, "numbers": [[-1, 0]]}',
-        b'{"count": 1, "numbers": [[0]]}',
-        b'{"count": "1", "numbers": []}',
-    ],
-)
-def test_invalid_stored_ids_are_refused_and_change_nothing(content: bytes) -> None:
+NO_NUMBERS = ["[[0, 1]]", "[[-1, 0]]", "[[0]]"]
+INVALID_IDS = [f'{{"count": 1, "numbers": {each}}}' for each in NO_NUMBERS]
+INVALID_IDS += ["[]", "{}", '{"count": "1", "numbers": []}']
+
+
+@rows("content", INVALID_IDS)
+def test_invalid_stored_ids_are_refused_and_change_nothing(content: str) -> None:
     views = GivenViews()
     numbers(views, "0+ 1+")
     before = views.to_bytes()
     with pytest.raises(DataError):
-        views.restore(content)
+        views.restore(content.encode())
     assert views.to_bytes() == before
 
 

@@ -113,11 +113,8 @@ def test_prepared_clouds_and_clouds_give_equal_bits(scans: Scans, found: Registr
 
 def same(one: Registration, other: Registration) -> bool:
     """Whether two registrations are equal to the bit but for their time."""
-    return to_bytes(one) == to_bytes(other)
-
-
-def to_bytes(result: Registration) -> bytes:
-    return pickle.dumps(replace(result, seconds=0.0))
+    parts = [pickle.dumps(replace(each, seconds=0.0)) for each in (one, other)]
+    return parts[0] == parts[1]
 
 
 REPEAT = """
@@ -305,26 +302,22 @@ def test_scattered_points_have_no_features() -> None:
 
 
 ONES = np.ones((30, 3), np.float32)
+NO_CLOUDS = [None, [1, 2], np.ones((5, 2)), np.ones((5, 3), np.int32), "a"]
+NO_POSES = [np.eye(3), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), 2 * np.eye(4), "a"]
+SEVENTH = (np.arange(30) == 7)[:, None]
 
 
-@rows("value", [np.nan, np.inf])
-def test_a_point_that_is_not_finite_is_named(value: float) -> None:
-    points = ONES.copy()
-    points[7, 1] = value
-    with pytest.raises(DataError, match="point 7 is"):
-        register(points, ONES)
-
-
-@rows("cloud", [None, [1, 2], np.ones((5, 2)), np.ones((5, 3), np.int32), "a"])
-def test_what_is_no_cloud_is_refused(cloud: Any) -> None:
-    with pytest.raises(ShapeError, match="expected a Cloud"):
-        register(cloud, ONES)
-
-
-@rows("guess", [np.eye(3), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), 2 * np.eye(4), "a"])
-def test_a_guess_that_is_no_rigid_motion_is_refused(guess: Any) -> None:
-    with pytest.raises((DataError, ShapeError), match="guess"):
-        register(ONES, ONES, guess)
+@rows(
+    "wrong, text, error",
+    [
+        *[([np.where(SEVENTH, x, ONES)], "point 7 is", DataError) for x in (np.nan, np.inf)],
+        *[([cloud], "expected a Cloud", ShapeError) for cloud in NO_CLOUDS],
+        *[([ONES, pose], "guess", (DataError, ShapeError)) for pose in NO_POSES],
+    ],
+)
+def test_bad_input_is_refused_by_name(wrong: list[Any], text: str, error: Any) -> None:
+    with pytest.raises(error, match=text):
+        register(wrong[0], ONES, *wrong[1:])
 
 
 def test_a_packed_cloud_registers_as_before(scans: Scans, found: Registration) -> None:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drives import SECOND, circles, odometry, take, unchanged
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import DataError
 from fusionslam.ratslam import Motion, RatSlam, Sighting, StampOrder
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.odometry import Limits, Odometry2D, odometry_of, step_between
@@ -297,11 +297,6 @@ def test_the_queue_is_bounded() -> None:
     order = StampOrder(wait=1.0, in_order=True)
     out = [event.stamp_ns for k in range(10_010) for event in order.add(motion(k))]
     assert out == list(range(10))
-
-
-def test_a_negative_wait_is_refused() -> None:
-    with pytest.raises(ConfigError, match="wait"):
-        StampOrder(wait=-1)
 
 
 @settings(max_examples=20)
