@@ -44,11 +44,6 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return locked
 
 
-def unaligned(array: np.ndarray) -> np.ndarray:
-    shifted = np.frombuffer(b"x" + array.tobytes(), np.uint8)[1:]
-    return shifted.view(array.dtype).reshape(array.shape)
-
-
 def reversed_rows(array: np.ndarray) -> np.ndarray:
     return array[::-1].copy()[::-1]
 
@@ -58,7 +53,6 @@ LAYOUTS: dict[str, Callable[[np.ndarray], Any]] = {
     "strided": strided,
     "read-only": read_only,
     "of negative stride": reversed_rows,
-    "not aligned": unaligned,
 }
 FLOAT_LAYOUTS = LAYOUTS | {
     "float64": lambda array: array.astype(np.float64),

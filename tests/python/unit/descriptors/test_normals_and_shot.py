@@ -102,3 +102,11 @@ def test_shot_with_given_normals_is_that_of_the_whole_call() -> None:
     cshot = fusionslam.shot_at_centroid(points[kept], normals, colors[kept], threads=2)
     assert np.array_equal(shot, fusionslam.shot(points, normal_radius=1.0))
     assert np.array_equal(cshot, fusionslam.cshot(points, colors, normal_radius=1.0))
+
+
+def test_memory_that_is_not_aligned_gives_the_same() -> None:
+    points = cloud(1000)
+    shifted = np.frombuffer(b"x" + points.tobytes(), np.uint8)[1:].view(np.float32).reshape(-1, 3)
+    assert not shifted.flags.aligned
+    for call in (fusionslam.m2dp, fusionslam.shot):
+        assert np.array_equal(call(shifted), call(points))
