@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from artefacts import artefact
+from artefacts import artefact, copy_artefact
 from cli import succeeds
 from fusionslam import LoopDetector
 from fusionslam.datasets.bags.messages import stamp_of
@@ -121,13 +121,15 @@ def maps(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> tup
     def build(folder: Path) -> None:
         succeeds("map", "build", played_bag.path, "-o", folder / "site.fsmap", *options)
 
-    path = tmp_path_factory.mktemp("maps") / "site.fsmap"
+    folder = tmp_path_factory.mktemp("maps")
+    path = folder / "site.fsmap"
     mapper = Chain(Desk("mapper", map={"file": str(path), "session": "monday"}))
     for topic, message in messages_of(played_bag):
         mapper.give(topic, message)
     mapper.fall_silent()
     mapper.desks[0].node.close()
-    return path, artefact(f"played_bag_{played_bag.scans}_site", build) / "site.fsmap"
+    kept = artefact(f"played_bag_{played_bag.scans}_site", build)
+    return path, copy_artefact(kept, folder / "command") / "site.fsmap"
 
 
 def test_a_map_that_lasts_is_that_of_the_command(maps: tuple[Path, Path]) -> None:

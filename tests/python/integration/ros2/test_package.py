@@ -28,3 +28,7 @@ def test_packages_have_a_name_and_the_version_of_the_project(name: str, folder: 
 def test_without_ros_2_the_commands_say_how_to_get_it() -> None:
     for words in (("run", "data_fusion"), ("play", "drive.bag"), ("check",)):
         assert "make ros2" in fails(2 if words[0] == "run" else 1, "ros2", *words)
+
+
+def test_a_bag_is_not_played_at_no_speed() -> None:
+    assert "--rate is 0" in fails(2, "ros2", "play", "drive.bag", "--rate", "0")

@@ -3,13 +3,12 @@
 """The message queue is bounded, takes one publisher, and counts dropped messages."""
 
 import logging
+import random
 import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ros.runtime.checkpoints import Saver, SavingConfig
@@ -36,15 +35,11 @@ def test_messages_of_all_topics_come_out_in_the_order_in_which_they_came() -> No
     assert drain(queue) == list(range(9))
 
 
-@settings(max_examples=30)
-@given(
-    topics=st.lists(st.sampled_from("abc"), max_size=60),
-    limit=st.integers(1, 7),
-    pauses=st.sets(st.integers(0, 59)),
-)
-def test_a_burst_keeps_the_newest_and_counts_the_rest(
-    topics: list[str], limit: int, pauses: set[int]
-) -> None:
+@rows("seed", range(60))
+def test_a_burst_keeps_the_newest_and_counts_the_rest(seed: int) -> None:
+    rng = random.Random(seed)
+    limit, topics = rng.randint(1, 7), rng.choices("abc", k=rng.randint(0, 60))
+    pauses = rng.sample(range(60), rng.randint(0, 60))
     queue, out = MessageQueue(limit, 2.0), 0
     lists: dict[str, list[int]] = {name: [] for name in "abc"}
     lost = dict.fromkeys("abc", 0)
