@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import merged
+from fusionslam.pipelines.views import run_views
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views import Scene, build_scene
+from fusionslam.views.match import ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from fusionslam.views.scene_set import CloudArray, SceneSet
@@ -183,3 +185,16 @@ def two_stages(second: MeanColor, **more: Any) -> ViewMatcher:
     first = ViewMatcher(config).comparison
     both = TwoStageComparison(first, second, **{"threshold": 0.5, "start": 0.75, **more})
     return ViewMatcher(config, comparison=both)
+
+
+def check_going_on(scenes: SceneSet, path: Path, parts: int = 2, **values: Any) -> ViewMatcher:
+    """A matcher that is stored after each part of a drive finds what one finds that is not."""
+    whole, one = matcher(**values), matcher(**values)
+    expected = run_views(scenes, whole).matches
+    found: list[ViewMatch] = []
+    for part in np.array_split(np.arange(len(scenes)), parts):
+        found += run_views(scenes.subset(part), one).matches
+        one.save(path)
+        one = ViewMatcher.load(path)
+    assert tuple(found) == tuple(expected) and one.stats == whole.stats
+    return one

@@ -22,7 +22,7 @@ from fusionslam.views.second_stage.network_files import SHIPPED
 from fusionslam.views.two_stage_comparison import TwoStageComparison
 from refusals import refuses
 from rows import rows
-from scenes import LAPS, NOTHING, config_of, drive, matcher, place
+from scenes import LAPS, NOTHING, check_going_on, config_of, drive, matcher, place
 from stored import change_archive
 
 pytest.importorskip("onnxruntime")
@@ -55,15 +55,7 @@ def test_every_match_passes_both_from_the_start_on(more: Any, expected: list[int
 @rows("method", ["objects", "alignment", "cm2dp"])
 def test_each_method_goes_on_from_a_file_with_its_second_stage(method: str, tmp_path: Path) -> None:
     values = {**OURS, "method": method, "max_views": 3}
-    scenes = drive((0, 1, 2, 3, 0, 1, -1, 6, 0))
-    whole, one = matcher(**values), matcher(**values)
-    expected = run_views(scenes, whole).matches
-    found = []
-    for half in np.array_split(np.arange(len(scenes)), 2):
-        found += list(run_views(scenes.subset(half), one).matches)
-        one.save(tmp_path / "views")
-        one = ViewMatcher.load(tmp_path / "views")
-    assert found == list(expected) and one.stats == whole.stats
+    one = check_going_on(drive((0, 1, 2, 3, 0, 1, -1, 6, 0)), tmp_path / "views", **values)
     assert one.config == config_of(**values) and one.stats.nothing == 1
 
 

@@ -24,7 +24,18 @@ from fusionslam.views.recognisers import complete_config, scene_config, similari
 from fusionslam.views.scenes import build_scene
 from refusals import refuses
 from rows import rows
-from scenes import LAPS, NOTHING, MeanColor, config_of, drive, matcher, painted, place, two_stages
+from scenes import (
+    LAPS,
+    NOTHING,
+    MeanColor,
+    check_going_on,
+    config_of,
+    drive,
+    matcher,
+    painted,
+    place,
+    two_stages,
+)
 from stored import change_archive, check_damaged_files
 
 SCENES = {"method": "objects"}
@@ -205,16 +216,9 @@ def test_stored_views_are_counted_in_bytes(values: dict[str, Any], tmp_path: Pat
 
 @rows("values", [{}, {"policy": "several", "store_below": 0.999}, SCENES, DESCRIPTOR])
 def test_a_stored_matcher_goes_on_the_same(values: dict[str, Any], tmp_path: Path) -> None:
-    scenes = drive((0, 1, 2, 3, 0, 1, 6, -1, 7, 1, 0, 6))
-    whole, one = (matcher(**values, max_views=3) for _ in range(2))
-    expected = run_views(scenes, whole).matches
-    found = []
-    for part in np.array_split(np.arange(len(scenes)), 3):
-        found += list(run_views(scenes.subset(part), one).matches)
-        one.save(tmp_path / "views")
-        one = ViewMatcher.load(tmp_path / "views")
-    assert found == list(expected) and one.stats == whole.stats
-    assert one.config == complete_config(config_of(**values, max_views=3))
+    scenes, values = drive((0, 1, 2, 3, 0, 1, 6, -1, 7, 1, 0, 6)), {**values, "max_views": 3}
+    one = check_going_on(scenes, tmp_path / "views", 3, **values)
+    assert one.config == complete_config(config_of(**values))
 
 
 def test_a_file_written_before_absences_were_stored_is_read(saved: Path) -> None:
