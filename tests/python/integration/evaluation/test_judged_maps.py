@@ -142,15 +142,7 @@ def test_nodes_and_final_trajectory_are_judged_apart_from_the_live_one() -> None
     assert by_odometry.rmse_m == pytest.approx(0, abs=1e-12)
 
 
-def test_a_map_without_loops_links_no_revisit() -> None:
-    corners, made = CORNERS * 2, [(1, max(k - 1, 0), k) for k in range(8)]
-    report = judge_map(little_run(corners, made, corners, [(k, k + 1) for k in range(7)]))
-    assert (report.loops, report.false_loops, report.loop_links) == (0, 0, 0)
-    assert (report.linked_revisits, report.revisits) == (0, 4)
-    assert report.near_loop_link_share is None
-
-
-def test_a_map_of_one_node_has_no_errors_and_no_links() -> None:
+def test_maps_of_one_node_or_without_loops_are_judged() -> None:
     places = [(3.0, 4.0, 0.5), (3.5, 4.0, 0.5)]
     report = judge_map(little_run(places, [(1, 0, 0), (0, 0, 0)], [(0.0, 0.0, 0.0)], []))
     assert (report.nodes.n, report.nodes.rmse_m, report.nodes.heading_rmse_deg) == (1, 0, 0)
@@ -158,6 +150,11 @@ def test_a_map_of_one_node_has_no_errors_and_no_links() -> None:
     assert (report.judged_links, report.near_link_share, report.loops) == (0, None, 0)
     assert (report.revisits, report.linked_revisits, report.false_loop_share) == (1, 1, None)
     assert str(report)
+    corners, made = CORNERS * 2, [(1, max(k - 1, 0), k) for k in range(8)]
+    report = judge_map(little_run(corners, made, corners, [(k, k + 1) for k in range(7)]))
+    assert (report.loops, report.false_loops, report.loop_links) == (0, 0, 0)
+    assert (report.linked_revisits, report.revisits) == (0, 4)
+    assert report.near_loop_link_share is None
 
 
 def test_a_new_node_that_gets_a_link_to_the_old_one_counts_as_linked() -> None:
@@ -214,14 +211,6 @@ def test_revisits_are_those_of_the_judge_of_views() -> None:
     assert judge_map(run).revisits == wanted
 
 
-def test_steps_before_the_first_node_are_not_judged() -> None:
-    truth = [(50.0, 50.0, 2.0), (0.0, 0.0, 0.0), (5.0, 0.0, 0.0)]
-    run = little_run(truth, [(0, 0, 0), (1, 0, 0), (1, 0, 1)], truth[1:], [(0, 1)])
-    report = judge_map(run)
-    assert report.steps == 2 and report.trajectory is not None
-    assert report.trajectory.n == 2
-
-
 @given(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3, 3), st.booleans())
 @settings(max_examples=30, deadline=None)
 def test_moving_map_or_truth_changes_nothing(x: float, y: float, turn: float, of_map: bool) -> None:
@@ -253,13 +242,18 @@ def test_a_run_without_truth_or_node_says_what_cannot_be_judged() -> None:
     assert str(judge_map(little_run([], [], [], [])))
 
 
-def test_nodes_from_before_the_run_are_left_out_and_named() -> None:
+def test_nodes_and_steps_from_before_are_left_out_and_named() -> None:
     run = square_run()
     old = np.concatenate([[-5], run.node_stamps_ns[1:]])
     report = judge_map(replace(run, node_stamps_ns=old))
     assert report.nodes is not None and report.nodes.n == 3
     assert (report.judged_links, report.judged_loops) == (3, 3)
     assert "1 of 4 nodes" in report.unjudged[0]
+    truth = [(50.0, 50.0, 2.0), (0.0, 0.0, 0.0), (5.0, 0.0, 0.0)]
+    run = little_run(truth, [(0, 0, 0), (1, 0, 0), (1, 0, 1)], truth[1:], [(0, 1)])
+    report = judge_map(run)
+    assert report.steps == 2 and report.trajectory is not None
+    assert report.trajectory.n == 2
 
 
 def test_steps_whose_truth_is_unknown_are_left_out_and_counted() -> None:

@@ -106,7 +106,7 @@ def test_the_threshold_of_a_precision_is_the_largest_that_has_it(levels: int) ->
     assert curve.threshold_at(1.1) is None
 
 
-def test_perdomos_curve_of_kitti_06_is_reproduced_row_by_row(test_data: Path) -> None:
+def test_both_curves_of_kitti_06_are_reproduced(test_data: Path) -> None:
     curve = precision_recall(*kitti06(test_data), protocol="perdomo2019")
     stored = test_data / "descriptors" / "kitti06_lidar_camera_m2dp.pr.csv"
     expected = np.loadtxt(stored, delimiter=",", skiprows=1)
@@ -114,9 +114,6 @@ def test_perdomos_curve_of_kitti_06_is_reproduced_row_by_row(test_data: Path) ->
     assert ours.shape == expected.shape
     np.testing.assert_allclose(ours, expected, rtol=5e-6, atol=0)
     assert curve.recall_at_full_precision == pytest.approx(0.668122, abs=5e-7)
-
-
-def test_kitti_06_under_revisit_gives_the_figures_of_the_usual_protocol(test_data: Path) -> None:
     curve = precision_recall(*kitti06(test_data), protocol="revisit", radius=10)
     assert (curve.n_queries, curve.n_revisits, curve.n_correct) == (1101, 274, 229)
     figures = (curve.top1, curve.recall_at_full_precision, curve.max_f1, curve.average_precision)
@@ -202,16 +199,13 @@ def test_without_any_revisit_the_figures_are_none_and_json_has_no_nan(tmp_path: 
     assert "undefined" in str(curve)
 
 
-def test_a_window_longer_than_the_sequence_leaves_no_candidates() -> None:
+def test_nothing_matches_within_the_window_or_at_the_radius() -> None:
     curve = precision_recall(*places_and_descriptors(0, 5), window=50)
     assert curve.matches.tolist() == [-1] * 5
     assert curve.thresholds.size == 0
     assert curve.explain(None) == (
         "5 queries: 5 without candidates, no threshold accepts a correct match"
     )
-
-
-def test_two_positions_exactly_the_radius_apart_are_two_places() -> None:
     matches = Matches(np.array([[-1], [0]]), np.array([[np.inf], [0]], dtype=np.float32))
     apart = np.array([[0.0, 0, 0], [0, 0, 10]])
     assert evaluate_matches(matches, apart, radius=10, window=0).n_correct == 0
@@ -344,14 +338,11 @@ def test_published_figures_are_found_by_whole_sequence_source_and_descriptor() -
     assert [kitti_sequence(name) for name in names] == ["06", "06", "07", None, None]
 
 
-def test_matches_are_the_nearest_first_and_the_lowest_index_of_equals() -> None:
+def test_matches_are_the_nearest_and_first_in_either_precision() -> None:
     descriptors = np.array([[0], [1], [0], [1], [0]], dtype=np.float32)
     matches = find_matches(descriptors, window=0, k=2)
     assert matches.indices[4].tolist() == [0, 2]
     assert matches.indices[0].tolist() == [-1, -1]
-
-
-def test_descriptors_in_double_precision_give_the_same_curve() -> None:
     rng = np.random.default_rng(3)
     rows, places = rng.normal(size=(80, 6)).astype(np.float32), rng.uniform(0, 30, (80, 3))
     single = precision_recall(rows, places, window=5)

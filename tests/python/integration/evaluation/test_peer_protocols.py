@@ -214,14 +214,11 @@ def test_under_scancontext_a_place_is_less_than_4_metres_away() -> None:
     assert (curve.recall_at_full_precision, curve.max_f1, curve.roc_auc) == (1, 1, 1)
 
 
-def test_kitti_00_has_the_revisits_that_the_authors_of_scan_context_count(test_data: Path) -> None:
+def test_revisits_and_pairs_of_kitti_are_those_that_others_count(test_data: Path) -> None:
     poses = np.loadtxt(test_data / "kitti" / "poses" / "00.txt").reshape(-1, 3, 4)
     descriptors = np.arange(len(poses), dtype=np.float32)[:, None]
     curve = precision_recall(descriptors, poses[:, :, 3], protocol="scancontext")
     assert abs(curve.n_revisits - 790) <= 1  # "790 true loops": issue 12 of their repository
-
-
-def test_pairs_of_kitti_06_do_not_depend_on_the_draw(test_data: Path) -> None:
     poses = np.loadtxt(test_data / "kitti" / "poses" / "06.txt").reshape(-1, 3, 4)
     rows = np.load(test_data / "descriptors" / "kitti06_lidar_camera_m2dp.npy")
     curves = [evaluate_pairs(rows, poses[:, :, 3], seed=seed) for seed in (0, 1)]
@@ -256,7 +253,7 @@ def test_a_protocol_brings_its_radius_and_window(protocol: Any, radius: float, w
     assert EvaluationConfig(**given).given() == given
 
 
-def test_each_peer_is_judged_at_its_own_radius_and_window() -> None:
+def test_each_peer_is_judged_at_its_own_radius_and_verified_loops_by_matches_alone() -> None:
     run = a_run(a_loop())
     evaluation = evaluate(run, protocols=("ssc", "scancontext", "solid"))
     own = {name: (curve.radius, curve.window) for name, curve in evaluation.curves.items()}
@@ -268,9 +265,6 @@ def test_each_peer_is_judged_at_its_own_radius_and_window() -> None:
     assert evaluation.curves["solid"].metrics() == alone.metrics()
     given = evaluate(run, protocols=("ssc", "solid"), radius=5, window=20)
     assert {(c.radius, c.window) for c in given.curves.values()} == {(5, 20)}
-
-
-def test_verified_loops_are_judged_by_the_protocols_of_matches_alone() -> None:
     judged = evaluate_verified(verified_run(), protocols=("ssc", "solid"), window=0)
     assert list(judged.curves) == ["solid"]
 

@@ -87,14 +87,11 @@ def test_the_best_threshold_keeps_the_demanded_precision() -> None:
     assert curve.best_threshold(1.01) is None
 
 
-def test_the_strictest_of_equal_thresholds_is_the_best() -> None:
+def test_the_strictest_of_equal_thresholds_is_the_best_and_none_without_loops() -> None:
     judge = ViewJudge([[0, 0, 0], [0, 0, 0]], [0, 30])
     curve = sweep_pairs(judge, [0, 0.8], [-1, 0], [0.2, 0.5, 0.9])
     assert curve.best_threshold(1.0) == 0.5
     assert curve.most_accurate_threshold() == 0.5
-
-
-def test_a_curve_without_loops_has_no_best_threshold_and_says_none() -> None:
     curve = sweep_pairs(ViewJudge([[0, 0, 0], [5, 0, 0]], [0, 1]), [0, 0.1], [-1, 0], [0.5])
     assert curve.best_threshold(0.0) is None
     assert curve.row(0)["loop_recall"] is None

@@ -65,7 +65,7 @@ def cells(table: Any) -> dict[str, dict[str, str]]:
     }
 
 
-def test_presets_stand_side_by_side_with_and_without_verification() -> None:
+def test_presets_stand_side_by_side_with_the_loops_of_each_alone() -> None:
     found = cells(comparison_table(pair_up(evaluated()), "revisit"))
     assert [*found] == ["cm2dp robust", "cm2dp author"]
     robust = found["cm2dp robust"]
@@ -77,9 +77,6 @@ def test_presets_stand_side_by_side_with_and_without_verification() -> None:
     for row in found.values():
         assert (row["loops"], row["wrong"]) == ("3", "1")
         assert row["top-1 ver."] == "1.000"
-
-
-def test_only_the_loops_of_a_descriptor_alone_are_set_beside_it() -> None:
     both = pair_up(evaluated())
     names = [each.verified.run.name for each in both if each.verified is not None]
     assert names == ["verified cm2dp", "verified cm2dp:author"]
@@ -88,7 +85,7 @@ def test_only_the_loops_of_a_descriptor_alone_are_set_beside_it() -> None:
     assert "loops" not in dict(comparison_table(voted, "revisit").heads)
 
 
-def test_a_cell_over_recordings_is_the_mean_of_all_and_the_range() -> None:
+def test_a_cell_over_recordings_is_the_mean_of_those_there_are_and_the_range() -> None:
     assert mean_and_range([0.5]) == "0.500"
     assert mean_and_range([0.2, 0.7, 0.3]) == "0.400 (0.200 to 0.700)"
     assert mean_and_range([768.0, 768.0], "{:,.0f}") == "768"
@@ -98,9 +95,6 @@ def test_a_cell_over_recordings_is_the_mean_of_all_and_the_range() -> None:
     found = cells(table_over([first, second], "revisit"))
     assert found["cm2dp author"]["top-1"] == mean_and_range([float(str(top)) for top in tops])
     assert found["cm2dp robust"]["top-1"] == "1.000"
-
-
-def test_a_descriptor_that_lacks_a_recording_has_a_row_all_the_same() -> None:
     whole, part = pair_up(evaluated()), pair_up(evaluated())[:1]
     found = cells(table_over([part, whole], "revisit"))
     assert [*found] == ["cm2dp robust", "cm2dp author"]

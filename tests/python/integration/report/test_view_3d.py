@@ -56,16 +56,13 @@ def test_lines_have_their_colours() -> None:
     assert ends == {"loops #ff8000": 4, "loops #00ff00": 2}
 
 
-def test_of_too_many_points_some_are_shown_and_nothing_from_elsewhere(
+def test_some_of_too_many_points_are_shown_and_an_empty_map_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(view_3d, "MOST_POINTS", 100)
     page = draw_view_3d(Cloud(POINTS, None), {})
     assert not re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=", page)
     assert len(load_scene(page).geometry["cloud"].vertices) == 100
-
-
-def test_an_empty_map_is_refused() -> None:
     empty = Cloud(np.empty((0, 3), np.float32), None)
     with pytest.raises(DataError, match="neither points"):
         draw_view_3d(empty, {"monday": TRACK[:1]})

@@ -147,23 +147,22 @@ def test_worlds_of_another_seed_can_be_used(name: str) -> None:
 
 
 @rows("name", NAMES)
-def test_every_part_has_a_name_of_its_own_and_triangles(name: str, worlds: Worlds) -> None:
+def test_parts_triangles_and_ground_belong_together(name: str, worlds: Worlds) -> None:
     for scene in (worlds[name].visual, worlds[name].collision):
+        mesh = scene.mesh
         assert len(set(scene.names)) == len(scene.names) == len(scene.ground)
         assert all(part.rsplit("_", 1)[1].isdigit() for part in scene.names)
-        assert len(scene.part) == len(scene.mesh)
+        assert len(scene.part) == len(mesh)
         assert set(scene.part.tolist()) == set(range(len(scene.names)))
-    assert set(worlds[name].collision.names) < set(worlds[name].visual.names)
-
-
-@rows("name", NAMES)
-def test_floors_carpets_and_their_paint_alone_are_ground(name: str, worlds: Worlds) -> None:
-    for scene in (worlds[name].visual, worlds[name].collision):
+        assert all(np.isfinite(array).all() for array in (mesh.triangles, mesh.uv, mesh.tint))
+        assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-4)
+        assert mesh.texture.min() >= 0 and mesh.texture.max() < len(scene.textures)
+        # Floors, carpets and paint on the floor are ground, and nothing else is.
         named = np.array([part.startswith(GROUND) for part in scene.names])
         assert np.array_equal(scene.ground, named)
-        ground = scene.mesh.triangles[scene.ground[scene.part]]
-        assert ground[..., 2].max() < 0.01
-        assert (scene.mesh.normals[scene.ground[scene.part], 2] > 0.999).all()
+        assert mesh.triangles[scene.ground[scene.part]][..., 2].max() < 0.01
+        assert (mesh.normals[scene.ground[scene.part], 2] > 0.999).all()
+    assert set(worlds[name].collision.names) < set(worlds[name].visual.names)
 
 
 @rows("name, size", [("warehouse", (20, 22)), ("house", (16, 11)), ("hospital", (35, 19))])
@@ -189,15 +188,6 @@ def test_a_ray_in_any_direction_from_inside_hits_something(name: str, worlds: Wo
 @rows("name", NAMES)
 def test_simple_and_detailed_shapes_give_nearly_the_same_ranges(name: str, worlds: Worlds) -> None:
     assert collision_follows(worlds[name]) > 0.93
-
-
-@rows("name", NAMES)
-def test_no_triangle_is_degenerate_and_all_normals_are_unit(name: str, worlds: Worlds) -> None:
-    for scene in (worlds[name].visual, worlds[name].collision):
-        mesh = scene.mesh
-        assert all(np.isfinite(array).all() for array in (mesh.triangles, mesh.uv, mesh.tint))
-        assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-4)
-        assert mesh.texture.min() >= 0 and mesh.texture.max() < len(scene.textures)
 
 
 @rows(

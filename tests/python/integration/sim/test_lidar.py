@@ -105,13 +105,10 @@ def test_shots_are_lost_at_the_configured_share_and_beyond_the_ranges(caster: Ra
     assert np.array_equal(cut.ray, whole.ray[inside])
 
 
-def test_a_turn_of_a_robot_at_rest_is_the_same_with_and_without_motion(caster: RayCaster) -> None:
+def test_a_turn_shoots_each_column_from_its_own_place(caster: RayCaster) -> None:
     still = swept(caster, pose(), azimuths=90)
     moving = swept(caster, np.tile(pose(), (90, 1, 1)), azimuths=90)
     assert np.array_equal(still.points, moving.points)
-
-
-def test_a_moving_turn_shoots_each_column_from_its_own_place(caster: RayCaster) -> None:
     values = {"azimuths": 90, "rate_hz": 10.0, "scan_motion": True}
     seconds = column_seconds(LidarMount(**values))
     poses = np.array([pose(-2 + 2.0 * s, 0.5, 1.5 * s) for s in seconds])

@@ -58,16 +58,13 @@ def test_boxes_keep_clear_of_walls_furniture_and_each_other(obstacles: Boxes) ->
             assert not (red | blue).any()
 
 
-def test_boxes_keep_their_distance_from_the_robot(obstacles: Boxes) -> None:
+def test_boxes_move_at_their_speed_and_keep_their_distance_from_the_robot(obstacles: Boxes) -> None:
     way = straight(10.0)
     for seconds in np.linspace(0, 10, 301):
         x, y, _ = way.places(seconds)
         for obstacle in obstacles:
             apart = gap(np.array([x, y]), obstacle, seconds)
             assert apart > 0.22 + THREE.distance_m - 1e-6
-
-
-def test_boxes_move_at_their_speed_to_and_fro(obstacles: Boxes) -> None:
     for obstacle in obstacles:
         moves = np.diff(obstacle.places, axis=0)
         speed = np.linalg.norm(moves, axis=1) / np.diff(obstacle.seconds)

@@ -76,16 +76,14 @@ def test_any_path_is_driven_forwards_within_the_limits(
     assert np.abs(across).max() < 1e-3
 
 
-def test_a_straight_drive_takes_the_time_of_a_trapezoid() -> None:
+def test_drives_take_the_time_of_a_trapezoid_and_turn_on_the_spot() -> None:
     limits = DriveLimits(max_speed_m_s=0.5, max_acceleration_m_s2=0.25, rate_hz=100.0)
     found = drive([[(0, 0), (5, 0)]], limits)
     # 2 s and 0.5 m to speed up, as much to slow down, 4 m at 0.5 m/s; 2 % of caution.
     assert found.duration_s == pytest.approx(12.0, rel=0.02)
     assert found.x[np.searchsorted(found.seconds, 6.0)] == pytest.approx(2.5, abs=0.05)
     assert not np.ptp(found.y)
-
-
-def test_between_paths_the_robot_turns_on_the_spot_the_shorter_way() -> None:
+    # Between paths the robot turns the shorter way.
     found = drive([[(0, 0), (1, 0)], [(1, 0), (1, -1)], [(1, -1), (1, 0)]], DriveLimits())
     resting = np.hypot(np.diff(found.x), np.diff(found.y)) < 1e-9
     turned = np.diff(found.yaw)[resting]
@@ -136,15 +134,12 @@ def way_between(grid: OccupancyMap, places: list[tuple[float, float]], clearance
     return np.stack([finder.x[chain], finder.y[chain]], axis=1)
 
 
-def test_a_route_goes_through_the_middle_of_a_door() -> None:
+def test_routes_go_through_the_middle_of_doors_where_a_robot_can_be() -> None:
     route = way_between(two_rooms(), [(1.0, 5.0), (9.0, 5.0), (9.0, 1.0)], 0.3)
     assert np.allclose(route[[0, -1]], [(1.05, 5.05), (9.05, 1.05)])
     assert np.abs(np.diff(route, axis=0)).max() <= CELL + 1e-9
     at_door = route[np.abs(route[:, 0] - 5.05) < 0.06]
     assert np.abs(at_door[:, 1] - 2.6).max() <= 0.1
-
-
-def test_routes_to_where_no_robot_can_be_are_refused() -> None:
     # In the wall, and behind a door that is too narrow.
     for end, clearance in (((5.05, 5.0), 0.3), ((9.0, 5.0), 0.7)):
         with pytest.raises(DataError) as error:

@@ -205,7 +205,7 @@ def test_closing_the_stream_early_stops_the_threads(world: World, robot: RobotCo
     assert threading.active_count() == before
 
 
-def test_parts_without_names_are_object_zero() -> None:
+def test_worlds_without_names_or_walls_can_be_driven() -> None:
     nameless = hall()
     none = np.zeros(0, np.int32)
     nameless = replace(nameless, collision=replace(nameless.collision, part=none, names=()))
@@ -213,9 +213,6 @@ def test_parts_without_names_are_object_zero() -> None:
     found = by_topic(simulate(nameless, robot, straight(), BLINK))
     objects = found["/points"][0].message.fields["object"]
     assert len(objects) and not objects.any()
-
-
-def test_a_world_without_walls_can_be_driven() -> None:
     scene = scene_of([floor(), block("post", (3, 3, 0), (3.2, 3.2, 1))], [PLAIN], EVEN)
     open_world = World(name="field", visual=scene, collision=scene)
     robot = bare_robot(rings=2, azimuths=30)

@@ -78,7 +78,9 @@ def test_a_seed_decides_all_bytes_with_any_number_of_jobs(recorded: Path, tmp_pa
     assert sorted(Path(name).name for name in same) == ["calib.txt", "times.txt"]
 
 
-def test_an_interrupted_recording_goes_on_where_it_stopped(recorded: Path, tmp_path: Path) -> None:
+def test_an_interrupted_recording_goes_on_and_a_complete_one_is_kept(
+    recorded: Path, tmp_path: Path
+) -> None:
     class Stop(Exception):
         pass
 
@@ -97,8 +99,6 @@ def test_an_interrupted_recording_goes_on_where_it_stopped(recorded: Path, tmp_p
     assert seen[0][0] > 2 and seen[-1][0] == seen[-1][1]
     assert contents(tmp_path) == contents(recorded)
 
-
-def test_a_complete_recording_is_kept(recorded: Path) -> None:
     def refuse(done: int, total: int) -> None:
         raise AssertionError("nothing was left to write")
 
@@ -142,7 +142,7 @@ def test_a_route_that_cannot_be_driven_is_refused(laps: object, message: str) ->
         SimConfig(town=TOWN, drive={"laps": laps})
 
 
-def test_the_folder_has_the_layout_of_kitti_odometry(recorded: Path) -> None:
+def test_the_folder_has_the_layout_of_kitti_odometry_and_its_configuration(recorded: Path) -> None:
     sequence = recorded / "sequences" / "00"
     times = np.loadtxt(sequence / "times.txt")
     frames = [f"{k:06d}" for k in range(len(times))]
@@ -157,9 +157,6 @@ def test_the_folder_has_the_layout_of_kitti_odometry(recorded: Path) -> None:
     points = np.fromfile(sequence / "velodyne" / "000000.bin", np.float32).reshape(-1, 4)
     assert points[:, 3].min() >= 0 and points[:, 3].max() <= 1
     assert np.linalg.norm(points[:, :3], axis=1).max() < LIDAR.range_m + 0.5
-
-
-def test_sim_json_holds_the_configuration_and_each_frames_lap_and_visit(recorded: Path) -> None:
     summary = json.loads((recorded / "sim.json").read_text())
     assert SimConfig.model_validate(summary["config"]) == TINY
     assert {frame["lap"] for frame in summary["frames"]} == {0, 1}

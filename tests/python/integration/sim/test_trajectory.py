@@ -48,7 +48,7 @@ def test_a_written_trajectory_is_read_back_exactly(
         assert np.array_equal(getattr(back, name), getattr(written, name))
 
 
-def test_places_are_interpolated_and_the_short_way_round() -> None:
+def test_places_are_interpolated_and_speeds_are_those_along_the_heading() -> None:
     drive = trajectory((1, 0, 0, 3.0), (2, 2, 4, 3.0 + 0.4))
     poses = drive.at([1.0, 1.25, 2.0])
     assert poses.shape == (3, 4, 4)
@@ -58,21 +58,18 @@ def test_places_are_interpolated_and_the_short_way_round() -> None:
     assert np.array_equal(poses[:, 2:], np.tile(np.eye(4)[2:], (3, 1, 1)))
     assert (drive.duration_s, len(drive)) == (1.0, 2)
     assert drive.length_m == pytest.approx(np.sqrt(20))
-
-
-def test_a_file_with_wrapped_angles_gives_continuous_ones(tmp_path: Path) -> None:
-    path = tmp_path / "t.csv"
-    path.write_text("t,x,y,yaw\n0,0,0,3.1\n\n1,0,0,-3.1\n2,0,0,-2.9\n")
-    assert np.allclose(read_trajectory(path).yaw, [3.1, 2 * np.pi - 3.1, 2 * np.pi - 2.9])
-
-
-def test_speeds_are_those_along_the_heading_and_about_the_vertical() -> None:
     seconds = np.linspace(0, 5, 151)
     yaw = 0.4 * seconds
     circle = Trajectory(seconds, 1.5 * np.sin(yaw), 1.5 * (1 - np.cos(yaw)), yaw)
     forwards, turn = circle.speeds()
     assert np.allclose(forwards[1:-1], 0.6, rtol=1e-4)
     assert np.allclose(turn, 0.4)
+
+
+def test_a_file_with_wrapped_angles_gives_continuous_ones(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("t,x,y,yaw\n0,0,0,3.1\n\n1,0,0,-3.1\n2,0,0,-2.9\n")
+    assert np.allclose(read_trajectory(path).yaw, [3.1, 2 * np.pi - 3.1, 2 * np.pi - 2.9])
 
 
 @rows("time", [0.5, 2.5, float("nan")])

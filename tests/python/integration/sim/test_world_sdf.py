@@ -125,12 +125,9 @@ def test_poses_may_be_in_degrees_or_quaternions(tmp_path: Path) -> None:
         np.testing.assert_allclose(other, found[0], atol=1e-6)
 
 
-def test_collada_units_count_and_its_up_axis_does_not(world: World) -> None:
+def test_collada_units_count_and_textures_lie_the_right_way_round(world: World) -> None:
     table = corners(world.visual, "table_1")
     np.testing.assert_allclose(np.unique(table[..., 2]), [1.0])  # 100 cm along z as stored
-
-
-def test_a_texture_lies_the_right_way_round(world: World) -> None:
     scene = world.visual
     chosen = scene.part == list(scene.names).index("table_1")
     texture = scene.textures[scene.mesh.texture[chosen][0]]

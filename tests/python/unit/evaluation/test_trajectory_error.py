@@ -18,29 +18,23 @@ def circle() -> Floats:
     return poses
 
 
-def test_a_moved_drive_has_no_error() -> None:
+def test_the_error_is_the_root_mean_square_of_the_distances_once_aligned() -> None:
     drive = circle()
     np.testing.assert_allclose(fit_motion(drive, MOTION @ drive), MOTION, atol=1e-9)
     assert trajectory_error(MOTION @ drive, drive) < 1e-9
-
-
-def test_the_error_is_the_root_mean_square_of_the_distances() -> None:
     drive = circle()
     away = drive.copy()
     away[::2, 2, 3] += 0.2  # half the poses 0.1 m above the mean, half below it
     assert trajectory_error(away, drive) == pytest.approx(0.1, rel=1e-3)
 
 
-def test_parts_are_aligned_by_themselves() -> None:
+def test_parts_are_aligned_by_themselves_and_unknown_poses_left_out() -> None:
     drive = circle()
     broken = drive.copy()
     broken[50:] = MOTION @ broken[50:]
     parts = np.repeat([7, 3], 50)
     assert trajectory_error(broken, drive) > 1
     assert trajectory_error(broken, drive, parts) < 1e-9
-
-
-def test_unknown_true_poses_are_left_out() -> None:
     drive = circle()
     truth = drive.copy()
     truth[::3] = np.nan

@@ -200,13 +200,10 @@ def test_arrays_of_other_shapes_are_refused(change: dict[str, Any]) -> None:
         verified_run(**change)
 
 
-def test_true_poses_that_are_none_are_refused() -> None:
+def test_true_poses_or_windows_that_do_not_fit_are_refused() -> None:
     run = verified_run(**changed("poses", 2, np.diag([0.0, 0, 0, 1])))
     with pytest.raises(DataError, check=has_code("not-a-rotation", "poses", 2)):
         evaluate_verified(run, window=0)
-
-
-def test_matches_that_the_window_excludes_are_refused() -> None:
     with pytest.raises(DataError, check=has_code("window", "lidar", 2, 2)):
         evaluate_verified(verified_run(), window=2)
     assert max(query - match for query, (match, *_) in LOOPS.items()) > 2

@@ -40,13 +40,10 @@ def brown(x: float, y: float, lens: tuple[float, ...]) -> tuple[float, float]:
     )
 
 
-def test_the_field_of_view_of_the_waffle_pi_is_that_of_its_focal_length() -> None:
+def test_rays_meet_their_pixels_again_in_the_field_of_view() -> None:
     matrix = CameraMount(width=640, height=480, view_rad=1.0).matrix()
     assert matrix[0, 0] == matrix[1, 1] == pytest.approx(585.756, abs=1e-3)
     assert tuple(matrix[:2, 2]) == (320, 240)
-
-
-def test_a_ray_meets_its_pixel_again_when_projected() -> None:
     camera = CameraMount(**LEVEL, width=64, height=48, focal_px=50.0, centre_px=(30.5, 21.25))
     rays = camera_rays(camera)
     pixels = np.einsum("ij,nj->ni", projection(camera)[:, :3], rays)

@@ -53,16 +53,13 @@ def is_near(values: NDArray[np.float64], mean: float, deviation: float) -> bool:
     return bool(right and abs(values.std(ddof=1) / deviation - 1) < LOOSE)
 
 
-def test_without_errors_odometry_is_the_truth_exactly() -> None:
+def test_without_errors_odometry_is_the_truth_with_the_speeds_of_the_drive() -> None:
     drive = curvy()
     track = simulate_odometry(drive, OdometryConfig(seed=5), 50.0)
     assert np.array_equal(track.poses, drive.at(track.stamps_ns / 1e9))
     assert track.stamps_ns[0] == 3_000_000_000
     assert set(np.diff(track.stamps_ns)) == {20_000_000}
     assert track.stamps_ns[-1] <= drive.seconds[-1] * 1e9 < track.stamps_ns[-1] + 20_000_000
-
-
-def test_speeds_are_those_of_the_drive() -> None:
     track = simulate_odometry(curvy(), OdometryConfig(), 30.0)
     assert track.linear.shape == track.angular.shape == (len(track.stamps_ns), 3)
     assert np.allclose(track.linear[:, 0], 0.5, atol=2e-3)
@@ -94,13 +91,10 @@ def test_noise_of_the_turn_rate_spreads_the_heading_and_then_the_way(rate: float
     assert abs(x.mean() - expected) < FAR * SPEED * noise**2 * SECONDS**2 / np.sqrt(12 * SEEDS)
 
 
-def test_turning_on_the_spot_spreads_the_heading_and_moves_nothing() -> None:
+def test_turning_on_the_spot_moves_nothing_and_factors_go_with_noise() -> None:
     x, y, yaw = ends(spot_turn(4 * np.pi), turn_noise=0.03).T
     assert is_near(yaw, 0.3 + 4 * np.pi, 0.03 * np.sqrt(SECONDS))
     assert not np.ptp(x) and not np.ptp(y)
-
-
-def test_factors_and_noise_go_together() -> None:
     errors = {"scale": 1.05, "rotation_scale": 0.9, "speed_noise": 0.02, "turn_noise": 0.03}
     _, _, yaw = ends(spot_turn(4 * np.pi), **errors).T
     assert is_near(yaw, 0.3 + 0.9 * 4 * np.pi, 0.03 * np.sqrt(SECONDS))

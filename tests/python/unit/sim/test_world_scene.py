@@ -43,15 +43,7 @@ def test_every_ray_knows_the_object_that_it_hits() -> None:
     assert hits.triangle[0] >= 0 and caster.part_of(hits).tolist() == [-1]
 
 
-def test_without_textures_tints_are_colours() -> None:
-    parts = [Part("red", tile(0, tint=(1, 0, 0))), Part("blue", tile(1, tint=(0, 0, 0.5)))]
-    caster = RayCaster(scene_of(parts, [], INDOOR_LIGHT))
-    red, blue = look_down(caster, 0.5, 1.5)
-    assert red[0] > 0.9 and red[1:].max() == 0
-    assert blue[2] == pytest.approx(0.5, abs=0.06) and blue[:2].max() == 0
-
-
-def test_textures_of_very_different_sizes_keep_their_colours() -> None:
+def test_textures_of_any_size_or_none_keep_their_colours() -> None:
     white, strip, large = (
         np.full((*size, 4), 255, np.uint8) for size in ((1, 1), (1, 64), (64, 64))
     )
@@ -62,12 +54,14 @@ def test_textures_of_very_different_sizes_keep_their_colours() -> None:
     for height in (2.0, 200.0):  # the finest texels, and past the last halving of each texture
         seen = look_down(caster, 0.5, 1.5, 2.5, height=height) > 0.5
         assert seen.tolist() == [[True] * 3, [True, False, False], [False, True, True]]
-
-
-def test_small_textures_take_no_room_for_the_halvings_of_large_ones() -> None:
     images = [np.zeros((1024, 1024, 4), np.uint8), *[np.zeros((1, 512, 4), np.uint8)] * 50]
     whole = sum(1024 * 1024 // 4**level for level in range(11)) + 50 * 512
     assert len(MipMaps(images)._packed) == whole
+    parts = [Part("red", tile(0, tint=(1, 0, 0))), Part("blue", tile(1, tint=(0, 0, 0.5)))]
+    caster = RayCaster(scene_of(parts, [], INDOOR_LIGHT))
+    red, blue = look_down(caster, 0.5, 1.5)
+    assert red[0] > 0.9 and red[1:].max() == 0
+    assert blue[2] == pytest.approx(0.5, abs=0.06) and blue[:2].max() == 0
 
 
 def test_light_indoors_has_no_haze_and_an_even_sky() -> None:
