@@ -123,7 +123,9 @@ def test_the_picture_has_a_mark_for_each_descriptor_of_each_figure() -> None:
         assert draw_costs([pair_up([untrue])], "revisit") is None
 
 
-def test_the_page_over_recordings_has_a_table_for_each_source(tmp_path: Path) -> None:
+def test_the_page_over_recordings_has_a_table_for_each_source(
+    tmp_path: Path, unrendered: None
+) -> None:
     recordings = {}
     for seed in (1, 2):
         cloud = evaluate(replace(described("robust", seed=seed), source="cloud"), window=0)

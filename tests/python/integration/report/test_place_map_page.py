@@ -25,7 +25,6 @@ from fusionslam.report.place_maps.tables import refused_table, state_table
 from fusionslam.storage.arrays import Floats
 from pages import Page
 from project import PROJECT
-from rows import rows
 from streets import OPTIONS, RETURN, WAY, frames
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
@@ -61,7 +60,7 @@ def without_view(page: Path) -> Page:
     return Page(text)
 
 
-def test_the_page_says_what_is_in_the_map(path: Path, tmp_path: Path) -> None:
+def test_the_page_says_what_is_in_the_map(path: Path, tmp_path: Path, unrendered: None) -> None:
     with PlaceMap.open(path, read_only=True) as site:
         truth = {"monday": np.array(WAY)}
         page = write_map_page(tmp_path / "a.html", site, truth, command="made by hand", notes=["x"])
@@ -86,8 +85,13 @@ def test_the_view_in_3d_is_inside(path: Path, tmp_path: Path, unrendered: None) 
     assert view.startswith("<!DOCTYPE html>") and "THREE" in view
 
 
-@pytest.mark.slow
-@rows("name", ["</script><img src=x> $\\frac{$", "_", "x" * 300])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "</script><img src=x> $\\frac{$",
+        *(pytest.param(name, marks=pytest.mark.nightly) for name in ("_", "x" * 300)),
+    ],
+)
 def test_names_of_sessions_stay_text(tmp_path: Path, name: str) -> None:
     with PlaceMap.open(tmp_path / "a.fsmap", name, **OPTIONS) as site:
         for frame in frames(WAY)[:3]:

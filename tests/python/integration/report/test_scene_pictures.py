@@ -149,6 +149,7 @@ def test_the_command_draws_scans_of_recordings_and_bags(tmp_path: Path, unrender
         assert last_line(shown) == str(target) and target.is_file()
 
 
+@pytest.mark.slow
 def test_the_command_draws_scans_and_pairs_of_sets(tmp_path: Path) -> None:
     drive((1, 2, 1)).save(tmp_path / "set.npz")
 

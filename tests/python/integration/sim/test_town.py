@@ -310,6 +310,7 @@ RINGED = SimConfig(
 )
 
 
+@pytest.mark.slow
 def test_four_cameras_colour_scans_all_round(tmp_path: Path) -> None:
     folder = record(RINGED, tmp_path / "drive", jobs=2)
     dataset = open_dataset(folder)

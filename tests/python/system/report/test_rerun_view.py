@@ -267,6 +267,7 @@ except DataError as error:
 """
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_an_error_and_leaves_no_file(tmp_path: Path) -> None:
     path = tmp_path / "run.rrd"
     command = [sys.executable, "-c", FILL.format(path=str(path))]
