@@ -70,6 +70,7 @@ def data() -> dict[str, Path]:
     return {kind: folder / f"{kind}.npz" for kind in KINDS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @rows("command", COMMANDS)
 def test_a_command_does_its_work_or_says_what_it_found(

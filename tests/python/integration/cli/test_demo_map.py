@@ -65,6 +65,7 @@ def test_the_demo_leaves_other_maps_alone(tmp_path: Path) -> None:
     assert (tmp_path / "map.fsmap").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_without_the_extra_the_demo_says_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

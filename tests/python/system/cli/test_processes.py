@@ -130,6 +130,7 @@ def test_an_interruption_while_the_program_loads_is_quiet(tmp_path: Path) -> Non
     assert process.returncode == 130
 
 
+@pytest.mark.slow
 def test_a_real_ctrl_c_keeps_the_map_that_there_is(tmp_path: Path) -> None:
     code = "from fusionslam.pipelines.maps import RunRecorder\n" + INTERRUPTED.format(
         owner="RunRecorder", method="_keep", count=300, number=int(signal.SIGINT)
