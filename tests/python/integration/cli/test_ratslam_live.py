@@ -32,6 +32,7 @@ def count(path: Path, entity: str) -> int:
     return sum(c.num_rows for c in stream.to_chunks() if c.entity_path == entity)
 
 
+@pytest.mark.slow
 def test_a_live_view_is_written_and_changes_nothing(tmp_path: Path, words: list[Any]) -> None:
     succeeds(*words)
     plain = (tmp_path / "out/map.json").read_bytes()
@@ -80,6 +81,7 @@ def test_mistakes_are_named(
     assert "ratslam --live" in text and "pip install 'fusionslam[live]'" in text
 
 
+@pytest.mark.slow
 def test_foxglove_is_served_live(words: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
     from fusionslam.report.live.foxglove_view import FoxgloveView
