@@ -60,7 +60,7 @@ def test_a_covariance_is_turned_into_the_frame_of_the_pose() -> None:
     pose[:3, :3] = (turn := Rotation.from_euler("xyz", [0.5, -0.8, 2.0])).as_matrix()
     pose[:3, 3] = 1, 2, 3
     stated = np.array(pose_with_covariance(pose, covariance).covariance).reshape(6, 6)
-    steps = rng.multivariate_normal(np.zeros(6), covariance, size=30_000)
+    steps = rng.multivariate_normal(np.zeros(6), covariance, size=100_000)
     turned = (turn * Rotation.from_rotvec(steps[:, 3:]) * turn.inv()).as_rotvec()
     sampled = np.cov(np.hstack([turn.apply(steps[:, :3]), turned]).T)
     sds = np.sqrt(np.diag(sampled))
