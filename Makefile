@@ -19,7 +19,7 @@ test-ros:
 	scripts/ros.sh
 	@$(MAKE) --no-print-directory setup
 	scripts/ros2.sh
-	$(BIN)/python -m pytest -n $$(nproc) -m 'ros and not nightly' tests/python
+	$(BIN)/python -m pytest -n $$(nproc) --dist loadfile -m 'ros and not nightly' tests/python
 
 bench: setup
 	scripts/bench.sh --write
@@ -56,7 +56,7 @@ docs: setup
 
 # What takes too long for every change. Tests run with Python 3.13, too, where it runs (a pyenv shim may not).
 nightly: lint docs sanitize tidy ros ros2
-	$(MAKE) --no-print-directory test PYTEST="-m ''"
+	FUSIONSLAM_FLIPS=40 $(MAKE) --no-print-directory test PYTEST="-m ''"
 	! python3.13 -c '' || $(MAKE) --no-print-directory test PYTHON=python3.13 VENV=.venv-3.13
 	scripts/bench.sh
 	test -z "$$FUSIONSLAM_TEST_DATA" || $(BIN)/python -m benchmarks.accuracy.checks

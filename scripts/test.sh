@@ -10,6 +10,8 @@ scripts/cpp_tests.sh >build/cpp-tests.log 2>&1 &
 cpp=$!
 trap 'kill $cpp 2>/dev/null || true' EXIT
 
+# Plugins of pytest may import NumPy, whose BLAS reads these then, before conftest.py sets them.
+export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 # One worker more than there are cores, since some tests wait for other processes.
 status=0
 "${VENV:-.venv}/bin/python" -m pytest -n $(($(nproc) + 1)) --dist loadfile \

@@ -16,9 +16,11 @@ from kitti import write_sequence
 from project import PROJECT
 from ros_master import PlayedBag, find_played_bag
 
-# Time says nothing on a busy machine.
-settings.register_profile("busy", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("busy")
+# Time says nothing on a busy machine, and the same examples each time fail or pass each time.
+settings.register_profile(
+    "same", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("same")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -18,7 +18,7 @@ import sysconfig
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
@@ -31,6 +31,8 @@ MANIFEST = "artefact.json"
 _CONTENT = "content"
 _DIGEST_BYTES = 8
 _UNUSED_S = 7 * 86_400  # after which versions that nobody used go
+_IN_USE_S = 3_600  # after which they go if there are more than
+_KEPT = 3
 _checked: dict[Path, Path] = {}
 
 
@@ -76,15 +78,27 @@ def _find_or_make(folder: Path, name: str, make: Callable[[Path], object]) -> Pa
                 return folder / _CONTENT
             _warn(f"artefact {name} is made anew: {problem}")
             _remove(folder)
-        for other in folder.parent.glob(f"{name}-{'[0-9a-f]' * 2 * _DIGEST_BYTES}"):
-            manifest = other / MANIFEST
-            if not manifest.exists() or time.time() - manifest.stat().st_mtime > _UNUSED_S:
-                _remove(other)
+        _remove_old(folder.parent.glob(f"{name}-{'[0-9a-f]' * 2 * _DIGEST_BYTES}"))
         try:
             return _made(folder, make)
         except BaseException:
             _remove(folder)
             raise
+
+
+def _remove_old(versions: Iterable[Path]) -> None:
+    """Remove unfinished versions, and those that nobody used lately but for the last few.
+
+    Another checkout may use one at this time.
+    """
+    used = {}
+    for each in versions:
+        manifest = each / MANIFEST
+        used[each] = manifest.stat().st_mtime if manifest.exists() else 0.0
+    for place, each in enumerate(sorted(used, key=used.__getitem__, reverse=True)):
+        age_s = time.time() - used[each]
+        if age_s > _UNUSED_S or (place >= _KEPT and age_s > _IN_USE_S):
+            _remove(each)
 
 
 def _made(folder: Path, make: Callable[[Path], object]) -> Path:
