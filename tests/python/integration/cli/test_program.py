@@ -218,6 +218,7 @@ FOREIGN = {
 """Options of other programs that messages name."""
 
 
+@pytest.mark.slow
 def test_every_option_that_a_message_names_exists_in_the_command() -> None:
     commands = options_of_commands()
     every = set.union(*commands.values())
