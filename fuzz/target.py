@@ -37,10 +37,14 @@ class Target:
     largest: int = 0
 
 
-@cache
 def scratch() -> Path:
-    """A temporary folder of this process."""
-    return Path(tempfile.mkdtemp(prefix="fusionslam-fuzz-"))
+    """A temporary folder that this process removes at its end."""
+    return Path(_scratch().name)
+
+
+@cache
+def _scratch() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="fusionslam-fuzz-", ignore_cleanup_errors=True)
 
 
 def refusing(action: Callable[[], object]) -> bool:

@@ -156,10 +156,10 @@ def _candidates(
     Not looked into are folders of results, hidden ones, and those that links lead to again.
     """
     real = folder.resolve()
-    if real in seen or (folder / FILE).exists():
-        return
-    seen.add(real)
     try:
+        if real in seen or (folder / FILE).exists():
+            return
+        seen.add(real)
         if kind := _kind(folder):
             yield folder, kind
             return
@@ -177,8 +177,11 @@ def _candidates(
 
 def _kind(folder: Path) -> str:
     """Return the name of the kind of recording that a folder is; "" if it is none."""
-    found = (kind.name for kind in KINDS.values() if kind.recognises(folder))
-    return next(found, "")
+    for kind in KINDS.values():
+        with suppress(PermissionError):  # of a folder inside, which is looked into by itself
+            if kind.recognises(folder):
+                return kind.name
+    return ""
 
 
 def _is_result(path: Path) -> bool:

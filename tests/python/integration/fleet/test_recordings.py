@@ -81,7 +81,6 @@ def test_results_hidden_folders_and_links_back_are_not_looked_into(own_fleet: Pa
     assert names_of(own_fleet, excluded=own_fleet / "out") == expected
 
 
-@pytest.mark.xfail(strict=True, reason="the recogniser of KITTI raw data looks into it")
 def test_a_folder_that_must_not_be_read_is_named(own_fleet: Path) -> None:
     (own_fleet / "north").chmod(0)
 
