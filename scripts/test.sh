@@ -10,11 +10,12 @@ scripts/cpp_tests.sh >build/cpp-tests.log 2>&1 &
 cpp=$!
 trap 'kill $cpp 2>/dev/null || true' EXIT
 
+# One worker more than there are cores, since some tests wait for other processes.
+workers=$(($(nproc) + 1))
 # Plugins of pytest may import NumPy, whose BLAS reads these then, before conftest.py sets them.
 export OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
-# One worker more than there are cores, since some tests wait for other processes.
 status=0
-"${VENV:-.venv}/bin/python" -m pytest -n $(($(nproc) + 1)) --dist loadfile \
+"${VENV:-.venv}/bin/python" -m pytest -n "$workers" --dist loadfile \
   --no-loadscope-reorder --durations 20 --durations-min 0.5 "$@" || status=$?
 trap - EXIT
 wait $cpp || { cat build/cpp-tests.log; echo "The C++ tests failed" >&2; exit 1; }
