@@ -236,13 +236,22 @@ RECORDINGS = {
 }
 
 
-@pytest.hookimpl(tryfirst=True)
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave pages whose blocks take long to the nights: tests of their commands are quicker."""
-    for item in items:
+    """Keep blocks of a page in their order, and leave pages that take long to the nights.
+
+    Tests of their commands are quicker.
+    """
+    pages: dict[str, list[int]] = {}
+    for place, item in enumerate(items):
         page = item.path.relative_to(PROJECT).as_posix()
         if page.endswith(".md"):
             item.add_marker(pytest.mark.nightly if page in NIGHTLY else pytest.mark.slow)
+            pages.setdefault(page, []).append(place)
+    for places in pages.values():
+        blocks = sorted((items[place] for place in places), key=lambda item: item.reportinfo()[1])
+        for place, block in zip(places, blocks, strict=True):
+            items[place] = block
 
 
 @pytest.fixture(scope="session")

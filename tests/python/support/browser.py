@@ -5,6 +5,7 @@
 import base64
 import itertools
 import json
+import os
 import shutil
 import subprocess
 import tempfile
@@ -112,7 +113,12 @@ def open_browser() -> Iterator[Page]:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = [found[0], "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
         command += ["--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            command,
+            env=os.environ | {"TMPDIR": profile},  # it leaves folders there
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         try:
             with client.connect(_address(Path(profile)), max_size=None) as line:
                 yield Page(line)

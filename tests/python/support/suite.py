@@ -5,8 +5,8 @@
 The folder of a test is its tier and mark. A test of the tier ``unit`` starts no process, writes no
 file beyond temporary ones and takes less than 0.2 s; any other takes less than 2 s unless it is
 marked ``slow``. Tests of the nights may take any time. Seconds are processor time of the test
-itself, without the first import of modules and without fixtures: they are the same on a busy
-machine, and in any order.
+itself, without the first import of modules and without fixtures: they hardly depend on what else a
+machine does, or on the order of tests. Hardly: a unit test fails from 0.5 s on, which is no chance.
 """
 
 import importlib
@@ -24,7 +24,7 @@ import pytest
 
 TESTS = Path(__file__).resolve().parents[1]
 TIERS = ("unit", "integration", "system")
-_SHARE_OF_UNIT = 0.1
+_SHARE_OF_UNIT = 0.25
 _STARTED = "multiprocessing.Process.start"  # spawning one raises no event of Python's own
 _PROCESSES = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system", _STARTED)
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
