@@ -236,18 +236,21 @@ RECORDINGS = {
 }
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep blocks of a page in their order, and leave pages that take long to the nights.
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> Iterator[None]:
+    """Leave pages that take long to the nights, and keep blocks of a page in their order.
 
     Tests of their commands are quicker.
     """
-    pages: dict[str, list[int]] = {}
-    for place, item in enumerate(items):
+    for item in items:
         page = item.path.relative_to(PROJECT).as_posix()
         if page.endswith(".md"):
             item.add_marker(pytest.mark.nightly if page in NIGHTLY else pytest.mark.slow)
-            pages.setdefault(page, []).append(place)
+    yield
+    pages: dict[Path, list[int]] = {}
+    for place, item in enumerate(items):
+        if item.path.suffix == ".md":
+            pages.setdefault(item.path, []).append(place)
     for places in pages.values():
         blocks = sorted((items[place] for place in places), key=lambda item: item.reportinfo()[1])
         for place, block in zip(places, blocks, strict=True):

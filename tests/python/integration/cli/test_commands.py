@@ -46,6 +46,7 @@ def table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 @rows(
     "words, files",
     [
@@ -90,6 +91,7 @@ def test_loops_of_each_descriptor_and_preset_are_listed(kitti: Path, tmp_path: P
     assert both[0] == both[1]
 
 
+@pytest.mark.slow
 def test_loops_are_those_of_a_detector_with_its_default(kitti: Path, tmp_path: Path) -> None:
     succeeds("loops", kitti, "-d", "m2dp:paper", "-o", tmp_path, *NO_WINDOW)
     detector = LoopDetector("m2dp:paper", window=2)
@@ -152,6 +154,7 @@ def test_the_threshold_of_a_bench_is_that_of_its_precision(kitti: Path, tmp_path
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 @rows("radius, count", [(60, 0), (61, 1)])
 def test_a_radius_that_makes_every_frame_a_revisit_is_warned_of_once(
     kitti: Path, tmp_path: Path, radius: int, count: int

@@ -332,6 +332,7 @@ def write_driven(folder: Path) -> None:
     datasets.write_poses_tum(folder / "poses.txt", dataset.stamps_ns, dataset.poses)
 
 
+@pytest.mark.slow
 @rows("command", ["views match", "views curve", "bench", "bench views", "ratslam"])
 def test_nothing_is_judged_by_odometry(command: str, driven: Path, tmp_path: Path) -> None:
     words = [*COMMANDS[command], driven, "-o", tmp_path / "out"]

@@ -55,6 +55,7 @@ def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
         assert site.config["loop_closure"]["candidates"] == 3
 
 
+@pytest.mark.slow
 def test_the_demo_leaves_other_maps_alone(tmp_path: Path) -> None:
     pytest.importorskip("small_gicp")
     pytest.importorskip("gtsam")

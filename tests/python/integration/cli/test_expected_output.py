@@ -28,6 +28,7 @@ NAMES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_command_prints_what_is_expected(name: str, tmp_path: Path) -> None:
     pytest.importorskip(NEEDED.get(name, "numpy"))

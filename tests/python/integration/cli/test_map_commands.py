@@ -115,6 +115,7 @@ def test_building_goes_on_where_it_ended(street: Path, built: Path, tmp_path: Pa
     assert again.startswith("street: nothing new")
 
 
+@pytest.mark.slow
 def test_a_session_is_of_one_recording(made: Path, site: Path) -> None:
     words = ("map", "build", made / "return", "-o", site, "--session")
     assert error_of(2, *words, "street").code == "other-recording"
@@ -154,6 +155,7 @@ def test_a_map_is_exported(built: Path, tmp_path: Path) -> None:
         assert "origin" in str(problem)
 
 
+@pytest.mark.slow
 def test_a_map_is_shown_and_described(built: Path, tmp_path: Path) -> None:
     page = tmp_path / "map.html"
     shown = succeeds("map", "show", built, "-o", page).stdout
@@ -222,6 +224,7 @@ def test_two_maps_are_merged(made: Path, site: Path, tmp_path: Path) -> None:
     assert error_of(2, "map", "forget", site, "tuesday").code
 
 
+@pytest.mark.slow
 def test_sessions_of_similar_names_have_different_files(site: Path, tmp_path: Path) -> None:
     short = write_street(tmp_path / "short", WAY[:3])
     for name in ("a/b", "a_b"):

@@ -59,6 +59,7 @@ def test_ctrl_c_keeps_map_and_live_view(
     assert (tmp_path / "out/state.npz").exists()
 
 
+@pytest.mark.slow
 def test_a_live_view_that_cannot_be_written_costs_no_map(
     tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

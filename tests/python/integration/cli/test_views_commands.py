@@ -70,6 +70,7 @@ def test_a_recording_is_recorded_matched_and_judged(tmp_path: Path) -> None:
     assert matches[6]["matched"] == "0" and "matched view 0: similarity" in matches[6]["reason"]
 
 
+@pytest.mark.slow
 def test_matching_writes_a_page_and_a_matcher_that_goes_on(scenes: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     out = tmp_path / "out"

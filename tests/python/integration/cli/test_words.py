@@ -74,6 +74,7 @@ def test_bad_frames_are_left_out_on_request_and_counted(recording: Path, tmp_pat
     assert "in 19 frames" in found.stdout and "1 left out" in found.stdout
 
 
+@pytest.mark.slow
 def test_every_command_leaves_out_bad_frames_on_request(recording: Path, tmp_path: Path) -> None:
     garbage = np.random.default_rng(0).bytes(16 * 500)
     (recording / "velodyne/000004.bin").write_bytes(bytes(17))

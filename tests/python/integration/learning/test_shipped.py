@@ -130,6 +130,7 @@ def test_unknown_places_are_told_apart(model: str, least: float, unknown_places:
     assert area_under_curve(scores, same) > least
 
 
+@pytest.mark.slow
 def test_simulated_places_repeat_with_their_seed(warehouse: Sights) -> None:
     from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
 

@@ -169,6 +169,7 @@ def reference(ratslam_reference: Path) -> Reference:
     return Reference(ratslam_reference)
 
 
+@pytest.mark.slow
 def test_both_presets_are_as_good_as_published_with_the_odometry_of_the_run(
     reference: Reference,
 ) -> None:

@@ -84,6 +84,7 @@ def drive(name: str) -> tuple[Callable[[], RatSlam], list[Event]]:
     return lambda: RatSlam(views=make()), events
 
 
+@pytest.mark.slow
 @rows("name", [*SOURCES, *PRESETS])
 def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path: Path, name: str) -> None:
     make, events = drive(name)

@@ -190,6 +190,7 @@ def test_the_interface_lists_every_route_with_its_refusals(client: Any) -> None:
     assert "requestBody" in listed["/v1/locate"]["post"]
 
 
+@pytest.mark.slow
 def test_queries_at_once_get_their_own_answers(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes: list[int] = []
     query = PlaceDatabase.query

@@ -142,6 +142,7 @@ def test_old_leftovers_of_other_machines_are_deleted(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["a"]
 
 
+@pytest.mark.slow
 @rows("name", REPLACING)
 def test_a_killed_writer_leaves_the_old_or_the_new_file(tmp_path: Path, name: str) -> None:
     assert kill_writer(REPLACING[name], tmp_path, kills=2) == KillCount(kills=2, lost=0, left=0)
