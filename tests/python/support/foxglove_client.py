@@ -5,6 +5,7 @@
 import base64
 import json
 import struct
+import time
 from contextlib import ExitStack
 from typing import Any, Self
 
@@ -41,6 +42,23 @@ class Viewer:
         numbers = [self.channels[topic]["id"] for topic in topics]
         wanted = [{"id": number, "channelId": number} for number in numbers]
         self.line.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def follow(self, server: Any, *topics: str) -> None:
+        """Ask a server of this process for topics, and wait until it gave their last messages.
+
+        It gives them once more to all viewers, so it must not do so between later ones.
+        """
+        told, give = set[str](), server.on_subscribe
+
+        def tell(client: Any, channel: Any) -> None:
+            give(client, channel)
+            told.add(channel.topic)
+
+        server.on_subscribe = tell
+        self.subscribe(*topics)
+        while not (told.issuperset(topics) and all(map(server.is_wanted, topics))):
+            time.sleep(0.001)
+        server.on_subscribe = give
 
     def receive(self) -> tuple[str, int, Any]:
         """Topic, time and content of the next message."""

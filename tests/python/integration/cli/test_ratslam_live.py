@@ -4,7 +4,6 @@
 
 import json
 import socket
-import time
 from pathlib import Path
 from typing import Any
 
@@ -93,15 +92,14 @@ def test_foxglove_is_served_live(words: list[Any], monkeypatch: pytest.MonkeyPat
     def watched(self: FoxgloveView, *more: Any) -> None:
         if not viewers:
             viewers.append(Viewer(self.url))
-            viewers[0].subscribe("map", "cloud", "image", "views")
-            while not self._server.is_wanted("cloud"):
-                time.sleep(0.001)
+            viewers[0].follow(self._server, "map", "cloud", "image", "views")
         step(self, *more)
 
     def ended(self: FoxgloveView) -> None:
         self._server.close()
         seen.update(viewers[0].receive_rest())
 
+    monkeypatch.setattr("fusionslam.report.live.foxglove_server._WAITING", 1000)
     monkeypatch.setattr(FoxgloveView, "step", watched)
     monkeypatch.setattr(FoxgloveView, "_end", ended)
     assert "ws://127.0.0.1:" in succeeds(*words, "--live", "ws://127.0.0.1:0").stderr

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node live_view: messages of the other nodes reach viewers of Foxglove."""
 
-import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -34,9 +33,7 @@ class Watched:
         self.node = kind(from_parameters(kind.defaults, parameters), None)
         self.takes = {each.topic: each.take for each in self.node.inputs}
         self.viewer = Viewer(self.node.url)
-        self.viewer.subscribe(*self.viewer.channels)
-        while not all(map(self.node._server.is_wanted, self.viewer.channels)):
-            time.sleep(0.001)
+        self.viewer.follow(self.node._server, *self.viewer.channels)
 
     def give(self, topic: str, message: Any) -> dict[str, Any]:
         """By topic: what is shown of a message."""
@@ -152,9 +149,7 @@ def test_messages_of_ros_1_reach_a_viewer() -> None:
     desk = Desk("live_view", port=0)
     points, colors = colored_cloud()
     with Viewer(desk.node.url) as viewer:
-        viewer.subscribe("rgb_cloud")
-        while not desk.node._server.is_wanted("rgb_cloud"):
-            time.sleep(0.001)
+        viewer.follow(desk.node._server, "rgb_cloud")
         desk.give(
             "rgb_cloud", Scan(stamp_ns=SECOND, frame_id="base_link", points=points, colors=colors)
         )
