@@ -14,7 +14,7 @@ from artefacts import artefact, copy_artefact
 from cli import FRAMES
 from kitti import write_sequence
 from project import PROJECT
-from ros_master import PlayedBag, find_played_bag
+from ros_master import PlayedBag, find_played_bag, lacking
 
 # Time says nothing on a busy machine, and the same examples each time fail or pass each time.
 settings.register_profile(
@@ -34,13 +34,27 @@ def interrupts() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests of ROS, and those that need data that a clone lacks."""
+def pytest_report_header() -> list[str]:
+    """Say which tests are left out, and why."""
+    return [f"without the tests of a live ROS 1, which make test-ros runs: {lacking}"] * bool(
+        lacking
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the tests of ROS where there is none; mark them, and those that need data."""
+    if lacking:
+        config.hook.pytest_deselected(items=[each for each in items if _needs_ros(each)])
+        items[:] = [each for each in items if not _needs_ros(each)]
     for item in items:
         if item.path.parent.name in ("ros", "ros2"):
             item.add_marker("ros")
         if "test_data" in getattr(item, "fixturenames", ()):
             item.add_marker("data")
+
+
+def _needs_ros(item: pytest.Item) -> bool:
+    return item.get_closest_marker("needs_ros") is not None
 
 
 DATA = Path(os.environ.get("FUSIONSLAM_TEST_DATA", PROJECT / ".." / "shared" / "data"))

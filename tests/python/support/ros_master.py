@@ -35,7 +35,7 @@ def _lacking() -> str:
 
 
 lacking = _lacking()
-needs_ros = pytest.mark.skipif(bool(lacking), reason=lacking)
+needs_ros = pytest.mark.needs_ros
 
 
 @dataclass(frozen=True)
