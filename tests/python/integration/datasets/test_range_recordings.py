@@ -97,6 +97,7 @@ def test_a_recording_without_poses_has_scenes_but_no_odometry(tmp_path: Path) ->
         ({"poses": np.zeros((2, 3))}, r"poses .*\(2, 3\)"),
         ({"poses": np.full((len(LAPS), 3), np.inf)}, "poses"),
         ({"visual_offsets": np.arange(len(LAPS) + 1)[::-1]}, "visual_offsets"),
+        ({"visual_offsets": np.r_[0, 9, 2 : len(LAPS) + 1]}, "visual_offsets"),
         ({"visual_offsets": np.arange(3)}, "visual_offsets"),
         ({"visual_ray": np.zeros(4, np.uint16)}, "visual_ray"),
         ({"rays": np.zeros((2, 3))}, "visual_ray"),

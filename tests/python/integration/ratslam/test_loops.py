@@ -5,6 +5,7 @@
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,16 @@ from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.map_events import RunEvents
 from fusionslam.pipelines.maps import RunRecorder
-from fusionslam.ratslam import Action, ActionKind, ExperienceMap, Look, OnlineRatSlam, RatSlam
+from fusionslam.ratslam import (
+    Action,
+    ActionKind,
+    ExperienceMap,
+    Look,
+    LoopCheck,
+    OnlineRatSlam,
+    RatSlam,
+    RatSlamConfig,
+)
 from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.sensors.messages import Odometry
 from rows import rows
@@ -299,3 +309,18 @@ def test_the_original_preset_knows_no_interruptions() -> None:
     slam.map.apply(Action(ActionKind.CREATE_NODE))
     slam.map.mark_interruption()
     assert not slam.map.state()["interruptions"].size
+
+
+@rows("error_m, views, accepted", [(4.0, 11111, False), (4.0, 11112, True), (18.0, 11111, True)])
+def test_a_view_of_many_places_does_not_override_odometry(
+    error_m: float, views: int, accepted: bool
+) -> None:
+    """Places count that are farther from the target than half of the error."""
+    memory = SimpleNamespace(node_views=[int(each) for each in str(views)], view=1)
+    nodes = np.array([(x, 0.0, 0.0) for x in (0, 1, 8, 9, 10)])
+    slam: Any = SimpleNamespace(
+        map=SimpleNamespace(nodes=nodes), memory=memory, config=RatSlamConfig(ambiguous=3)
+    )
+    loop = LoopCheck(True, error_m, 0.0, 1.0, 1.0, "agrees with others")
+    action = Action(EDGE, 4, 0, 0.0)
+    assert RatSlam._check_ambiguity(slam, action, loop).accepted is accepted

@@ -125,6 +125,7 @@ def test_a_lost_robot_is_not_sure_of_a_place_that_looks_like_another() -> None:
     drive(one, range(6))  # the second and the fifth look alike
     lost = one.process(place(LOOKS[4]))
     assert lost.is_ambiguous and {id for id, share in lost.candidates if share > 0.3} == {1, 4}
+    assert lost.guess in (1, 4) and one.process(place(30)).guess is None
 
 
 def test_odometry_that_jumps_is_no_reason_for_a_wrong_place() -> None:
