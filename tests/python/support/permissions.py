@@ -23,6 +23,11 @@ def fork(work: Callable[[], object]) -> int:
     return child
 
 
+def exit_code_of(child: int) -> int:
+    """Wait for a child process: its status, or -signal if it is killed."""
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
 def bound_by_permissions(work: Callable[[], object]) -> None:
     """Run something in a child process that may do only what the modes of files allow.
 
@@ -35,4 +40,4 @@ def bound_by_permissions(work: Callable[[], object]) -> None:
             assert ctypes.CDLL(None).capset(version_3, none) == 0
         work()
 
-    assert os.waitstatus_to_exitcode(os.waitpid(fork(run), 0)[1]) == 0
+    assert exit_code_of(fork(run)) == 0

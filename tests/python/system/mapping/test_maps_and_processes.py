@@ -25,7 +25,7 @@ from fuzz.killed_writers import (
     kill_writer,
 )
 from map_fixtures import FRAMES, STORED
-from permissions import bound_by_permissions, fork
+from permissions import bound_by_permissions, exit_code_of, fork
 from refusals import refuses
 from rows import rows
 from streets import OPTIONS
@@ -51,7 +51,7 @@ def test_killed_processes_lose_no_keyframe_that_a_map_acknowledged(tmp_path: Pat
             time.sleep(0.002)
         time.sleep(moments.uniform(0, 0.1))
         os.kill(child, signal.SIGKILL)
-        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+        assert exit_code_of(child) == -signal.SIGKILL
         check_map(tmp_path)
     with noted.open("a") as file:  # what is lost would be noticed
         file.write("77\n")

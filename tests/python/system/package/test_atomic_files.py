@@ -6,7 +6,7 @@ import os
 import resource
 import signal
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from fusionslam.storage.files import atomic_path, scratch_folder
 from fuzz import killed_writers
 from fuzz.killed_writers import REPLACING, KillCount, Writer, kill_writer
 from kitti import write_sequence
+from permissions import exit_code_of, fork
 from rows import rows
 
 
@@ -43,19 +44,6 @@ def umask(mask: int) -> Iterator[None]:
 
 def mode_of(path: Path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
-
-
-def in_child(work: Callable[[], object]) -> int:
-    """Do some work in a process: 0, 1 if it fails, or -signal if it is killed."""
-    child = os.fork()
-    if not child:
-        code = 1
-        try:
-            work()
-            code = 0
-        finally:
-            os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 @rows("mask, mode", [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
@@ -125,7 +113,7 @@ def test_what_killed_writers_leave_is_deleted_by_the_next(tmp_path: Path) -> Non
     others = (".hidden", ".a.fusionslam-00000000-1-0123456789abcdef", "a.fusionslam")
     for name in others:
         (tmp_path / name).write_text("of others")
-    assert in_child(begin) == -signal.SIGKILL
+    assert exit_code_of(fork(begin)) == -signal.SIGKILL
     assert len(os.listdir(tmp_path)) == 6
     with atomic_path(tmp_path / "c") as alive:
         write(tmp_path / "a", "new")
@@ -188,7 +176,7 @@ def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path:
     whole, names = clouds(tmp_path / "whole"), sorted(os.listdir(tmp_path / "whole"))
     for last in np.linspace(1, 19, 3).astype(int):
         folder = tmp_path / str(last)
-        assert in_child(partial(write, folder, last)) == -signal.SIGKILL
+        assert exit_code_of(fork(partial(write, folder, last))) == -signal.SIGKILL
         found = {name: data for name, data in clouds(folder).items() if name[0] != "."}
         assert len(found) >= last and found.items() <= whole.items()
         files._cleaned.clear()
@@ -211,6 +199,6 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(
         with pytest.raises(DataError, check=has_code("cannot-write")):
             save(tmp_path)
 
-    assert in_child(save_without_room) == 0
+    assert exit_code_of(fork(save_without_room)) == 0
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     check(tmp_path)
