@@ -151,6 +151,14 @@ def test_it_fits_only_if_an_error_of_a_degree_would_be_noticed(
     assert _verdict(0.0138, turn, {}, CalibrationCheckConfig(), "try more")[1] is fits
 
 
+@rows("low, high, flat", [(-0.2, 0.1, True), (-0.1, 0.2, True), (-0.1, 0.1, False)])
+def test_a_value_is_undetermined_if_nearly_all_are_plausible(
+    low: float, high: float, flat: bool
+) -> None:
+    values = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
+    assert Curve("delay", values, np.zeros(5), low, high, errors=0.0).flat is flat
+
+
 def test_a_shift_is_not_believed_if_a_turn_gains_far_more() -> None:
     values = np.array([-0.2, 0.0, 0.2])
     down = Curve("down", values, np.array([0.10, 0.08, 0.07]), low=-0.2, high=-0.2, errors=4.0)
