@@ -8,7 +8,10 @@ export VENV ?= .venv
 BIN := $(VENV)/bin
 SOURCES := $(wildcard cpp/include/fusionslam/*.hpp cpp/include/fusionslam/*/*.hpp cpp/src/*/*.?pp cpp/src/*/*/*.?pp cpp/src/*/*.inc bindings/*.?pp tests/cpp/*.?pp examples/cpp/*.cpp fuzz/core/*.cpp benchmarks/peers/*.?pp)
 
-demo: setup
+# Installs what the demo needs, a tenth of what the tests do.
+demo:
+	@mkdir -p build
+	@scripts/setup.sh demo
 	$(BIN)/fusionslam demo -o out/demo
 
 # Without ROS 1 and 2 the tests of the nodes are skipped; test-ros installs both.

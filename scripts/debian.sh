@@ -21,5 +21,10 @@ else
 fi
 echo "Installing Debian packages: ${missing[*]}"
 "${as_root[@]}" apt-get update -qq
-"${as_root[@]}" DEBIAN_FRONTEND=noninteractive \
-  apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+install=("${as_root[@]}" DEBIAN_FRONTEND=noninteractive LC_ALL=C
+  apt-get install -y --no-install-recommends "${missing[@]}")
+if [ -t 1 ]; then
+  "${install[@]}" -o Dpkg::Progress-Fancy=1
+else
+  "${install[@]}" -q | { grep -E '^(Need to get|After this operation)' || true; }
+fi

@@ -2,15 +2,18 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
 # Installs the Debian packages, makes .venv (VENV) with Python (PYTHON) and installs fusionslam into
-# it with what demo and tests need. Does only what is still to be done, so it can be run at any time.
+# it with what the tests need, or with what the demo needs only: setup.sh demo. Does only what is
+# still to be done, so it can be run at any time.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+wanted=${1:-tests}
 packages=(
   ca-certificates g++ cmake ninja-build ccache git
   python3 python3-dev python3-venv
-  libpcl-dev libopencv-dev libeigen3-dev libqhull-dev doctest-dev
+  libpcl-dev libopencv-dev libeigen3-dev libqhull-dev
 )
+[ "$wanted" = demo ] || packages+=(doctest-dev)
 
 scripts/debian.sh "${packages[@]}"
 
@@ -29,21 +32,30 @@ lacks_messages() {
     [ ! -d "$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/fusionslam_ros" ]
 }
 
-stamp=$venv/.fusionslam-installed
-if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
-  echo "Installing Python packages into $venv"
+stamp=$venv/.fusionslam-installed  # says for what
+installed=$(cat "$stamp" 2>/dev/null || true)
+[ "$installed" != tests ] || wanted=tests  # what is there stays
+pip=("$venv/bin/python" -m pip install --disable-pip-version-check)
+[ -t 1 ] || pip+=(--quiet)  # nobody sees how far downloads are
+if [ "$installed" != "$wanted" ] || [ pyproject.toml -nt "$stamp" ]; then
   # Build tools stay there, so that a second build compiles only what changed.
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-    "scikit-build-core==1.1.2" "pybind11==3.1.0" "hatch-fancy-pypi-readme==25.1.0" "torch==2.13.0"
-  extras=".[all,fleet,dev,docs]"
+  tools=("scikit-build-core==1.1.2" "pybind11==3.1.0" "hatch-fancy-pypi-readme==25.1.0")
+  if [ "$wanted" = demo ]; then
+    extras=".[sim,report,map]"
+    echo "Installing Python packages into $venv: 140 MB of downloads"
+  else
+    tools+=("torch==2.13.0")
+    extras=".[all,fleet,dev,docs]"
+    echo "Installing Python packages into $venv: some 2 GB of downloads, all extras"
+  fi
+  "${pip[@]}" "${tools[@]}"
   rm -f "$stamp"
 fi
 if [ ! -e "$stamp" ] || lacks_messages ||
   [ -n "$(find CMakeLists.txt README.md LICENSE cpp bindings python ros -newer "$stamp" -type f \
     -not -name '*.pyc' -print -quit)" ]; then
   echo "Building fusionslam"
-  touch "$stamp.new"  # what is edited during the build is built again next time
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-build-isolation \
-    "${extras:-.}"
+  echo "$wanted" >"$stamp.new"  # what is edited during the build is built again next time
+  "${pip[@]}" --no-build-isolation "${extras:-.}"
   mv "$stamp.new" "$stamp"
 fi

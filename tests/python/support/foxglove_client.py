@@ -30,6 +30,7 @@ class Viewer:
         found = json.loads(self.line.recv(timeout=_HANGS_S))
         assert found["op"] == "advertise"
         self.channels = {each["topic"]: each for each in found["channels"]}
+        self._shown = 0
 
     def __enter__(self) -> Self:
         return self
@@ -46,9 +47,14 @@ class Viewer:
     def follow(self, server: Any, *topics: str) -> None:
         """Ask a server of this process for topics, and wait until it gave their last messages.
 
-        It gives them once more to all viewers, so it must not do so between later ones.
+        It gives them once more to all viewers, so it must not do so between later ones, of which
+        ``receive_shown`` then knows how many there are.
         """
-        told, give = set[str](), server.on_subscribe
+        told, give, show = set[str](), server.on_subscribe, server.show
+
+        def count(topic: str, stamp_ns: int, message: Any) -> None:
+            self._shown += topic in topics
+            show(topic, stamp_ns, message)
 
         def tell(client: Any, channel: Any) -> None:
             give(client, channel)
@@ -58,7 +64,7 @@ class Viewer:
         self.subscribe(*topics)
         while not (told.issuperset(topics) and all(map(server.is_wanted, topics))):
             time.sleep(0.001)
-        server.on_subscribe = give
+        server.on_subscribe, server.show = give, count
 
     def receive(self) -> tuple[str, int, Any]:
         """Topic, time and content of the next message."""
@@ -68,6 +74,14 @@ class Viewer:
                 number, time_ns = struct.unpack_from("<IQ", data, 1)
                 (topic,) = (t for t, each in self.channels.items() if each["id"] == number)
                 return topic, time_ns, self._read(topic, data[13:])
+
+    def receive_shown(self) -> dict[str, list[Any]]:
+        """By topic: all messages that the server showed since ``follow``; it must be open still."""
+        found: dict[str, list[Any]] = {}
+        for _ in range(self._shown):
+            topic, _, message = self.receive()
+            found.setdefault(topic, []).append(message)
+        return found
 
     def receive_rest(self) -> dict[str, list[Any]]:
         """All messages by topic until the server closes the connection."""

@@ -26,6 +26,8 @@ Schema = str | tuple[str, ...]
 _LAST_PORT = 65535
 _ANNOUNCE_S = 0.02
 """Shortest time between two announcements of the time."""
+_LAST_S = 0.3
+"""For the last messages to leave: the SDK drops what waits when it stops, and tells of none."""
 _WAITING = 100
 """Messages that wait for a slow viewer, which misses the oldest: clouds have a megabyte each."""
 
@@ -101,6 +103,8 @@ class FoxgloveServer:
 
     def close(self) -> None:
         """Disconnect the viewers and free the port. May be called twice."""
+        if any(map(self.is_wanted, self._channels)):
+            time.sleep(_LAST_S)
         self._server.stop()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:

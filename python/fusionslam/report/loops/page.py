@@ -34,7 +34,11 @@ from fusionslam.report.page.html import (
     write_page,
 )
 from fusionslam.report.page.images import forgive, keep
+from fusionslam.report.place_maps import MapLead
 from fusionslam.storage.csv_files import write_csv
+
+MAP_PAGE = "map.html"
+"""Page of the map of the same drive, beside the report."""
 
 
 def write_report(
@@ -50,7 +54,7 @@ def write_report(
     protocol: str = DEFAULTS.protocol,
     title: str | None = None,
     notes: Sequence[str] = (),
-    links: Mapping[str, str] | None = None,
+    drive_map: MapLead | None = None,
 ) -> Path:
     """Write report.html, which opens offline, and its pictures, metrics, loops and poses.
 
@@ -67,7 +71,7 @@ def write_report(
         protocol: protocol that judges the loops; the others appear in metrics.json.
         title: None derives one from the dataset's name.
         notes: sentences at the top of the page.
-        links: of other pages, by what they show; relative to this one.
+        drive_map: what the map of the same drive shows, whose page is beside the report.
 
     Returns:
         The path of report.html.
@@ -120,7 +124,8 @@ def write_report(
         peers=peers_table(evaluations, protocol),
         peer_sources=list(dict.fromkeys(p.source for e in evaluations for p in e.peers)),
         frames=counted(max(len(e.run) for e in evaluations), "frame"),
-        links=links or {},
+        drive_map=drive_map,
+        map_page=MAP_PAGE,
     )
 
 

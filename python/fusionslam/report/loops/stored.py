@@ -18,14 +18,17 @@ from fusionslam.evaluation import Evaluation, VerifiedRun
 from fusionslam.evaluation.loops.protocols import DEFAULTS
 from fusionslam.fusion import FusionConfig, fuse
 from fusionslam.loop_closure import fusion_of_scans
+from fusionslam.mapping import PlaceMap
 from fusionslam.pipelines.compare_descriptors import DEMO_NOTE, evaluate_stored, stored_config
+from fusionslam.pipelines.place_maps import true_keyframes
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work
 from fusionslam.registration import PreparedCloud, RegistrationConfig
 from fusionslam.report.loops.comparison import pair_up, write_comparison
 from fusionslam.report.loops.exports import metrics_of
-from fusionslam.report.loops.page import write_report
+from fusionslam.report.loops.page import MAP_PAGE, write_report
 from fusionslam.report.page.html import write_figures
+from fusionslam.report.place_maps import MapLead, lead_of
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.arrays import Points
 from fusionslam.storage.machine import machine, versions
@@ -86,7 +89,7 @@ def write_stored_report(
     }
     frames = _FrameReader(work.recording, fusion, registered) if work else None
     target = Path(output or folder)
-    has_map = (target / MAP_PAGE).exists()
+    drive_map = _lead_of_map(target, work.recording if work else None)
     return write_report(
         evaluations,
         target,
@@ -98,12 +101,21 @@ def write_stored_report(
         images=frames.read_image if frames else None,
         scans=frames.read_scan if frames else None,
         notes=[DEMO_NOTE] if work and work.demo and "cloud" in fusion else [],
-        links={"The map of this drive, corrected by its loops": MAP_PAGE} if has_map else {},
+        drive_map=drive_map,
     )
 
 
-MAP_PAGE = "map.html"
-"""Page of the map of the same drive, beside the report."""
+def _lead_of_map(folder: Path, recording: Recording | None) -> MapLead | None:
+    """What the map of the same drive shows; None where there is no page of one."""
+    path = folder / MAP_PAGE
+    if not path.exists():
+        return None
+    with PlaceMap.open(path.with_suffix(".fsmap"), read_only=True) as site:
+        known, session = None, site.sessions[0].name
+        with suppress(DataError):  # the recording may be gone
+            if recording is not None:
+                known = true_keyframes(site, session, recording.open("lidar"))
+        return lead_of(site, {} if known is None else {session: known})
 
 
 class _FrameReader:

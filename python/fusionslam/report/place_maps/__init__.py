@@ -3,6 +3,6 @@
 """Pages on maps that are kept."""
 
 from fusionslam.report.place_maps.contents import read_drives
-from fusionslam.report.place_maps.page import write_map_page
+from fusionslam.report.place_maps.page import MapLead, lead_of, write_map_page
 
-__all__ = ["read_drives", "write_map_page"]
+__all__ = ["MapLead", "lead_of", "read_drives", "write_map_page"]

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,6 +111,35 @@ def write_map_page(
         pictures=pictures,
         view=_draw_view(cloud, drives, loops, first),
     )
+
+
+class MapLead(NamedTuple):
+    """What a report says of a map at its top: a picture, and figures with what they are."""
+
+    picture: Picture
+    figures: dict[str, str]
+
+
+def lead_of(site: PlaceMap, truth: Mapping[str, Floats] | None = None) -> MapLead:
+    """Draw the trajectories of a map, for the top of a report on the drive of its first session.
+
+    Args:
+        site: the map, which is not empty.
+        truth: as of ``write_map_page``.
+    """
+    drives, loops = read_drives(site, truth), site.loops
+    with use_style():
+        picture = next(_draw_parts(drives, loops))
+    believed = sum(edge.state == "believed" for edge in loops)
+    figures = {"loops that the map found": f"{believed:,}"}
+    drive = drives[0]
+    if drive.error is None:
+        refused = sum(edge.state == "refused" for edge in loops)
+        figures |= {"loops refused": f"{refused:,}", "driven": f"{drive.metres:,.0f} m"}
+    else:
+        figures["error by odometry alone"] = f"{drive.odometry_error:.2f} m"
+        figures["error of the map"] = f"{drive.error:.2f} m"
+    return MapLead(picture, figures)
 
 
 _DRIFT_CAPTION = (

@@ -28,7 +28,10 @@ def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
     assert found is not None and all(float(number) >= 0 for number in found.groups())
     assert "true poses with errors" in first.stdout
     assert last_line(first) == str(tmp_path / "report.html")
-    assert '<a href="map.html">' in (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text()
+    lead = page[: page.index("source / descriptor")]
+    assert '<a href="map.html">' in lead and "<img" in lead
+    assert all(f"<td>{number} m</td>" in lead for number in found.groups())
     assert "Odometry is made" in (tmp_path / "map.html").read_text()
     with PlaceMap.open(tmp_path / "map.fsmap", read_only=True) as site:
         (session,) = site.sessions

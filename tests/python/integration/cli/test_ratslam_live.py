@@ -96,8 +96,8 @@ def test_foxglove_is_served_live(words: list[Any], monkeypatch: pytest.MonkeyPat
         step(self, *more)
 
     def ended(self: FoxgloveView) -> None:
+        seen.update(viewers[0].receive_shown())
         self._server.close()
-        seen.update(viewers[0].receive_rest())
 
     monkeypatch.setattr("fusionslam.report.live.foxglove_server._WAITING", 1000)
     monkeypatch.setattr(FoxgloveView, "step", watched)

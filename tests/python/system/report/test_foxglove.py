@@ -198,13 +198,14 @@ def drive(view: FoxgloveView, slam: RatSlam) -> list[Step]:
 
 def test_a_run_shows_its_map_robot_and_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foxglove_server, "_WAITING", 1000)  # more than the run shows
-    slam = RatSlam()
+    slam, found = RatSlam(), dict[str, list[Any]]()
     with FoxgloveView(port=0, name="circle") as view, Viewer(view.url) as viewer:
         assert viewer.name == "circle"
         viewer.follow(view._server, *viewer.channels)
         steps = drive(view, slam)
+        monkeypatch.setattr(view, "_end", lambda: found.update(viewer.receive_shown()))
         view.close()
-        found = viewer.receive_rest()
+        view._server.close()
     nodes = {each.id: each for each in found["map"][-1].entities}
     places = [(d.pose.position.x, d.pose.position.y) for d in nodes["nodes"].spheres]
     np.testing.assert_allclose(places, slam.map.nodes[:, :2])
