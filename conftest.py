@@ -34,7 +34,7 @@ from sybil import Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 from typer.testing import CliRunner
 
-from artefacts import artefact
+from artefacts import artefact, copy_artefact
 from fusionslam.cli import app
 from fusionslam.cli.system_config import SystemConfig
 from fusionslam.config import merged
@@ -269,10 +269,17 @@ def page_folder(
     made_recordings: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Path]:
-    """The working folder of one page, with links to the made recordings."""
+    """The working folder of one page: with copies of made recordings, and links to those in folders.
+
+    A page may write anew what it reads.
+    """
     folder = tmp_path_factory.mktemp("page")
     for name, target in RECORDINGS.items():
-        (folder / name).symlink_to(made_recordings / target)
+        made = made_recordings / target
+        if made.is_file():
+            copy_artefact(made, folder / name)
+        else:
+            (folder / name).symlink_to(made)
     (folder / ".venv-ros2").symlink_to(PROJECT / ".venv-ros2")  # if it is there
     here = Path.cwd()
     os.chdir(PROJECT if request.path.name == "testing.md" else folder)

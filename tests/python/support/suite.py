@@ -5,11 +5,13 @@
 The folder of a test is its tier and mark. A test of the tier ``unit`` starts no process, writes no
 file beyond temporary ones and takes less than 0.2 s; any other takes less than 2 s unless it is
 marked ``slow``. Tests of the nights may take any time. Seconds are processor time of the test
-itself, without the first import of modules and without fixtures: they depend little on what else a
-machine does, or on the order of tests. Little: so that none fails by chance, a test fails from 3 s
-on, one of the tier ``unit`` from 0.5 s on.
+itself, without fixtures, the first import of modules and the collection of what earlier tests left,
+of the tier ``unit`` without other threads, which may be those of earlier tests: they depend little
+on what else a machine does, or on the order of tests. Little: so that none fails by chance, a test
+fails from 3 s on, one of the tier ``unit`` from 0.5 s on.
 """
 
+import gc
 import importlib
 import multiprocessing.process
 import os
@@ -45,6 +47,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.option.basetemp:
         _allowed.append(os.path.abspath(config.option.basetemp))
     _imports.watch()
+    _collections.watch()
     _tell_of_processes()
     sys.addaudithook(_audit)
 
@@ -70,14 +73,16 @@ def tier_of(path: Path) -> str:
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Fail a test that takes too long, or does what its tier may not."""
     is_unit = item.get_closest_marker("unit") is not None
-    begun, imported = _processor_s(), _imports.seconds
+    processor_s = time.thread_time if is_unit else _processor_s
+    begun, aside = processor_s(), _imports.seconds + _collections.seconds
     _forbidden.clear()
     _forbidden.active = is_unit
     try:
         result = yield
     finally:
         _forbidden.active = False
-        seconds = _processor_s() - begun - (_imports.seconds - imported)
+        aside = _imports.seconds + _collections.seconds - aside
+        seconds = processor_s() - begun - aside
         item.user_properties.append(("processor_s", round(seconds, 3)))
     if _forbidden:
         pytest.fail(f"a unit test does not do this: {_forbidden[0]}", pytrace=False)
@@ -132,6 +137,22 @@ class _Imports:
         system._find_and_load = timed
 
 
+class _Collections:
+    """Sums the processor time of collections of garbage, which comes from any test."""
+
+    def __init__(self) -> None:
+        self.seconds = self._begun = 0.0
+
+    def watch(self) -> None:
+        gc.callbacks.append(self._note)
+
+    def _note(self, phase: str, info: dict[str, int]) -> None:
+        if phase == "start":
+            self._begun = time.thread_time()
+        else:
+            self.seconds += time.thread_time() - self._begun
+
+
 class _Forbidden(list[str]):
     """What a unit test did that it may not do."""
 
@@ -139,6 +160,7 @@ class _Forbidden(list[str]):
 
 
 _imports = _Imports()
+_collections = _Collections()
 _forbidden = _Forbidden()
 _allowed = [tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir()), os.devnull]
 
