@@ -22,6 +22,9 @@ METRIC = "l2"
 SHOWN = ("key", *ABOUT, "frame", "stamp_ns", "pose")
 """All columns but the vector."""
 
+LONGEST = float(np.sqrt(np.finfo(np.float32).max)) * 0.49
+"""Norm of a vector: squares of distances between two of these are finite in float32."""
+
 _SETTINGS = b"fusionslam.places"
 _POSE = 16
 
@@ -130,7 +133,8 @@ def check_vectors(name: str, vectors: Any, length: int) -> Floats32:
 
     Raises:
         ShapeError: another shape.
-        DataError: a value is not finite as float32 (code "not-finite").
+        DataError: a value is not finite as float32 (code "not-finite"), or a vector too long for
+            distances in float32 ("too-long").
     """
     rows = read_numbers(name, vectors, f"(n, {length})")
     if rows.ndim != 2 or rows.shape[1] != length:
@@ -139,12 +143,14 @@ def check_vectors(name: str, vectors: Any, length: int) -> Floats32:
         )
     with np.errstate(over="ignore"):
         narrow = np.ascontiguousarray(rows, np.float32)
-    wrong = np.flatnonzero(~np.isfinite(narrow).all(axis=1))
-    if len(wrong):
+    norms = np.linalg.norm(narrow.astype(np.float64), axis=1)
+    for row in np.flatnonzero(~(norms <= LONGEST))[:1].tolist():
+        is_finite = bool(np.isfinite(norms[row]))
+        what = f"is {norms[row]:.3g} long" if is_finite else "has values that are not finite"
         raise DataError(
-            f"{name}: row {wrong[0]} has values that are not finite",
-            code="not-finite",
-            fields=(name, str(wrong[0])),
+            f"{name}: row {row} {what}, expected at most {LONGEST:.3g}",
+            code="too-long" if is_finite else "not-finite",
+            fields=(name, str(row)),
         )
     return narrow
 

@@ -21,6 +21,7 @@ from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
+from fusionslam.fleet.place_rows import LONGEST
 from fusionslam.fleet.places import PlaceFilter
 from rows import grouped, rows
 
@@ -205,6 +206,7 @@ def test_a_second_writer_is_refused_until_the_first_is_done(drives: PlaceDatabas
             ("not-finite", "vectors"): [
                 {"vectors": np.full((3, LENGTH), wrong)} for wrong in (np.nan, 1e300)
             ],
+            ("too-long", "vectors"): [{"vectors": np.full((3, LENGTH), 1e19)}],
             ("duplicate-key", "keys"): [{"keys": ["a", "b", "a"]}],
             ("bad-key", "keys"): [{"keys": ["a", wrong, "b"]} for wrong in ("", 7, "\ud800")],
             ("shape", "frames"): [{"frames": np.arange(2)}, {"frames": np.zeros(3)}],
@@ -222,6 +224,16 @@ def test_places_that_cannot_be_added_are_refused_as_a_whole(
     with pytest.raises(error, check=has_code(*expected)):
         drives.add(replace(made_places("monday", 3), **changes))
     assert len(drives) == 130
+
+
+def test_distances_between_the_longest_vectors_are_finite(empty: PlaceDatabase) -> None:
+    longest = np.zeros((2, LENGTH))
+    longest[:, 3] = LONGEST, -LONGEST
+    empty.add(replace(made_places("far", 2), vectors=0.999 * longest))
+    for row, exact in ((0, True), (1, False)):
+        (found,) = empty.query(0.999 * longest[row], exact=exact)
+        assert [each.frame for each in found] == [row, 1 - row]
+        assert found[1].distance == pytest.approx(1.998 * LONGEST)
 
 
 def test_queries_that_cannot_be_answered_are_refused(drives: PlaceDatabase) -> None:
