@@ -23,6 +23,7 @@ from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.place_rows import LONGEST
 from fusionslam.fleet.places import PlaceFilter
+from fusionslam.storage.archive import dump_sealed
 from rows import grouped, rows
 
 lancedb = pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -324,13 +325,15 @@ def test_what_the_system_refuses_names_whether_it_was_read_or_written(
 def test_tables_of_others_and_of_other_versions_are_refused(tmp_path: Path) -> None:
     import pyarrow as pa
 
-    about = {"version": 3, "descriptor": "m2dp", "length": 4, "metric": "l2", "config": {}}
+    about = {"version": 4, "descriptor": "m2dp", "length": 4, "metric": "l2", "config": {}}
     for name, text, code in (
         ("foreign", None, "other-format"),
         ("newer", json.dumps(about), "newer-version"),
-        ("torn", '{"version": 2, ', "damaged"),
-        ("changed", json.dumps({**about, "version": 2, "more": 2}), "damaged"),
-        ("columns", json.dumps({**about, "version": 2}), "damaged"),
+        ("torn", '{"version": 3, ', "damaged"),
+        ("changed", dump_sealed({**about, "version": 3, "more": 2}), "damaged"),
+        ("columns", dump_sealed({**about, "version": 3}), "damaged"),
+        ("flipped", dump_sealed({**about, "version": 3}).replace("m2dp", "m2dq"), "damaged"),
+        ("unsealed", json.dumps({**about, "version": 3}), "damaged"),
         ("older", json.dumps({**about, "version": 1}), "older-version"),
     ):
         schema = pa.schema(
@@ -355,6 +358,60 @@ def test_damage_is_found_at_once(
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(DataError, check=has_code("damaged", folder)):
         PlaceDatabase.open(folder)
+
+
+def stored_bytes(drives: PlaceDatabase, count: int) -> Iterator[int]:
+    """Flip a bit of the table's data, here and there; yield where while it is flipped."""
+    (file, *_) = sorted((Path(drives.location) / "places.lance/data").iterdir())
+    content = file.read_bytes()
+    for place in np.linspace(0, len(content) - 1, count).astype(int).tolist():
+        changed = bytearray(content)
+        changed[place] ^= 1 << place % 8
+        file.write_bytes(bytes(changed))
+        yield place
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("count", [12, pytest.param(1000, marks=pytest.mark.nightly)])
+def test_a_flipped_bit_of_the_table_is_found_or_changes_nothing(
+    drives: PlaceDatabase, count: int
+) -> None:
+    def read() -> Any:
+        with PlaceDatabase.open(drives.location, read_only=True) as database:
+            database.check()
+            rows = database.query(made_vectors(50, seed=1)[::5], k=130)
+            poses = database.positions("").poses
+            return [[(e.key, e.distance, *vars(e).values()) for e in row] for row in rows], poses
+
+    drives.close()
+    expected = repr(read())
+    found = 0
+    for place in stored_bytes(drives, count):
+        try:
+            assert repr(read()) == expected, place
+        except DataError as error:
+            assert error.code == "damaged" and drives.location in str(error), place
+            found += 1
+    assert found > count // 4
+
+
+def test_a_place_that_was_changed_is_named_by_whatever_uses_it(empty: PlaceDatabase) -> None:
+    """As by a flipped bit of a row that can be read."""
+    empty.add(made_places("monday", 20, site="harbour"))
+    for change in ("frame = 21", "session = 'mondaz'", "stamp_ns = 7", "robot = 'r9'"):
+        with empty._writing() as table:
+            before = table.version
+            table.update(where="frame = 13", values_sql=dict([change.split(" = ")]))
+        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+            empty.query(made_vectors(20)[13], k=1)
+        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+            empty.positions("harbour")
+        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+            empty.check()
+        assert empty.query(made_vectors(20)[2], k=1)[0][0].frame == 2
+        with empty._writing() as table:
+            table.restore(before)
+    empty.check()
 
 
 def test_damage_while_it_is_open_is_named(drives: PlaceDatabase) -> None:
