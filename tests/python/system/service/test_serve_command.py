@@ -10,9 +10,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,8 +20,7 @@ from fleet_service import KEY, LENGTH, add_places
 from fusionslam.cli import failures
 from fusionslam.service.config import ServiceConfig
 from rows import rows
-
-PATIENCE_S = 300
+from running_services import PATIENCE_S, ask, assert_closed, connect, serving_in_a_thread
 
 
 @contextmanager
@@ -83,11 +81,6 @@ def wait_until_closed(url: str) -> None:
             return
 
 
-def connect(url: str) -> socket.socket:
-    host, port = url.removeprefix("http://").split(":")
-    return socket.create_connection((host, int(port)), timeout=PATIENCE_S)
-
-
 def test_slow_bodies_are_cut_off_and_ctrl_c_ends_the_service(made: Path) -> None:
     from fusionslam.service.app import create_app
     from fusionslam.service.listening import listen, serve, url_of
@@ -114,39 +107,6 @@ def test_slow_bodies_are_cut_off_and_ctrl_c_ends_the_service(made: Path) -> None
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@contextmanager
-def serving_in_a_thread(folder: Path, **limits: Any) -> Iterator[str]:
-    """Yield the address of a service of this process."""
-    uvicorn = pytest.importorskip("uvicorn")
-    from fusionslam.service import listening
-    from fusionslam.service.app import create_app
-
-    config = ServiceConfig(port=0, **limits)
-    servers: list[Any] = []
-
-    class Server(uvicorn.Server):  # type: ignore[name-defined]
-        def __init__(self, *args: Any) -> None:
-            super().__init__(*args)
-            servers.append(self)
-
-    with listening.listen(config) as listener, pytest.MonkeyPatch.context() as patched:
-        patched.setattr(uvicorn, "Server", Server)
-        patched.setattr(listening, "_ending", nullcontext)
-        app = create_app(folder, config)
-        thread = threading.Thread(target=listening.serve, args=(app, listener, config))
-        thread.start()
-        try:
-            yield listening.url_of(listener)
-        finally:
-            servers[0].should_exit = True
-            thread.join()
-
-
-def ask_health(line: socket.socket) -> bytes:
-    line.sendall(b"GET /health HTTP/1.1\r\nHost: localhost\r\n\r\n")
-    return line.recv(12)
-
-
 def test_heads_that_do_not_come_in_time_end_the_connection(twenty: Path) -> None:
     with serving_in_a_thread(twenty, head_timeout_s=0.2) as url:
         lines = [connect(url) for _ in range(4)]
@@ -154,26 +114,20 @@ def test_heads_that_do_not_come_in_time_end_the_connection(twenty: Path) -> None
             lines, (b"", b"GET / HTT", b"GET / HTTP/1.1\r\nA: b", b""), strict=True
         ):
             line.sendall(sent)
-        assert ask_health(lines[-1]) == b"HTTP/1.1 200"
+        assert ask(lines[-1]) == b"HTTP/1.1 200"
         lines[-1].sendall(b"\r\nGET")  # the head of another request, which ends nothing
         for line in lines:
             assert_closed(line)
 
 
-def assert_closed(line: socket.socket) -> None:
-    with line, suppress(ConnectionResetError):
-        while line.recv(1000):
-            pass
-
-
 def test_of_too_many_connections_idle_ones_make_room(twenty: Path) -> None:
     with serving_in_a_thread(twenty, max_connections=8, head_timeout_s=PATIENCE_S) as url:
         good = connect(url)
-        assert ask_health(good) == b"HTTP/1.1 200"
+        assert ask(good) == b"HTTP/1.1 200"
         idle = [connect(url) for _ in range(20)]
         with connect(url) as other:
-            assert ask_health(other) == b"HTTP/1.1 200"
-        assert b"200" in (good.recv(1000) and ask_health(good))
+            assert ask(other) == b"HTTP/1.1 200"
+        assert b"200" in (good.recv(1000) and ask(good))
         for line in idle[:13]:
             assert_closed(line)
         for line in (good, *idle[13:]):
