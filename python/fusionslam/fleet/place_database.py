@@ -3,6 +3,7 @@
 """A database of places that several recordings and robots have seen."""
 
 import math
+import os
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -103,7 +104,8 @@ class PlaceDatabase:
     """Places in a folder or an object store; ``create`` or ``open`` makes it.
 
     Any number of processes read; they see changes at their next call. One at a time changes it,
-    which a lock in the folder ensures. Object stores have no lock: let one process write.
+    which a lock in the folder ensures. Object stores have no lock: let one process write. It may be
+    shared by threads, not by forked processes, whose calls raise DataError (code "forked").
 
     Attributes:
         location: of the folder, or an address such as s3://bucket/places.
@@ -119,6 +121,7 @@ class PlaceDatabase:
         self.read_only = read_only
         self._table, self._lock = table, lock
         self._is_pinned = self._is_closed = False
+        self._process = os.getpid()
         self._lookup: Lookup | None = None
         self._looking = threading.Lock()
 
@@ -467,6 +470,13 @@ class PlaceDatabase:
         """The table as it is now; ``writing`` is as of ``lance_extra.errors``."""
         if self._is_closed:
             raise DataError(f"{self.location} is closed", code="closed", fields=(self.location,))
+        if self._process != os.getpid():  # LanceDB's threads are not there, and calls never return
+            raise DataError(
+                f"{self.location} was opened before this process was forked from another: LanceDB "
+                "cannot be used here, expected a process that is spawned",
+                code="forked",
+                fields=(self.location,),
+            )
         with lance_extra.errors(self.location, writing=writing):
             if not self._is_pinned and self._lock is None:
                 self._table.checkout_latest()

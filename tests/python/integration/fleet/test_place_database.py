@@ -4,6 +4,7 @@
 
 import errno
 import json
+import os
 import shutil
 import sys
 from collections.abc import Iterator
@@ -412,6 +413,27 @@ def test_a_place_that_was_changed_is_named_by_whatever_uses_it(empty: PlaceDatab
         with empty._writing() as table:
             table.restore(before)
     empty.check()
+
+
+def test_a_forked_process_is_told_to_be_spawned(
+    drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = os.getpid()
+    monkeypatch.setattr(os, "getpid", lambda: process + 1)
+    calls = (drives.sessions, drives.check, lambda: len(drives), lambda: drives.delete_keys(["a"]))
+    for call in (*calls, lambda: drives.query(np.zeros(LENGTH))):
+        with pytest.raises(DataError, check=has_code("forked", drives.location)):
+            call()
+    drives.close()
+
+
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    (tmp_path / "places").mkdir()
+    (tmp_path / "places/.lock").symlink_to(victim)
+    with pytest.raises(DataError, check=has_code("cannot-write", tmp_path / "places")):
+        PlaceDatabase.create(tmp_path / "places", SETTINGS)
+    assert not victim.exists()
 
 
 def test_damage_while_it_is_open_is_named(drives: PlaceDatabase) -> None:
