@@ -25,12 +25,6 @@ from project import SUPPORT
 from refusals import refuses
 
 
-@pytest.fixture(autouse=True)
-def authentication(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Undo what connecting to a cluster sets for this process: Ray reads it only once."""
-    monkeypatch.setenv("RAY_AUTH_MODE", os.environ.get("RAY_AUTH_MODE", "disabled"))
-
-
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Engine]:
     """Two processes of this machine; starting them takes long."""
