@@ -31,9 +31,8 @@ class Room:
         self.taken = 0
         self._clients: Counter[str] = Counter()
 
-    @contextmanager
-    def place(self, client: str) -> Iterator[None]:
-        """Take a place for the block.
+    def check(self, client: str) -> None:
+        """Say at once whether there is a place now.
 
         Raises:
             RequestError: 503, all places are taken, or all of this client.
@@ -48,6 +47,11 @@ class Room:
                     fields=(str(most),),
                     headers={"Retry-After": "1"},
                 )
+
+    @contextmanager
+    def place(self, client: str) -> Iterator[None]:
+        """Take a place for the block. Raises as ``check``."""
+        self.check(client)
         self.taken += 1
         self._clients[client] += 1
         try:

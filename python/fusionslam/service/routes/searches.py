@@ -122,6 +122,7 @@ async def _with_cloud(
 @asynccontextmanager
 async def _received(request: Request, state: State, client: str, form: str) -> AsyncIterator[Path]:
     """Receive a cloud, and only then take a place for the block: slow clients take none."""
+    state.waiting.check(client)  # before it is received in vain
     with state.bodies.place(client):
         async with body_file(request, state.config, form) as path:
             with state.waiting.place(client):
@@ -135,6 +136,7 @@ async def _work_on(path: Path, state: State, client: str, work: Callable[[Cloud]
 
 async def _receive_vectors(request: Request, state: State, client: str) -> bytes:
     most = most_bytes(state.config, state.places.length)
+    state.waiting.check(client)
     with state.bodies.place(client):
         return await read_body(request, state.config, most)
 
