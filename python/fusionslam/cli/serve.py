@@ -65,7 +65,7 @@ def serve(
     places = counted(len(app.state.shared.places), "place")
     with listen(config) as listener:
         print(f"{url_of(listener)}: {places} of {folder}", flush=True)
-        serve(app, listener)
+        serve(app, listener, config)
     print("ended")
 
 

@@ -9,6 +9,7 @@ name says what is in it and it is renamed into place.
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,6 +37,7 @@ from fusionslam.views.scene_set import pack_bytes
 FORMAT = "fusionslam.fleet_chunk.1"
 CHUNKS = "chunks"
 
+_KEY = re.compile(r"[0-9a-f]{32}")
 _END, _END_BYTES = b"PK\5\6", 22
 _UNKNOWN = np.full((4, 4), np.nan)
 
@@ -67,8 +69,13 @@ class Chunk:
         return f"{self.recording.session}, frames {self.first} to {self.first + self.count - 1}"
 
 
+def is_chunk_key(key: object) -> bool:
+    """Whether it is a key as ``cut_recording`` makes them, which is safe as the name of a file."""
+    return isinstance(key, str) and _KEY.fullmatch(key) is not None
+
+
 def chunk_path(folder: Path, key: str) -> Path:
-    """Return the file of a chunk, by its key."""
+    """Return the file of a chunk, by its key; one from a file is checked by ``is_chunk_key``."""
     return folder / CHUNKS / key[:2] / f"{key}.npz"
 
 

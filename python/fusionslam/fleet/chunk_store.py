@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.fleet.chunk import StoredChunk, chunk_path
+from fusionslam.fleet.chunk import StoredChunk, chunk_path, is_chunk_key
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.places import ABOUT, Places
 from fusionslam.loop_closure.verification import StoredFrame
@@ -74,7 +74,7 @@ class ChunkStore:
             DataError: there is none (code "no-cloud"), or its chunk is missing or damaged.
         """
         chunk_key, _, text = key.partition(":")
-        if not text.isdecimal():
+        if not is_chunk_key(chunk_key) or not text.isdecimal():
             raise DataError(
                 f"place {key!r} is of no chunk: its cloud is not stored here",
                 code="no-cloud",

@@ -234,9 +234,11 @@ class FleetFolder:
 
         Raises:
             ConfigError: the filter is empty, or it asks for times: whole recordings are forgotten.
+            DataError: the list of recordings is damaged; nothing is deleted then.
         """
         _check_forgettable(where)
         with self.database(read_only=False) as database:
+            listed = Plan.load(self.path) if (self.path / PLAN).exists() else None
             save_json(
                 self.path / FORGOTTEN,
                 FORGOTTEN_FORMAT,
@@ -244,8 +246,8 @@ class FleetFolder:
             )
             count = database.delete(where)
             # Done again by the next ``describe`` if this is interrupted.
-            if (self.path / PLAN).exists():
-                plan, forgotten = self._without_forgotten(Plan.load(self.path))
+            if listed is not None:
+                plan, forgotten = self._without_forgotten(listed)
                 for each in forgotten:
                     self._forget_recording(database, each)
                 # What a ``describe`` that runs now writes of them later is deleted with these.

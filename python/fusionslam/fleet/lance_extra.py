@@ -15,6 +15,8 @@ TABLE = "places"
 _SUFFIX = ".lance"
 _STABLE = {"new_table_enable_stable_row_ids": "true"}
 """Numbers of rows stay the same when files are merged: the index of vectors knows rows by them."""
+_PANICS = ("RustPanic", "PanicException")
+"""How Rust's panics come to Python, as of damaged files."""
 _REFUSED = ("No space left", "Disk quota exceeded", "Read-only file system", "Permission denied")
 
 
@@ -103,7 +105,10 @@ def errors(location: str, *, writing: bool = False) -> Iterator[None]:
         if not writing:
             raise _cannot_read(location, error.strerror or _first_line(error)) from error
         raise cannot_write(Path(location), why_not(Path(location) / TABLE, error)) from error
-    except (RuntimeError, ValueError, LookupError) as error:
+    except BaseException as error:
+        known = isinstance(error, RuntimeError | ValueError | LookupError)
+        if not known and type(error).__name__ not in _PANICS:
+            raise
         first = _first_line(error)
         is_refused = any(sign in str(error) for sign in _REFUSED)
         if is_refused and writing:
@@ -159,7 +164,7 @@ def check_location(location: str) -> None:
         raise other_format(location) if names else _not_found(location)
 
 
-def _first_line(error: Exception) -> str:
+def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 

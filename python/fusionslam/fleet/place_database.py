@@ -3,6 +3,7 @@
 """A database of places that several recordings and robots have seen."""
 
 import math
+import os
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +20,11 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet import lance_extra, vector_index
 from fusionslam.fleet.index_report import IndexReport, Kind, read_report
 from fusionslam.fleet.place_rows import (
+    CHECKSUM,
+    SHOWN,
     DatabaseSettings,
     candidate_of,
+    check_rows,
     check_vectors,
     poses_of,
     rows_of,
@@ -30,6 +34,7 @@ from fusionslam.fleet.place_rows import (
 )
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
 from fusionslam.fleet.row_search import Search, exactly, nearest_rows, read_rows, scan
+from fusionslam.fleet.segment import FOLDER, Segment
 from fusionslam.fleet.vector_index import Lookup, Progress
 from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.storage.arrays import Floats, Floats32, Integers
@@ -99,7 +104,8 @@ class PlaceDatabase:
     """Places in a folder or an object store; ``create`` or ``open`` makes it.
 
     Any number of processes read; they see changes at their next call. One at a time changes it,
-    which a lock in the folder ensures. Object stores have no lock: let one process write.
+    which a lock in the folder ensures. Object stores have no lock: let one process write. It may be
+    shared by threads, not by forked processes, whose calls raise DataError (code "forked").
 
     Attributes:
         location: of the folder, or an address such as s3://bucket/places.
@@ -115,6 +121,7 @@ class PlaceDatabase:
         self.read_only = read_only
         self._table, self._lock = table, lock
         self._is_pinned = self._is_closed = False
+        self._process = os.getpid()
         self._lookup: Lookup | None = None
         self._looking = threading.Lock()
 
@@ -277,7 +284,7 @@ class PlaceDatabase:
 
         Raises:
             ConfigError: recall is not within (0, 1] (code "limit").
-            DataError: as ``add``.
+            DataError: as ``add``, or a place is damaged (code "damaged").
         """
         if not 0 < recall <= 1:
             raise ConfigError(
@@ -286,8 +293,21 @@ class PlaceDatabase:
                 fields=("recall",),
             )
         with self._writing() as table:
+            _check_all(table, self.location)
             kind = kind or ("lance" if lance_extra.is_remote(self.location) else "faiss")
             return vector_index.build(table, self.location, recall, kind, progress)
+
+    def check(self) -> None:
+        """Read all places and the index, and compare them with their checksums.
+
+        Raises:
+            DataError: one was changed after it was written, or cannot be read (code "damaged").
+        """
+        with self._reading() as table:
+            _check_all(table, self.location)
+            report = read_report(table)
+            if report is not None and report.kind == "faiss":
+                Segment(Path(self.location) / FOLDER / report.index, report.sha256)
 
     @property
     def index(self) -> IndexReport | None:
@@ -334,7 +354,7 @@ class PlaceDatabase:
         Raises:
             ShapeError: vectors of another length.
             DataError: vectors that are not finite (code "not-finite"), or the database is damaged
-                ("damaged") or cannot be read ("cannot-read").
+                ("damaged"), as a place that is found, or cannot be read ("cannot-read").
             ConfigError: k is less than 1 (code "limit").
         """
         if k < 1:
@@ -349,7 +369,7 @@ class PlaceDatabase:
         with self._reading() as table:
             lookup = self._looked_up(table)
             search = _search(table, lookup, k, where, exact)
-            return _best(table, [*nearest_rows(lookup.candidates, rows, search)], k)
+            return _best(table, [*nearest_rows(lookup.candidates, rows, search)], k, self.location)
 
     def count_by(self, column: str) -> dict[str, int]:
         """Number of places by one of site, region, robot and session.
@@ -399,11 +419,12 @@ class PlaceDatabase:
         with self._reading() as table:
             every = 1 if most is None else max(1, -(-table.count_rows(sql) // most))
             counts: Counter[str] = Counter()
-            columns = ["session", "frame", "stamp_ns", "pose"]
+            columns = [*SHOWN, CHECKSUM]
             found = pa.Table.from_batches(
                 (thin_out(each, every, counts) for each in scan(table, columns, sql)),
                 pa.schema([table.schema.field(name) for name in columns]),
             ).sort_by([("session", "ascending"), ("frame", "ascending")])
+            check_rows(found, self.location)
         return Positions(
             found["session"].to_pylist(),
             found["frame"].to_numpy(),
@@ -449,6 +470,13 @@ class PlaceDatabase:
         """The table as it is now; ``writing`` is as of ``lance_extra.errors``."""
         if self._is_closed:
             raise DataError(f"{self.location} is closed", code="closed", fields=(self.location,))
+        if self._process != os.getpid():  # LanceDB's threads are not there, and calls never return
+            raise DataError(
+                f"{self.location} was opened before this process was forked from another: LanceDB "
+                "cannot be used here, expected a process that is spawned",
+                code="forked",
+                fields=(self.location,),
+            )
         with lance_extra.errors(self.location, writing=writing):
             if not self._is_pinned and self._lock is None:
                 self._table.checkout_latest()
@@ -471,6 +499,13 @@ class PlaceDatabase:
             if self._lookup is None or self._lookup.version != table.version:
                 self._lookup = vector_index.look_up(table, self.location, self._lookup)
             return self._lookup
+
+
+def _check_all(table: Any, location: str) -> None:
+    import pyarrow as pa
+
+    for batch in scan(table, [*SHOWN, "vector", CHECKSUM]):
+        check_rows(pa.Table.from_batches([batch]), location)
 
 
 def _search(table: Any, lookup: Lookup, k: int, where: PlaceFilter | None, exact: bool) -> Search:
@@ -504,13 +539,15 @@ def _known_keys(table: Any, keys: list[str]) -> list[str]:
     return known
 
 
-def _best(table: Any, found: list[tuple[Integers, Floats32]], k: int) -> list[list[Candidate]]:
+def _best(
+    table: Any, found: list[tuple[Integers, Floats32]], k: int, location: str
+) -> list[list[Candidate]]:
     """The k nearest of each query, each key once."""
-    rows = read_rows(table, [numbers[:k] for numbers, _ in found])
+    rows = read_rows(table, [numbers[:k] for numbers, _ in found], location)
     best = [_once(some, *one) for some, one in zip(rows, found, strict=True)]
     for place, (numbers, distances) in enumerate(found):
         if len(best[place]) < min(k, len(numbers)):  # a key is there twice
-            (some,) = read_rows(table, [numbers])
+            (some,) = read_rows(table, [numbers], location)
             best[place] = _once(some, numbers, distances)[:k]
     return best
 

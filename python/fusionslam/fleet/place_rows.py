@@ -6,24 +6,33 @@ import json
 from collections import Counter
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
+from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.descriptors.computation import find_descriptor
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet.lance_extra import damaged, other_format
 from fusionslam.fleet.places import ABOUT, Candidate, Places
+from fusionslam.storage.archive import dump_sealed, parse_sealed
 from fusionslam.storage.arrays import Floats, Floats32, Matrix, read_numbers
 
-VERSION = 2
-"""Of the format; rows of databases of version 1 had no numbers that stay the same."""
+VERSION = 3
+"""Of the format."""
 METRIC = "l2"
 SHOWN = ("key", *ABOUT, "frame", "stamp_ns", "pose")
-"""All columns but the vector."""
+"""All columns but the vector and the checksum."""
+CHECKSUM = "checksum"
+"""Column of CRC-32 of ``SHOWN``, and above them those of the vector."""
+
+LONGEST = float(np.sqrt(np.finfo(np.float32).max)) * 0.49
+"""Norm of a vector: squares of distances between two of these are finite in float32."""
 
 _SETTINGS = b"fusionslam.places"
 _POSE = 16
+_HALF, _LOW = np.uint64(32), np.uint64(2**32 - 1)
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,7 @@ def schema_of(settings: DatabaseSettings) -> Any:
     import pyarrow as pa
 
     try:
-        about = json.dumps({"version": VERSION, **asdict(settings)}, allow_nan=False)
+        about = dump_sealed({"version": VERSION, **asdict(settings)})
     except (TypeError, ValueError) as error:
         raise ConfigError(f"config: expected values that JSON has; {error}") from error
     columns = [
@@ -95,6 +104,7 @@ def schema_of(settings: DatabaseSettings) -> Any:
         pa.field("frame", pa.int64(), False),
         pa.field("stamp_ns", pa.int64(), False),
         pa.field("pose", pa.list_(pa.float64(), _POSE)),
+        pa.field(CHECKSUM, pa.uint64(), False),
     ]
     return pa.schema(columns, metadata={_SETTINGS: about.encode()})
 
@@ -110,14 +120,15 @@ def settings_of(schema: Any, location: str) -> DatabaseSettings:
     if text is None:
         raise other_format(location)
     try:
-        about = json.loads(text)
-        version = int(about.pop("version"))
+        version = int(json.loads(text)["version"])
         if version != VERSION:
             raise _other_version(location, version)
+        about = parse_sealed(text)
+        del about["version"]
         settings = DatabaseSettings(**about)
         expected = schema_of(settings)
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        if isinstance(error, DataError):
+    except (DataError, ValueError, TypeError, KeyError, AttributeError) as error:
+        if isinstance(error, DataError) and error.code != "wrong-digest":
             raise
         raise damaged(location, f"its settings cannot be read: {error}") from error
     if [(one.name, one.type) for one in schema] != [(one.name, one.type) for one in expected]:
@@ -130,7 +141,8 @@ def check_vectors(name: str, vectors: Any, length: int) -> Floats32:
 
     Raises:
         ShapeError: another shape.
-        DataError: a value is not finite as float32 (code "not-finite").
+        DataError: a value is not finite as float32 (code "not-finite"), or a vector too long for
+            distances in float32 ("too-long").
     """
     rows = read_numbers(name, vectors, f"(n, {length})")
     if rows.ndim != 2 or rows.shape[1] != length:
@@ -139,12 +151,14 @@ def check_vectors(name: str, vectors: Any, length: int) -> Floats32:
         )
     with np.errstate(over="ignore"):
         narrow = np.ascontiguousarray(rows, np.float32)
-    wrong = np.flatnonzero(~np.isfinite(narrow).all(axis=1))
-    if len(wrong):
+    norms = np.linalg.norm(narrow.astype(np.float64), axis=1)
+    for row in np.flatnonzero(~(norms <= LONGEST))[:1].tolist():
+        is_finite = bool(np.isfinite(norms[row]))
+        what = f"is {norms[row]:.3g} long" if is_finite else "has values that are not finite"
         raise DataError(
-            f"{name}: row {wrong[0]} has values that are not finite",
-            code="not-finite",
-            fields=(name, str(wrong[0])),
+            f"{name}: row {row} {what}, expected at most {LONGEST:.3g}",
+            code="too-long" if is_finite else "not-finite",
+            fields=(name, str(row)),
         )
     return narrow
 
@@ -172,7 +186,40 @@ def rows_of(places: Places, settings: DatabaseSettings) -> Any:
     columns["frame"] = _integers("frames", places.frames, count)
     columns["stamp_ns"] = _integers("stamps_ns", places.stamps_ns, count)
     columns["pose"] = _poses(places.poses, count)
+    about, sums = (
+        _sums_of(pa.table({name: columns[name] for name in SHOWN})),
+        _sums_of_vectors(vectors),
+    )
+    columns[CHECKSUM] = pa.array(about | sums << _HALF)
     return pa.table(columns, schema=schema_of(settings))
+
+
+def check_rows(rows: Any, location: str) -> None:
+    """Raise DataError (code "damaged") for a row that is not as it was written.
+
+    Args:
+        rows: Arrow's table with ``SHOWN`` and ``CHECKSUM``, and the vectors if they are checked.
+        location: of the database.
+    """
+    stored = rows[CHECKSUM].to_numpy()
+    is_wrong = (stored & _LOW) != _sums_of(rows)
+    if "vector" in rows.schema.names:
+        vectors = vectors_of(rows["vector"], rows.schema.field("vector").type.list_size)
+        is_wrong |= stored >> _HALF != _sums_of_vectors(vectors)
+    for row in np.flatnonzero(is_wrong)[:1].tolist():
+        key = rows["key"][row].as_py()
+        raise damaged(location, f"the place {key!r} was changed after it was written")
+
+
+def _sums_of(rows: Any) -> NDArray[np.uint64]:
+    """Checksums of ``SHOWN``, (n)."""
+    texts = zip(*(rows[name].to_pylist() for name in SHOWN if name != "pose"), strict=True)
+    pairs = zip(texts, poses_of(rows["pose"]), strict=True)
+    return np.array([crc32(pose, crc32(repr(text).encode())) for text, pose in pairs], np.uint64)
+
+
+def _sums_of_vectors(vectors: Floats32) -> NDArray[np.uint64]:
+    return np.array([crc32(vector) for vector in np.ascontiguousarray(vectors)], np.uint64)
 
 
 def pose_of(values: Any) -> Matrix | None:

@@ -3,6 +3,7 @@
 """The recordings below a folder: where they are, and which robot drove where."""
 
 import hashlib
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass, field
@@ -121,45 +122,63 @@ def find_recordings(root: Path, labels: Labels, *, excluded: Path | None = None)
         for sequence in _sequences(path, kind):
             session = _name(root, path, sequence)
             recording = Recording.at(path, sequence=sequence)
-            problem = _refuse_name(session, recording, named.get(session))
+            new = FleetRecording(session, recording, **labels.of(session))
+            problem = _refuse_name(new, named.get(session))
             if problem is None:
-                named[session] = FleetRecording(session, recording, **labels.of(session))
+                named[session] = new
             else:
                 found.refused[str(path)] = problem
     found.recordings.extend(named[session] for session in sorted(named))
     return found
 
 
-def _refuse_name(
-    session: str, recording: Recording, other: FleetRecording | None
-) -> DataError | None:
-    """Return why a recording cannot have its name; None if it can."""
-    try:
-        session.encode()
-    except UnicodeEncodeError:
-        message = f"{recording.path!r} has a name that is no text: expected one in Unicode"
-        return DataError(message, code="bad-name", fields=(repr(recording.path),))
+def _refuse_name(new: FleetRecording, other: FleetRecording | None) -> DataError | None:
+    """Return why a recording cannot have its name, site, region or robot; None if it can."""
+    path, session = new.recording.path, new.session
+    for name in (getattr(new, each) for each in ABOUT):
+        if not all(map(_is_printed, name)):
+            message = f"{path!r} has a name that is no text, {name!r}: expected one in Unicode"
+            message += " without control characters"
+            return DataError(message, code="bad-name", fields=(repr(path),))
     if other is None:
         return None
     message = (
-        f"{recording.path} has the name of {other.recording.path}, {session!r}: it is left out; "
+        f"{path} has the name of {other.recording.path}, {session!r}: it is left out; "
         "expected names of their own"
     )
     return DataError(message, code="same-name", fields=(session,))
 
 
+def _is_printed(character: str) -> bool:
+    """Whether it is neither a control character nor half of one, as of names that are no UTF-8."""
+    return unicodedata.category(character) not in ("Cc", "Cs")
+
+
 def _candidates(
-    folder: Path, seen: set[Path], refused: dict[str, DataError]
+    root: Path, seen: set[Path], refused: dict[str, DataError]
 ) -> Iterator[tuple[Path, str]]:
     """Yield the paths that are recordings, or look like them, and their kinds or "".
 
-    Not looked into are folders of results, hidden ones, and those that links lead to again.
+    Not looked into are folders of results, hidden ones, and what links lead to again: links come
+    last, so that what they lead to has its own name.
     """
+    waiting = [root]
+    for path in waiting:
+        yield from _candidates_at(path, seen, refused, waiting)
+
+
+def _candidates_at(
+    folder: Path, seen: set[Path], refused: dict[str, DataError], links: list[Path]
+) -> Iterator[tuple[Path, str]]:
+    """Yield what is in a folder, or is a file; links in it are added to those to be followed."""
     real = folder.resolve()
     try:
         if real in seen or (folder / FILE).exists():
             return
         seen.add(real)
+        if folder.is_file():
+            yield folder, ""
+            return
         if kind := _kind(folder):
             yield folder, kind
             return
@@ -169,10 +188,13 @@ def _candidates(
         refused[str(folder)] = DataError(message, code="unreadable", fields=(str(folder),))
         return
     for path in inside:
-        if path.is_dir():
-            yield from _candidates(path, seen, refused)
-        elif path.suffix in _SUFFIXES and not _is_result(path):
-            yield path, ""
+        is_file = not path.is_dir()
+        if is_file and (path.suffix not in _SUFFIXES or _is_result(path)):
+            continue
+        if path.is_symlink():
+            links.append(path)
+        else:
+            yield from _candidates_at(path, seen, refused, links)
 
 
 def _kind(folder: Path) -> str:

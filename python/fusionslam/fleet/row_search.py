@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fusionslam import DescriptorIndex
-from fusionslam.fleet.place_rows import METRIC, SHOWN, vectors_of
+from fusionslam.fleet.place_rows import CHECKSUM, METRIC, SHOWN, check_rows, vectors_of
 from fusionslam.fleet.segment import Segment
 from fusionslam.storage.arrays import Floats32, Integers, Mask
 
@@ -72,18 +72,22 @@ def nearest_rows(
             yield _order(query, near)
 
 
-def read_rows(table: Any, numbers: Sequence[Integers]) -> list[Any]:
-    """Read rows of several queries at once.
+def read_rows(table: Any, numbers: Sequence[Integers], location: str) -> list[Any]:
+    """Read rows of several queries at once, and check them.
 
     Args:
         table: LanceDB's.
         numbers: of the rows of each query.
+        location: of the database.
 
     Returns:
         For each a table with ``SHOWN`` and ``_rowid``; rows that are gone by now are left out.
     """
     wanted = np.unique(np.concatenate([np.zeros(0, np.int64), *numbers]))
-    found = table.take_row_ids(wanted.tolist()).select(list(SHOWN)).with_row_id().to_arrow()
+    columns = [*SHOWN, "vector", CHECKSUM]
+    found = table.take_row_ids(wanted.tolist()).select(columns).with_row_id().to_arrow()
+    check_rows(found, location)
+    found = found.drop_columns(["vector", CHECKSUM])
     known = found["_rowid"].to_numpy().astype(np.int64)
     order = np.argsort(known)
     places = [np.searchsorted(known[order], some) for some in numbers]

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """FAISS's index of the rows of a table, in a file that is written once."""
 
+import hashlib
 import math
 import secrets
 from collections.abc import Callable, Iterable
@@ -29,7 +30,8 @@ class Segment:
 
     Args:
         path: of FAISS's file; that of the vectors lies beside it.
-        size: that both have to have, bytes.
+        digest: that both have to have, as of ``digest_of``. They are read for it, a second or two
+            for each GB, before FAISS and NumPy parse them.
 
     Attributes:
         name: of the file.
@@ -40,16 +42,16 @@ class Segment:
         FusionSlamError: FAISS is not installed (code "missing-extra").
     """
 
-    def __init__(self, path: Path, size: int) -> None:
+    def __init__(self, path: Path, digest: str) -> None:
         faiss = _load()
         self.name = path.name
         try:
-            if (found := size_of(path)) != size:
-                raise ValueError(f"it has {found} bytes, not {size}")
+            if digest_of(path) != digest:
+                raise ValueError("it, or its vectors, was changed after it was written")
             self._index = faiss.read_index(str(path), faiss.IO_FLAG_MMAP_IFC)
             self.vectors: Floats32 = np.load(path.with_suffix(_VECTORS), mmap_mode="r")
-        except (OSError, RuntimeError, ValueError) as error:
-            why = error.strerror if isinstance(error, OSError) else str(error).splitlines()[-1]
+        except Exception as error:  # headers that others made, digest and all, raise anything
+            why = getattr(error, "strerror", None) or str(error).rpartition("\n")[2]
             raise DataError(
                 f"{path} cannot be read: {why}", code="damaged", fields=(str(path),)
             ) from error
@@ -87,6 +89,15 @@ class Segment:
 def size_of(path: Path) -> int:
     """Bytes of a segment. Raises OSError if it is not there."""
     return path.stat().st_size + path.with_suffix(_VECTORS).stat().st_size
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a segment's files, in hexadecimal. Raises OSError: one is not there."""
+    digests = []
+    for each in (path, path.with_suffix(_VECTORS)):
+        with each.open("rb") as file:
+            digests.append(hashlib.file_digest(file, "sha256").hexdigest())
+    return "-".join(digests)
 
 
 def write_segment(

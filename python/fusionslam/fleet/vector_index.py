@@ -23,7 +23,14 @@ from fusionslam.fleet.row_search import (
     nearest_rows,
     scan,
 )
-from fusionslam.fleet.segment import FOLDER, Segment, delete_segments, size_of, write_segment
+from fusionslam.fleet.segment import (
+    FOLDER,
+    Segment,
+    delete_segments,
+    digest_of,
+    size_of,
+    write_segment,
+)
 from fusionslam.storage.arrays import Floats, Floats32, Integers
 
 logger = logging.getLogger(__name__)
@@ -87,7 +94,7 @@ def look_up(table: Any, location: str, before: Lookup | None) -> Lookup:
             segment = (
                 known.segment
                 if known is not None and known.segment.name == report.index
-                else Segment(Path(location) / FOLDER / report.index, report.size)
+                else Segment(Path(location) / FOLDER / report.index, report.sha256)
             )
         except DataError as error:
             logger.warning("%s: all places are compared until `fleet index` makes one", error)
@@ -129,11 +136,11 @@ def build(
     say("index of keys and filters")
     _index_columns(table)
     say("index of vectors")
-    size = 0
+    size, digest = 0, ""
     if kind == "faiss":
         path = write_segment(folder, rows, last_row, lambda: _blocks(table), say)
-        size = size_of(path)
-        segment = Segment(path, size)
+        size, digest = size_of(path), digest_of(path)
+        segment = Segment(path, digest)
         candidates: Candidates = BySegment(table, segment, last_row)
         name, partitions = segment.name, segment.lists
     else:
@@ -155,6 +162,7 @@ def build(
         seconds=time.monotonic() - started,
         index=name,
         size=size,
+        sha256=digest,
     )
     write_report(table, report)
     delete_segments(folder, but=name)

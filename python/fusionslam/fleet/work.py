@@ -18,6 +18,7 @@ from fusionslam.fleet.chunk import (
     cut_recording,
     describe_chunk,
     explain_failure,
+    is_chunk_key,
     is_stored,
 )
 from fusionslam.fleet.config import FleetSettings
@@ -73,13 +74,13 @@ class PlannedRecording:
         recording: how it is opened.
         frames: number of them.
         keys: of its chunks, in order.
-        content: name of its content, as of ``digest_input``; "" in lists of earlier versions.
+        content: name of its content, as of ``digest_input``.
     """
 
     recording: FleetRecording
     frames: int
     keys: tuple[str, ...]
-    content: str = ""
+    content: str
 
     @property
     def identity(self) -> tuple[str, str | None]:
@@ -97,14 +98,36 @@ class PlannedRecording:
 
     @classmethod
     def load(cls, values: Mapping[str, Any]) -> "PlannedRecording":
-        """Return what ``dump`` was called on."""
+        """Return what ``dump`` was called on.
+
+        Raises:
+            DataError: a key is not one that we make, such as a path (code "bad-key").
+        """
         recording = FleetRecording.load(values["recording"])
-        keys, content = tuple(values["keys"]), str(values.get("content", ""))
+        keys, content = tuple(values["keys"]), str(values["content"])
+        for key in keys:
+            if not is_chunk_key(key):
+                raise DataError(
+                    f"the chunk {key!r} of {recording.session}: expected 32 hexadecimal digits",
+                    code="bad-key",
+                    fields=("keys", str(key)),
+                )
         return cls(recording, int(values["frames"]), keys, content)
 
     def chunks(self, size: int) -> list[Chunk]:
-        """Return its chunks, of so many frames each."""
+        """Return its chunks, of so many frames each.
+
+        Raises:
+            DataError: its file lists another number of chunks (code "damaged").
+        """
         firsts = range(0, self.frames, size)
+        if len(firsts) != len(self.keys):
+            raise DataError(
+                f"{self.recording.session}: {len(self.keys)} chunks are listed, expected "
+                f"{len(firsts)} of {size} frames for {self.frames}",
+                code="damaged",
+                fields=(self.recording.session,),
+            )
         return [
             Chunk(self.recording, first, min(size, self.frames - first), key)
             for first, key in zip(firsts, self.keys, strict=True)

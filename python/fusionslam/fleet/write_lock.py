@@ -25,7 +25,8 @@ class WriteLock:
     def __init__(self, folder: Path) -> None:
         path = folder / NAME
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            # Not through a link: it would make a file wherever that leads.
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         except OSError as error:
             raise cannot_write(folder, why_not(path, error)) from error
         try:

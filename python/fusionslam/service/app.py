@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi_offline import FastAPIOffline
 
 from fusionslam._core import __version__
@@ -19,8 +19,8 @@ from fusionslam.service.places import ServedPlaces
 from fusionslam.service.problems import answer_problems
 from fusionslam.service.rates import Rates
 from fusionslam.service.routes import pages, searches, sites, status
-from fusionslam.service.state import State
-from fusionslam.service.workers import Workers
+from fusionslam.service.state import State, check_framing
+from fusionslam.service.workers import Room, Workers
 
 _ABOUT = (
     "Describes clouds and finds the places of a fleet that look like them. Errors are JSON with "
@@ -42,13 +42,15 @@ def create_app(
         DataError: it is no such folder, or it is damaged.
     """
     config = config or ServiceConfig()
-    places, workers = ServedPlaces(folder), Workers(config.workers, config.max_waiting)
+    places, workers = ServedPlaces(folder), Workers(config.workers)
     shared = State(
         config,
         places,
         keys or ApiKeys(),
         Rates(config.requests_per_minute),
         workers,
+        Room(config.max_waiting, config.max_waiting_of_one),
+        Room(config.max_connections, config.max_bodies_of_one),
         QueryBatches(places, workers),
         Metrics(),
         PlaceCount(places),
@@ -66,6 +68,7 @@ def create_app(
         version=__version__,
         description=_ABOUT,
         lifespan=lifespan,
+        dependencies=[Depends(check_framing)],
         redoc_url=None,
         swagger_ui_oauth2_redirect_url="/docs/oauth2-redirect",
     )

@@ -66,19 +66,24 @@ class QueryBatches:
     async def _search(self) -> None:
         """Search batch after batch until no query waits."""
         while self._waiting:
-            batch = self._next()
-            try:
-                found = await self._workers.run(partial(self._query, batch))
-            except Exception as error:  # it is that of each query
-                for query in batch:
-                    if not query.answer.done():
-                        query.answer.set_exception(error)
-                continue
-            for query in batch:
-                rows = [found.pop(0)[: query.k] for _ in query.vectors]
-                if not query.answer.done():  # its client may be gone
-                    query.answer.set_result(rows)
+            await self._answer(self._next())
         self._lanes -= 1  # at once: a query that comes now begins another
+
+    async def _answer(self, batch: list[_Query]) -> None:
+        """Search a batch; if that fails, each query alone, so that only the culprits fail."""
+        try:
+            found = await self._workers.run(partial(self._query, batch))
+        except Exception as error:
+            if len(batch) > 1:
+                for query in batch:
+                    await self._answer([query])
+            elif not batch[0].answer.done():
+                batch[0].answer.set_exception(error)
+            return
+        for query in batch:
+            rows = [found.pop(0)[: query.k] for _ in query.vectors]
+            if not query.answer.done():  # its client may be gone
+                query.answer.set_result(rows)
 
     def _next(self) -> list[_Query]:
         """Take the query that waits longest, and those with its filter that fit."""

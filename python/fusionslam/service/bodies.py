@@ -19,6 +19,7 @@ from pydantic_core import from_json
 from fusionslam.config import explain_choice
 from fusionslam.datasets.cloud_files import read_cloud
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, one_line
+from fusionslam.fleet.place_rows import check_vectors
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.problems import RequestError
@@ -179,7 +180,8 @@ def parse_vectors(body: bytes, form: str, length: int, most: int) -> Floats32:
         float32 (n, D).
 
     Raises:
-        DataError, ShapeError: they are no finite numbers, or not of this length.
+        DataError, ShapeError: they are no finite numbers, too large for distances in float32, or
+            not of this length.
         RequestError: 413, there are too many.
     """
     values = _read_array(body, "float (D,) or (n, D)") if form == VECTORS else _parse_json(body)
@@ -193,11 +195,7 @@ def parse_vectors(body: bytes, form: str, length: int, most: int) -> Floats32:
         message = f"{len(vectors)} vectors in one request, expected at most {most}"
         fields = (str(len(vectors)), str(most))
         raise RequestError(413, message, code="too-many-vectors", fields=fields)
-    if not np.isfinite(vectors).all():
-        row = int(np.flatnonzero(~np.isfinite(vectors).all(axis=1))[0])
-        message = f"vector {row} has NaN, infinity or numbers beyond float32"
-        raise DataError(message, code="not-finite", fields=("vectors", str(row)))
-    return vectors
+    return check_vectors("vectors", vectors, length)
 
 
 def _parse_json(body: bytes) -> Floats32:

@@ -22,4 +22,15 @@ class ServiceConfig(Section):
     max_waiting: int = option(
         128, "requests that are worked on or wait for it; further ones are turned away", ge=1
     )
+    max_waiting_of_one: int = option(32, "of these, those of one client", ge=1)
+    max_bodies_of_one: int = option(256, "bodies that one client sends at a time", ge=1)
     body_timeout_s: float = option(30.0, "longest time to send a body", unit="s", gt=0)
+    head_timeout_s: float = option(
+        10.0, "longest time until the head of a request is there, and between two", unit="s", gt=0
+    )
+    max_connections: int = option(
+        2000, "open at a time; of more, that which has waited longest is closed", ge=1
+    )
+    behind_proxy: bool = option(
+        False, "whether a proxy on this machine says in X-Forwarded-For who asks"
+    )

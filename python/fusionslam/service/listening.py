@@ -6,13 +6,16 @@ import signal
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
 
 from fusionslam.errors import ConfigError, listening
 from fusionslam.service.config import ServiceConfig
+from fusionslam.service.connections import Connection, allow_connections
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.state import is_local
 
@@ -54,10 +57,22 @@ def url_of(listener: socket.socket) -> str:
     return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
 
-def serve(app: FastAPI, listener: socket.socket) -> None:
-    """Answer requests until SIGINT or SIGTERM; what is worked on then is finished."""
+def serve(app: FastAPI, listener: socket.socket, config: ServiceConfig | None = None) -> None:
+    """Answer requests until SIGINT or SIGTERM; what is worked on then is finished.
+
+    Args:
+        app: of ``create_app``.
+        listener: of ``listen``.
+        config: limits of connections; None for the defaults.
+    """
+    config = config or ServiceConfig()
+    allow_connections(config.max_connections)
+    http: Any = partial(Connection, config)
     settings = uvicorn.Config(
         app,
+        http=http,
+        ws="none",
+        proxy_headers=config.behind_proxy,
         log_level="error",
         access_log=False,
         server_header=False,

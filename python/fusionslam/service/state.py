@@ -3,6 +3,7 @@
 """What all routes of one application share, and who may use them."""
 
 import ipaddress
+import re
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,18 +18,25 @@ from fusionslam.service.place_count import PlaceCount
 from fusionslam.service.places import ServedPlaces
 from fusionslam.service.problems import RequestError
 from fusionslam.service.rates import Rates
-from fusionslam.service.workers import Workers
+from fusionslam.service.workers import Room, Workers
 
 
 @dataclass(frozen=True)
 class State:
-    """What the routes of one application share."""
+    """What the routes of one application share.
+
+    Attributes:
+        waiting: room of requests that are worked on or wait for it, their bodies received.
+        bodies: room of requests with a body, until they are answered.
+    """
 
     config: ServiceConfig
     places: ServedPlaces
     keys: ApiKeys
     rates: Rates
     workers: Workers
+    waiting: Room
+    bodies: Room
     batches: QueryBatches
     metrics: Metrics
     count: PlaceCount
@@ -41,6 +49,7 @@ async def state_of(request: Request) -> State:
 
 
 Shared = Annotated[State, Depends(state_of)]
+_HOST = re.compile(r"(?P<name>\[[0-9a-fA-F:.]+\]|[0-9a-zA-Z.-]+)(:[0-9]{1,5})?", re.ASCII)
 _BEARER = HTTPBearer(auto_error=False, description="An API key, if the service has keys.")
 
 
@@ -48,8 +57,8 @@ async def admit(
     request: Request,
     state: Shared,
     given: Annotated[HTTPAuthorizationCredentials | None, Depends(_BEARER)],
-) -> None:
-    """Let a request in, before its body is read.
+) -> str:
+    """Let a request in, before its body is read; return who the client is: key or address.
 
     Raises:
         RequestError: 401, no or a wrong key; 429, too many requests; 421, a service without keys
@@ -59,7 +68,7 @@ async def admit(
     if not state.keys:
         _check_name(request, state.config)
         state.rates.count(address)
-        return
+        return address
     name = state.keys.find(given.credentials) if given else None
     # Those who guess are counted by address, so that they do not use up anybody's requests.
     state.rates.count(f"refused {address}" if name is None else name)
@@ -70,14 +79,34 @@ async def admit(
             code="no-key" if given is None else "wrong-key",
             headers={"WWW-Authenticate": "Bearer"},
         )
+    return name
 
 
 def _check_name(request: Request, config: ServiceConfig) -> None:
     """Refuse what a web page of elsewhere sends to this machine under its own name."""
-    name = request.url.hostname or ""
-    if is_local(config.host) and not is_local(name):
-        message = f"this service answers as localhost, not as {name}, unless it has API keys"
-        raise RequestError(421, message, code="wrong-host", fields=(name,))
+    given = request.headers.get("host", "")
+    found = _HOST.fullmatch(given)  # Starlette takes the server's own name for one it cannot read
+    is_known = found is not None and is_local(found["name"].strip("[]"))
+    if is_local(config.host) and not is_known:
+        message = f"this service answers as localhost, not as {given!r}, unless it has API keys"
+        raise RequestError(421, message, code="wrong-host", fields=(given,))
+
+
+async def check_framing(request: Request) -> None:
+    """Refuse a body of two lengths: a proxy may have read it by the other one.
+
+    Raises:
+        RequestError: 400.
+    """
+    both = {"content-length", "transfer-encoding"}
+    if both <= {*request.headers.keys()}:
+        raise RequestError(
+            400,
+            "expected Content-Length or Transfer-Encoding, not both",
+            code="two-lengths",
+            fields=tuple(sorted(both)),
+            headers={"Connection": "close"},
+        )
 
 
 def is_local(host: str) -> bool:
@@ -91,3 +120,4 @@ def is_local(host: str) -> bool:
 
 
 ADMITTED = Depends(admit)
+Client = Annotated[str, ADMITTED]

@@ -3,9 +3,10 @@
 """Threads for what takes long, so that the event loop stays free."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from typing import TypeVar
 
 from fusionslam.service.problems import RequestError
@@ -14,49 +15,106 @@ from fusionslam.storage.parallel import available_cores
 T = TypeVar("T")
 
 
-class Workers:
-    """A pool of threads, and a bound on the requests that wait for one.
+class Room:
+    """Places that requests take for a time, so many of all and so many of each client.
 
     Args:
-        threads: number of them; 0 is one a core.
-        most: requests that are worked on or wait, their bodies on the way included.
+        most: of all.
+        most_of_one: of one client.
 
     Attributes:
-        threads: number of them.
-        busy: requests that are worked on or wait now.
+        taken: places that are taken now.
     """
 
-    def __init__(self, threads: int, most: int) -> None:
-        self.threads = threads or available_cores()
-        self._pool = ThreadPoolExecutor(self.threads, "fusionslam-service")
-        self._most = most
-        self.busy = 0
+    def __init__(self, most: int, most_of_one: int) -> None:
+        self._most, self._most_of_one = most, most_of_one
+        self.taken = 0
+        self._clients: Counter[str] = Counter()
 
-    @contextmanager
-    def place(self) -> Iterator[None]:
-        """Take a place among the requests that are worked on, for the block.
+    def check(self, client: str) -> None:
+        """Say at once whether there is a place now.
 
         Raises:
-            RequestError: 503, all places are taken.
+            RequestError: 503, all places are taken, or all of this client.
         """
-        if self.busy >= self._most:
-            raise RequestError(
-                503,
-                f"{self.busy} requests wait already; try again later",
-                code="busy",
-                fields=(str(self._most),),
-                headers={"Retry-After": "1"},
-            )
-        self.busy += 1
+        own = self._clients[client], self._most_of_one
+        for taken, most in ((self.taken, self._most), own):
+            if taken >= most:
+                raise RequestError(
+                    503,
+                    f"{taken} requests wait already; try again later",
+                    code="busy",
+                    fields=(str(most),),
+                    headers={"Retry-After": "1"},
+                )
+
+    @contextmanager
+    def place(self, client: str) -> Iterator[None]:
+        """Take a place for the block. Raises as ``check``."""
+        self.check(client)
+        self.taken += 1
+        self._clients[client] += 1
         try:
             yield
         finally:
-            self.busy -= 1
+            self.taken -= 1
+            self._clients[client] -= 1
+            if not self._clients[client]:
+                del self._clients[client]
 
-    async def run(self, work: Callable[[], T]) -> T:
-        """Call a function in a thread of the pool."""
-        return await asyncio.get_running_loop().run_in_executor(self._pool, work)
+
+class Workers:
+    """A pool of threads, which clients get in turn, however many requests one of them has.
+
+    Args:
+        threads: number of them; 0 is one a core.
+
+    Attributes:
+        threads: number of them.
+    """
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads or available_cores()
+        self._pool = ThreadPoolExecutor(self.threads, "fusionslam-service")
+        self._free = self.threads
+        self._turns: dict[str, deque[asyncio.Future[None]]] = {}
+
+    async def run(self, work: Callable[[], T], client: str = "") -> T:
+        """Call a function in a thread of the pool, when it is the client's turn."""
+        async with self._turn(client):
+            return await asyncio.get_running_loop().run_in_executor(self._pool, work)
 
     def close(self) -> None:
         """Finish what is worked on; what waits is dropped."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+    @asynccontextmanager
+    async def _turn(self, client: str) -> AsyncIterator[None]:
+        if self._free:
+            self._free -= 1
+        else:
+            turn = asyncio.get_running_loop().create_future()
+            self._turns.setdefault(client, deque()).append(turn)
+            try:
+                await turn
+            except asyncio.CancelledError:
+                if turn.done() and not turn.cancelled():
+                    self._pass_on()
+                raise
+        try:
+            yield
+        finally:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Give a thread that is free to the client that has waited longest since its last turn."""
+        while self._turns:
+            client = next(iter(self._turns))
+            queue = self._turns.pop(client)
+            turn = queue.popleft()
+            if queue:
+                self._turns[client] = queue
+            if not turn.done():
+                turn.set_result(None)
+                return
+        self._free += 1

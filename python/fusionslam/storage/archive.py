@@ -150,8 +150,25 @@ def save_json(
     """
     named = content if format is None else {"format": format, **content}
     with atomic_path(path) as temporary:
-        text = json.dumps(_seal(named), indent=indent, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.write_text(dump_sealed(named, indent=indent) + "\n", encoding="utf-8")
+
+
+def dump_sealed(content: Mapping[str, Any], *, indent: int | None = None) -> str:
+    """Return values as JSON with their digest. Raises ValueError: a number is not finite."""
+    return json.dumps(_seal(content), indent=indent, allow_nan=False)
+
+
+def parse_sealed(text: str | bytes) -> dict[str, Any]:
+    """Return what ``dump_sealed`` was called on.
+
+    Raises:
+        DataError: it was changed after it was written (code "wrong-digest").
+        ValueError: it is no JSON.
+    """
+    content = json.loads(text)
+    if not isinstance(content, dict) or not _check_seal(content):
+        raise DataError("has no digest of its values", code="wrong-digest")
+    return content
 
 
 @contextmanager

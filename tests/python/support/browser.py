@@ -133,7 +133,7 @@ def _address(profile: Path) -> str:
     """Wait until the browser says where it listens; return the address of its tab."""
     end = time.monotonic() + _STARTED_S
     while time.monotonic() < end:
-        with suppress(OSError, ValueError, StopIteration):
+        with suppress(OSError, ValueError, IndexError, StopIteration):
             port = (profile / "DevToolsActivePort").read_text().splitlines()[0]
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
                 tabs = json.load(answer)

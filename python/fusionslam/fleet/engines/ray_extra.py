@@ -3,9 +3,11 @@
 """Ray, of the extra ``fleet``: workers of this machine or of a cluster."""
 
 import os
+import shutil
 import socket
+import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ _STORE_BYTES = 200_000_000
 """Of objects between workers: only names of chunks pass, clouds stay in files."""
 _PATIENCE_S = 60.0
 """How long a cluster may take to give us a first worker, or another one after all were lost."""
+_AUTH = "RAY_AUTH_MODE"
 _CONSTANTS = "ray._private.ray_constants"
 _FAILED_STARTS = 5
 """Workers in a row that cannot be started, after which no more are."""
@@ -32,9 +35,6 @@ def load(address: str | None = None) -> Any:
     # No statistics are sent anywhere.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    if address is not None and _has_token():
-        # Clusters ask for the token by default, its clients only then give it.
-        os.environ.setdefault("RAY_AUTH_MODE", "token")
     with needing("fleet", f"--engine {address or 'ray'} needs Ray"):
         if address is not None and address.startswith("ray://"):
             import_module("grpc")  # of ray[client]
@@ -60,8 +60,15 @@ class RayEngine:
     """
 
     def __init__(self, jobs: int, address: str | None = None) -> None:
-        self._ray = load(address)
-        _connect(self._ray, jobs, address)
+        self._left = ExitStack()  # what is put back and deleted at the end
+        with self._left:
+            if address is not None and _AUTH not in os.environ and _has_token():
+                # Clusters ask for the token by default, its clients only then give it.
+                os.environ[_AUTH] = "token"
+                self._left.callback(os.environ.pop, _AUTH, None)
+            self._ray = load(address)
+            _connect(self._ray, jobs, address, self._left)
+            self._left = self._left.pop_all()
         # Tries are counted by the caller, so Ray makes none of its own.
         self._class = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(_Worker)
         self._free: list[Any] = []
@@ -134,6 +141,7 @@ class RayEngine:
         self._starting.clear()
         # Ends those that are at work, too: nothing outlives the driver that it belongs to.
         self._ray.shutdown()
+        self._left.close()
 
 
 class _Worker:
@@ -150,13 +158,18 @@ def _no_workers(why: str) -> DataError:
     return DataError(f"Ray has no workers for us: {why}", code="no-workers", fields=("ray",))
 
 
-def _connect(ray: Any, jobs: int, address: str | None) -> None:
-    """Connect to a cluster, or start one of this machine."""
+def _connect(ray: Any, jobs: int, address: str | None, left: ExitStack) -> None:
+    """Connect to a cluster, or start one of this machine, whose files go with the stack."""
     how: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
     where = address or os.environ.get("RAY_ADDRESS")
     if where is None:
+        # Ray lets everybody write to its folder, so that is put in one for this user alone.
+        # Names of its sockets have at most 107 bytes.
+        folder = tempfile.mkdtemp(prefix="fsl-", dir=os.environ.get("RAY_TMPDIR"))
+        left.callback(shutil.rmtree, folder, ignore_errors=True)
         how |= {
             "address": "local",  # never another cluster that happens to run here
+            "_temp_dir": f"{folder}/r",
             "num_cpus": max(jobs, 1),
             "include_dashboard": False,
             "object_store_memory": _STORE_BYTES,

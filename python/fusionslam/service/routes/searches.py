@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Routes that take a cloud or vectors: describe, query, locate."""
 
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 from fastapi import APIRouter, Request
@@ -29,7 +32,7 @@ from fusionslam.service.routes.parameters import (
     describe_body,
     take_only,
 )
-from fusionslam.service.state import ADMITTED, Shared, State
+from fusionslam.service.state import ADMITTED, Client, Shared, State
 from fusionslam.storage.arrays import Floats32
 
 T = TypeVar("T")
@@ -49,7 +52,9 @@ _NOT_STORED: Answers = {
     responses=BODY_ANSWERS,
     openapi_extra=describe_body(vectors=False),
 )
-async def describe(request: Request, state: Shared, format: Format = None) -> Described:
+async def describe(
+    request: Request, state: Shared, client: Client, format: Format = None
+) -> Described:
     """Describe a cloud as the places are described."""
     places = state.places
 
@@ -62,7 +67,7 @@ async def describe(request: Request, state: Shared, format: Format = None) -> De
             vector=vector.tolist(),
         )
 
-    return await _with_cloud(request, state, format, work)
+    return await _with_cloud(request, state, client, format, work)
 
 
 @router.post(
@@ -72,17 +77,19 @@ async def describe(request: Request, state: Shared, format: Format = None) -> De
     openapi_extra=describe_body(vectors=True),
 )
 async def query(
-    request: Request, state: Shared, where: Where, k: Count, format: Format = None
+    request: Request, state: Shared, client: Client, where: Where, k: Count, format: Format = None
 ) -> Found:
     """Find the places that look like a cloud, or like each of some vectors."""
     form = choose_format(request, format, _FORMATS)
-    with state.workers.place():
-        if form in CLOUD_FORMATS:
-            vector = await _receive_cloud(request, state, form, state.places.describe)
-            vectors = vector[None]
-        else:
-            vectors = await _receive_vectors(request, state, form)
-        results = await state.batches.find(vectors, k, where)
+    find = partial(state.batches.find, k=k, where=where)
+    if form in CLOUD_FORMATS:
+        async with _received(request, state, client, form) as path:
+            vector = await _work_on(path, state, client, state.places.describe)
+            results = await find(vector[None])
+    else:
+        body = await _receive_vectors(request, state, client)
+        with state.waiting.place(client):
+            results = await find(await _parse(body, form, state, client))
     rows = [[FoundPlace.of(each) for each in found] for found in results]
     return Found(descriptor=state.places.descriptor, results=rows)
 
@@ -94,35 +101,48 @@ async def query(
     openapi_extra=describe_body(vectors=False),
 )
 async def locate(
-    request: Request, state: Shared, where: Where, k: Count, format: Format = None
+    request: Request, state: Shared, client: Client, where: Where, k: Count, format: Format = None
 ) -> LocatedCloud:
     """Find where a cloud is, proven by registration with the clouds of its candidates."""
 
     def work(cloud: Cloud) -> LocatedCloud:
         return LocatedCloud.of(state.places.locate(cloud, k, where), state.places.joint_map)
 
-    return await _with_cloud(request, state, format, work)
+    return await _with_cloud(request, state, client, format, work)
 
 
 async def _with_cloud(
-    request: Request, state: State, format: str | None, work: Callable[[Cloud], T]
+    request: Request, state: State, client: str, format: str | None, work: Callable[[Cloud], T]
 ) -> T:
     form = choose_format(request, format, CLOUD_FORMATS)
-    with state.workers.place():
-        return await _receive_cloud(request, state, form, work)
+    async with _received(request, state, client, form) as path:
+        return await _work_on(path, state, client, work)
 
 
-async def _receive_cloud(
-    request: Request, state: State, form: str, work: Callable[[Cloud], T]
-) -> T:
-    """Receive a cloud, then read it and work on it in a thread."""
-    async with body_file(request, state.config, form) as path:
-        return await state.workers.run(lambda: work(load_cloud(path, state.config)))
+@asynccontextmanager
+async def _received(request: Request, state: State, client: str, form: str) -> AsyncIterator[Path]:
+    """Receive a cloud, and only then take a place for the block: slow clients take none."""
+    state.waiting.check(client)  # before it is received in vain
+    with state.bodies.place(client):
+        async with body_file(request, state.config, form) as path:
+            with state.waiting.place(client):
+                yield path
 
 
-async def _receive_vectors(request: Request, state: State, form: str) -> Floats32:
-    length, most = state.places.length, state.config.max_vectors
-    body = await read_body(request, state.config, most_bytes(state.config, length))
+async def _work_on(path: Path, state: State, client: str, work: Callable[[Cloud], T]) -> T:
+    """Read a cloud and work on it in a thread."""
+    return await state.workers.run(lambda: work(load_cloud(path, state.config)), client)
+
+
+async def _receive_vectors(request: Request, state: State, client: str) -> bytes:
+    most = most_bytes(state.config, state.places.length)
+    state.waiting.check(client)
+    with state.bodies.place(client):
+        return await read_body(request, state.config, most)
+
+
+async def _parse(body: bytes, form: str, state: State, client: str) -> Floats32:
+    parse = partial(parse_vectors, body, form, state.places.length, state.config.max_vectors)
     if len(body) < _SMALL:
-        return parse_vectors(body, form, length, most)
-    return await state.workers.run(lambda: parse_vectors(body, form, length, most))
+        return parse()
+    return await state.workers.run(parse, client)

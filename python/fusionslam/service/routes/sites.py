@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from fusionslam.service.models import Counts, Problem, SitePaths
 from fusionslam.service.problems import RequestError
 from fusionslam.service.routes.parameters import ANSWERS, Answers, take_only
-from fusionslam.service.state import ADMITTED, Shared
+from fusionslam.service.state import ADMITTED, Client, Shared
 
 router = APIRouter(
     prefix="/v1", dependencies=[ADMITTED, take_only()], tags=["places"], responses=ANSWERS
@@ -16,7 +16,7 @@ _NO_SITE: Answers = {404: {"model": Problem, "description": "There is no such si
 
 
 @router.get("/places")
-async def count_places(state: Shared) -> Counts:
+async def count_places(state: Shared, client: Client) -> Counts:
     """Count the places by site, region, session and robot."""
     served = state.places
 
@@ -31,12 +31,12 @@ async def count_places(state: Shared) -> Counts:
             **columns,
         )
 
-    with state.workers.place():
-        return await state.workers.run(work)
+    with state.waiting.place(client):
+        return await state.workers.run(work, client)
 
 
 @router.get("/sites/{site:path}", responses=_NO_SITE)
-async def show_site(site: str, state: Shared) -> SitePaths:
+async def show_site(site: str, state: Shared, client: Client) -> SitePaths:
     """Return where the places of a site are, by session, and its joint map if it has one.
 
     An empty name is that of no site.
@@ -50,5 +50,5 @@ async def show_site(site: str, state: Shared) -> SitePaths:
             raise RequestError(404, message, code="unknown-site", fields=(site,))
         return SitePaths.of(site, found, served.joint_map(site), most)
 
-    with state.workers.place():
-        return await state.workers.run(work)
+    with state.waiting.place(client):
+        return await state.workers.run(work, client)

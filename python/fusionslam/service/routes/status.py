@@ -26,5 +26,5 @@ async def metrics(state: Shared) -> Response:
     """Show counters and times for Prometheus."""
     places = await state.count.get()
     state.metrics.places.set(float("nan") if places is None else places)
-    state.metrics.waiting.set(state.workers.busy)
+    state.metrics.waiting.set(state.waiting.taken)
     return Response(generate_latest(state.metrics.registry), media_type=CONTENT_TYPE_LATEST)

@@ -135,7 +135,7 @@ def test_clouds_are_those_of_the_places(described: Path) -> None:
     assert all(each.frame.image is not None for each in clouds)
 
 
-@rows("key", ["nothing", "a:b", "a:-1", ""])
+@rows("key", ["nothing", "a:b", "a:-1", "", "a:0", "../../victim:0", "/etc/victim:0"])
 def test_a_place_of_no_chunk_has_no_cloud(described: Path, key: str) -> None:
     with refuses("no-cloud", key):
         ChunkStore(described, FleetSettings.load(described)).cloud(key)

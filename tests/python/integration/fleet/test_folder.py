@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A folder of places: recordings change, robots are forgotten, and its database follows."""
 
+import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,9 +34,10 @@ from fusionslam.fleet.engines import Work
 from fusionslam.fleet.folder import FORGOTTEN, FleetFolder
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.recordings import find_recordings
-from fusionslam.fleet.work import Failure, Plan, load_failures
+from fusionslam.fleet.work import PLAN, Failure, Plan, load_failures
 from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.sensors.frame import Cloud
+from refusals import refuses
 from rows import rows
 from streets import WAY
 
@@ -158,6 +161,60 @@ def test_forgetting_that_was_interrupted_is_completed_by_the_next_run(
 
 def interrupt(*_: object) -> None:
     raise KeyboardInterrupt
+
+
+@rows(
+    "key",
+    [
+        *(
+            "{outside}",
+            "../victim",
+            "../../victim",
+            "chunks/../../victim",
+            "a/b",
+            "/",
+            "",
+            ".",
+            "..",
+        ),
+        *(
+            "0" * 31,
+            "0" * 33,
+            "G" * 32,
+            "0" * 32 + "\n",
+            "0" * 31 + "\0",
+            "\u0660" * 32,
+            None,
+            7,
+            [],
+        ),
+    ],
+)
+def test_a_key_that_is_no_name_of_ours_is_refused_and_nothing_is_deleted(
+    fleet: Path, with_database: Path, tmp_path: Path, key: Any
+) -> None:
+    outside = tmp_path / "victim.npz"
+    outside.write_bytes(b"mine")
+    places = copy_artefact(with_database, tmp_path / "places")
+    values = json.loads((places / PLAN).read_text())
+    key = str(outside.with_suffix("")) if key == "{outside}" else key
+    values["recordings"][0]["keys"].insert(0, key)
+    del values["digest"]
+    (places / PLAN).write_text(json.dumps(values))
+    for act in (
+        lambda: FleetFolder.open(places).forget(PlaceFilter(robot="r1")),
+        lambda: describe(fleet, places),
+    ):
+        with refuses("bad-key", "keys", str(key)):
+            act()
+    assert outside.read_bytes() == b"mine" and not (places / FORGOTTEN).exists()
+    assert counts(places) == ALL and len(chunk_files(places)) == 9
+
+
+def test_a_list_of_too_few_chunks_is_refused(with_database: Path) -> None:
+    planned = Plan.load(with_database).recordings[0]
+    with refuses("damaged", MONDAY):
+        replace(planned, keys=planned.keys[1:]).chunks(4)
 
 
 def test_whole_recordings_are_forgotten_or_none(places: Path) -> None:

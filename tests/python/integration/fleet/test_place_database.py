@@ -4,6 +4,7 @@
 
 import errno
 import json
+import os
 import shutil
 import sys
 from collections.abc import Iterator
@@ -21,7 +22,9 @@ from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
+from fusionslam.fleet.place_rows import LONGEST
 from fusionslam.fleet.places import PlaceFilter
+from fusionslam.storage.archive import dump_sealed
 from rows import grouped, rows
 
 lancedb = pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -205,6 +208,7 @@ def test_a_second_writer_is_refused_until_the_first_is_done(drives: PlaceDatabas
             ("not-finite", "vectors"): [
                 {"vectors": np.full((3, LENGTH), wrong)} for wrong in (np.nan, 1e300)
             ],
+            ("too-long", "vectors"): [{"vectors": np.full((3, LENGTH), 1e19)}],
             ("duplicate-key", "keys"): [{"keys": ["a", "b", "a"]}],
             ("bad-key", "keys"): [{"keys": ["a", wrong, "b"]} for wrong in ("", 7, "\ud800")],
             ("shape", "frames"): [{"frames": np.arange(2)}, {"frames": np.zeros(3)}],
@@ -222,6 +226,16 @@ def test_places_that_cannot_be_added_are_refused_as_a_whole(
     with pytest.raises(error, check=has_code(*expected)):
         drives.add(replace(made_places("monday", 3), **changes))
     assert len(drives) == 130
+
+
+def test_distances_between_the_longest_vectors_are_finite(empty: PlaceDatabase) -> None:
+    longest = np.zeros((2, LENGTH))
+    longest[:, 3] = LONGEST, -LONGEST
+    empty.add(replace(made_places("far", 2), vectors=0.999 * longest))
+    for row, exact in ((0, True), (1, False)):
+        (found,) = empty.query(0.999 * longest[row], exact=exact)
+        assert [each.frame for each in found] == [row, 1 - row]
+        assert found[1].distance == pytest.approx(1.998 * LONGEST)
 
 
 def test_queries_that_cannot_be_answered_are_refused(drives: PlaceDatabase) -> None:
@@ -312,13 +326,15 @@ def test_what_the_system_refuses_names_whether_it_was_read_or_written(
 def test_tables_of_others_and_of_other_versions_are_refused(tmp_path: Path) -> None:
     import pyarrow as pa
 
-    about = {"version": 3, "descriptor": "m2dp", "length": 4, "metric": "l2", "config": {}}
+    about = {"version": 4, "descriptor": "m2dp", "length": 4, "metric": "l2", "config": {}}
     for name, text, code in (
         ("foreign", None, "other-format"),
         ("newer", json.dumps(about), "newer-version"),
-        ("torn", '{"version": 2, ', "damaged"),
-        ("changed", json.dumps({**about, "version": 2, "more": 2}), "damaged"),
-        ("columns", json.dumps({**about, "version": 2}), "damaged"),
+        ("torn", '{"version": 3, ', "damaged"),
+        ("changed", dump_sealed({**about, "version": 3, "more": 2}), "damaged"),
+        ("columns", dump_sealed({**about, "version": 3}), "damaged"),
+        ("flipped", dump_sealed({**about, "version": 3}).replace("m2dp", "m2dq"), "damaged"),
+        ("unsealed", json.dumps({**about, "version": 3}), "damaged"),
         ("older", json.dumps({**about, "version": 1}), "older-version"),
     ):
         schema = pa.schema(
@@ -343,6 +359,81 @@ def test_damage_is_found_at_once(
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(DataError, check=has_code("damaged", folder)):
         PlaceDatabase.open(folder)
+
+
+def stored_bytes(drives: PlaceDatabase, count: int) -> Iterator[int]:
+    """Flip a bit of the table's data, here and there; yield where while it is flipped."""
+    (file, *_) = sorted((Path(drives.location) / "places.lance/data").iterdir())
+    content = file.read_bytes()
+    for place in np.linspace(0, len(content) - 1, count).astype(int).tolist():
+        changed = bytearray(content)
+        changed[place] ^= 1 << place % 8
+        file.write_bytes(bytes(changed))
+        yield place
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("count", [12, pytest.param(1000, marks=pytest.mark.nightly)])
+def test_a_flipped_bit_of_the_table_is_found_or_changes_nothing(
+    drives: PlaceDatabase, count: int
+) -> None:
+    def read() -> Any:
+        with PlaceDatabase.open(drives.location, read_only=True) as database:
+            database.check()
+            rows = database.query(made_vectors(50, seed=1)[::5], k=130)
+            poses = database.positions("").poses
+            return [[(e.key, e.distance, *vars(e).values()) for e in row] for row in rows], poses
+
+    drives.close()
+    expected = repr(read())
+    found = 0
+    for place in stored_bytes(drives, count):
+        try:
+            assert repr(read()) == expected, place
+        except DataError as error:
+            assert error.code == "damaged" and drives.location in str(error), place
+            found += 1
+    assert found > count // 4
+
+
+def test_a_place_that_was_changed_is_named_by_whatever_uses_it(empty: PlaceDatabase) -> None:
+    """As by a flipped bit of a row that can be read."""
+    empty.add(made_places("monday", 20, site="harbour"))
+    for change in ("frame = 21", "session = 'mondaz'", "stamp_ns = 7", "robot = 'r9'"):
+        with empty._writing() as table:
+            before = table.version
+            table.update(where="frame = 13", values_sql=dict([change.split(" = ")]))
+        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+            empty.query(made_vectors(20)[13], k=1)
+        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+            empty.positions("harbour")
+        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+            empty.check()
+        assert empty.query(made_vectors(20)[2], k=1)[0][0].frame == 2
+        with empty._writing() as table:
+            table.restore(before)
+    empty.check()
+
+
+def test_a_forked_process_is_told_to_be_spawned(
+    drives: PlaceDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    process = os.getpid()
+    monkeypatch.setattr(os, "getpid", lambda: process + 1)
+    calls = (drives.sessions, drives.check, lambda: len(drives), lambda: drives.delete_keys(["a"]))
+    for call in (*calls, lambda: drives.query(np.zeros(LENGTH))):
+        with pytest.raises(DataError, check=has_code("forked", drives.location)):
+            call()
+    drives.close()
+
+
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    (tmp_path / "places").mkdir()
+    (tmp_path / "places/.lock").symlink_to(victim)
+    with pytest.raises(DataError, check=has_code("cannot-write", tmp_path / "places")):
+        PlaceDatabase.create(tmp_path / "places", SETTINGS)
+    assert not victim.exists()
 
 
 def test_damage_while_it_is_open_is_named(drives: PlaceDatabase) -> None:

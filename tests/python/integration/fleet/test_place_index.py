@@ -3,7 +3,7 @@
 """The index of a database of places: its recall is measured, and nothing is lost by it."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,8 @@ from fusionslam.fleet.index_report import IndexReport, Kind, write_report
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.row_search import Search
-from fusionslam.fleet.segment import Segment, delete_segments, size_of
+from fusionslam.fleet.segment import Segment, delete_segments, digest_of, size_of
+from fusionslam.storage.archive import dump_sealed
 from fusionslam.storage.arrays import Floats32
 from rows import rows
 
@@ -206,7 +207,7 @@ def test_compaction_puts_new_places_into_the_index(indexed: PlaceDatabase) -> No
 def test_an_unmeasured_index_is_searched_with_care(indexed: PlaceDatabase, kind: Kind) -> None:
     before = [row[0].key for row in indexed.query(queries())]
     assert indexed.index is not None
-    write_report(indexed._table, replace(indexed.index, index="of another", rows=1))
+    write_report(indexed._table, replace(indexed.index, index="0123456789abcdef.faiss", rows=1))
     usual = vector_index.look_up(indexed._table, indexed.location, None).usual
     assert usual is None if kind == "faiss" else usual is not None and usual.candidates == 400
     after = [row[0].key for row in indexed.query(queries())]
@@ -214,7 +215,7 @@ def test_an_unmeasured_index_is_searched_with_care(indexed: PlaceDatabase, kind:
     indexed.compact()
     assert indexed.index is not None
     assert indexed.index.first == 1.0
-    assert indexed.index.index != "of another"
+    assert indexed.index.index != "0123456789abcdef.faiss"
 
 
 def test_a_small_database_needs_no_index(tmp_path: Path) -> None:
@@ -245,6 +246,63 @@ def test_a_damaged_index_of_lance_is_named(segmented: PlaceDatabase) -> None:
         pytest.raises(DataError, check=has_code("damaged", segmented.location)),
     ):
         reader.query(np.zeros(LENGTH))
+
+
+def flipped(content: bytes, place: int) -> bytes:
+    """The content with one bit changed."""
+    changed = bytearray(content)
+    changed[place] ^= 1 << place % 8
+    return bytes(changed)
+
+
+@rows("suffix", [".faiss", ".npy"])
+def test_a_flipped_bit_of_a_segment_is_found_before_it_is_parsed(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = made_segment(tmp_path)
+    digest, file = digest_of(path), path.with_suffix(suffix)
+    content = file.read_bytes()
+    with monkeypatch.context() as patched:
+        patched.setattr(np, "load", None)
+        for place in np.linspace(0, len(content) - 1, 9).astype(int).tolist():
+            file.write_bytes(flipped(content, place))
+            with pytest.raises(DataError, check=has_code("damaged", path)):
+                Segment(path, digest)
+    file.write_bytes(content)
+    assert len(Segment(path, digest)) == SEGMENT_ROWS
+
+
+@rows(
+    "header",
+    [b"{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4),", b"(" * 60, b"\0", b"{}", b"\\"],
+)
+def test_headers_that_fit_a_forged_digest_are_refused_by_type(
+    tmp_path: Path, header: bytes
+) -> None:
+    path = made_segment(tmp_path)
+    content = path.with_suffix(".npy").read_bytes()
+    length = len(header)
+    forged = content[:8] + length.to_bytes(2, "little") + header + content[128:]
+    path.with_suffix(".npy").write_bytes(forged)
+    with pytest.raises(DataError, check=has_code("damaged", path)):
+        Segment(path, digest_of(path))
+
+
+def test_a_report_of_another_file_is_no_report(
+    segmented: PlaceDatabase, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert segmented.index is not None
+    report = asdict(segmented.index)
+    texts = [dump_sealed(report).replace('"nprobes": ', '"nprobes": 1')]
+    for index in ("../../victim.faiss", "/etc/x.faiss", "x.faiss", "", "0" * 16):
+        texts.append(dump_sealed(report | {"index": index}))
+    for text in texts:
+        caplog.clear()
+        with segmented._writing() as table:
+            about = {"fusionslam.index": text}
+            table.update_field_metadata({"path": "vector", "metadata": about})
+        assert segmented.index is None and "report of an index" in caplog.text
+    assert share_found(segmented, queries(5), 5) == 1
 
 
 @rows("left", [None, 0, -1])
@@ -371,7 +429,7 @@ def test_without_the_recall_the_best_is_chosen() -> None:
 
 def test_rows_are_found_by_their_numbers_with_their_vectors(tmp_path: Path) -> None:
     path = made_segment(tmp_path / "segments")
-    segment = Segment(path, size_of(path))
+    segment = Segment(path, digest_of(path))
     assert (len(segment), segment.lists) == (SEGMENT_ROWS, 77)
     assert_array_equal(segment.vectors[NUMBERS], VECTORS)
     assert not segment.vectors[1000:1500].any()

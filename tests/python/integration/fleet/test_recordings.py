@@ -81,6 +81,28 @@ def test_results_hidden_folders_and_links_back_are_not_looked_into(own_fleet: Pa
     assert names_of(own_fleet, excluded=own_fleet / "out") == expected
 
 
+def test_a_link_that_is_found_before_its_target_names_nothing(own_fleet: Path) -> None:
+    expected = names_of(own_fleet)
+    (own_fleet / "a").symlink_to(own_fleet / "south")
+    (own_fleet / "north/r0").symlink_to(own_fleet / MONDAY)
+    assert names_of(own_fleet) == expected
+    outside = (own_fleet / "south").rename(own_fleet.parent / "outside")
+    for link, target in (("a", outside), ("b", own_fleet / "a")):
+        (own_fleet / link).unlink(missing_ok=True)
+        (own_fleet / link).symlink_to(target)
+    assert names_of(own_fleet) == [WEDNESDAY.replace("south", "a"), *expected[:2]]
+
+
+@rows("name", ["new\nline", "bell\a", "\x7f", "c1\x85"])
+def test_names_with_control_characters_are_refused(tmp_path: Path, name: str) -> None:
+    for number, labels in enumerate((Labels(), Labels(site=name))):
+        root = tmp_path / str(number)
+        write_street(root / ("drive" if number else name), WAY[:2])
+        found = find_recordings(root, labels)
+        assert not found.recordings
+        assert [each.code for each in found.refused.values()] == ["bad-name"]
+
+
 def test_a_folder_that_must_not_be_read_is_named(own_fleet: Path) -> None:
     (own_fleet / "north").chmod(0)
 

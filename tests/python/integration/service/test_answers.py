@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service: what it answers, to many at once, while places change, and on joint maps."""
 
+import asyncio
 import logging
 import shutil
 import time
@@ -35,6 +36,8 @@ from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.mapping import PlaceMap
 from fusionslam.sensors.frame import Cloud
+from fusionslam.service.batches import QueryBatches
+from fusionslam.service.workers import Workers
 from rows import rows
 
 
@@ -196,7 +199,7 @@ def test_queries_at_once_get_their_own_answers(made: Path, monkeypatch: pytest.M
     query = PlaceDatabase.query
 
     def note(self: PlaceDatabase, vectors: Any, *rest: Any) -> Any:
-        while not sizes and client.app.state.shared.workers.busy < 10:
+        while not sizes and client.app.state.shared.waiting.taken < 10:
             time.sleep(0.001)  # until others wait for the first one
         sizes.append(len(vectors))
         return query(self, vectors, *rest)
@@ -221,9 +224,7 @@ def test_queries_at_once_get_their_own_answers(made: Path, monkeypatch: pytest.M
     assert sum(sizes) == 60 and max(sizes) > 1
 
 
-def test_an_error_of_a_batch_is_that_of_each_query(
-    made: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_of_all_is_that_of_each_query(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     body = {"vector": [0.0] * LENGTH}
     with serving(made, workers=1) as client:
         with monkeypatch.context() as patch:
@@ -232,7 +233,37 @@ def test_an_error_of_a_batch_is_that_of_each_query(
                 answers = list(pool.map(lambda _: client.post("/v1/query", json=body), range(8)))
         assert {answer.status_code for answer in answers} == {500}
         assert client.post("/v1/query", json=body).status_code == 200
-        assert client.app.state.shared.workers.busy == 0
+        assert client.app.state.shared.waiting.taken == 0
+
+
+def test_of_a_batch_that_fails_only_the_culprits_fail() -> None:
+    sizes: list[int] = []
+
+    class Places:
+        def query(self, vectors: Any, k: int, where: PlaceFilter) -> list[list[Any]]:
+            sizes.append(len(vectors))
+            if (vectors == 7).any():
+                raise DataError("seven", code="damaged")
+            return [[float(vector[0])] * k for vector in vectors]
+
+    async def ask() -> list[Any]:
+        places: Any = Places()
+        workers = Workers(1)
+        batches = QueryBatches(places, workers)
+        asked = [
+            batches.find(np.full((1, 2), number % 10, np.float32), 1, PlaceFilter())
+            for number in range(20)
+        ]
+        found = await asyncio.gather(*asked, return_exceptions=True)
+        workers.close()
+        return found
+
+    found = asyncio.run(ask())
+    assert [number for number in range(20) if isinstance(found[number], DataError)] == [7, 17]
+    assert [each for each in found if not isinstance(each, DataError)] == [
+        [[number % 10]] for number in range(20) if number % 10 != 7
+    ]
+    assert max(sizes) > 2
 
 
 def nearest(client: Any, vector: Any) -> dict[str, Any]:

@@ -10,6 +10,8 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ from fusionslam.service.keys import VARIABLE, ApiKeys
 from fusionslam.service.listening import check_exposure
 from fusionslam.service.place_count import PlaceCount
 from fusionslam.service.places import ServedPlaces
+from fusionslam.service.workers import Workers
 from rows import grouped, rows
 
 ZEROS = [0.0] * LENGTH
@@ -119,6 +122,10 @@ def test_a_cloud_cut_anywhere_is_refused_or_read(client: Any, count: int, tmp_pa
                 *({"vector": [wrong] * LENGTH} for wrong in ("1", None, True, 10**400)),
             ],
             "not-finite": [{"vector": [wrong, *ZEROS[1:]]} for wrong in (float("nan"), 1e300)],
+            "too-long": [
+                *({"vector": [wrong] * LENGTH} for wrong in (1e38, 1e18, -3e37)),
+                {"vectors": [ZEROS, [1e19, *ZEROS[1:]]]},
+            ],
         }
     ),
 )
@@ -229,6 +236,15 @@ def test_a_cloud_that_unpacks_to_much_more_is_refused_unpacked(twenty: Path) -> 
         content = head + struct.pack("<2I", 20, 3_600_000_000)
         answer = client.post("/v1/describe?format=pcd", content=content)
     assert refusal(answer) == (413, "too-long")
+
+
+@rows("path", ["/v1/query", "/v1/places", "/health", "/"])
+def test_a_body_of_two_lengths_is_refused(small: Any, path: str) -> None:
+    both = {"Content-Length": "5", "Transfer-Encoding": "chunked"}
+    method = "POST" if path == "/v1/query" else "GET"
+    answer = small.request(method, path, headers=both, content=b"x" * 5)
+    assert refusal(answer) == (400, "two-lengths")
+    assert answer.headers["Connection"] == "close"
 
 
 def test_nothing_is_proven_without_stored_clouds(twenty: Path) -> None:
@@ -346,9 +362,12 @@ def test_this_machine_needs_no_keys(host: str) -> None:
 def test_pages_of_other_names_cannot_use_a_service_without_keys(small: Any, locked: Any) -> None:
     """A name that its owner lets point to 127.0.0.1 would else get around the browser's rules."""
     named = {"Host": "evil.example"}
-    answer = small.get("/v1/places", headers=named)
-    assert (answer.status_code, answer.json()["code"]) == (421, "wrong-host")
-    assert small.get("/v1/places", headers={"Host": "[::1]:8766"}).status_code == 200
+    odd = ("localhost:x", "evil@localhost", "localhost/x", "[::1", "::1", "", "a b", "localhost:")
+    for host in (named["Host"], *odd, "evil.example#localhost", "localhost:80:80"):
+        answer = small.get("/v1/places", headers={"Host": host})
+        assert refusal(answer) == (421, "wrong-host"), host
+    for host in ("[::1]:8766", "localhost", "127.0.0.1:1"):
+        assert small.get("/v1/places", headers={"Host": host}).status_code == 200
     assert locked.get("/v1/places", headers=named | bearer(KEY)).status_code == 200
 
 
@@ -371,14 +390,68 @@ def test_too_many_requests_are_turned_away_with_a_time(
 
 def test_a_service_with_too_much_to_do_says_so_at_once(twenty: Path) -> None:
     with serving(twenty, max_waiting=1) as client:
-        workers: Any = client.app.state.shared.workers
-        with workers.place():
+        with client.app.state.shared.waiting.place("another"):
             answers = [client.get("/v1/places"), client.post("/v1/query", json=VECTOR)]
             assert client.get("/health").status_code == 200
         assert client.get("/v1/places").status_code == 200
     for answer in answers:
         assert (answer.status_code, answer.json()["code"]) == (503, "busy")
         assert answer.headers["Retry-After"] == "1"
+
+
+def test_one_client_takes_only_its_share_of_the_places(twenty: Path, key_file: Path) -> None:
+    with serving(twenty, ApiKeys.load(key_file), max_waiting=8, max_waiting_of_one=2) as client:
+        state = client.app.state.shared
+        red = state.keys.find(KEY)
+        with ExitStack() as taken:
+            for room in (state.waiting, state.waiting, state.bodies):
+                taken.enter_context(room.place(red))
+            answers = [
+                client.post("/v1/query", json=VECTOR, headers=bearer(key)) for key in (KEY, OTHER)
+            ]
+        again = client.post("/v1/query", json=VECTOR, headers=bearer(KEY))
+    assert [each.status_code for each in (*answers, again)] == [503, 200, 200]
+    assert refusal(answers[0]) == (503, "busy") and answers[0].json()["fields"] == ["2"]
+
+
+def test_a_body_that_is_on_its_way_takes_no_place(twenty: Path) -> None:
+    taken: list[tuple[int, int]] = []
+
+    def body() -> Iterator[bytes]:
+        for part in (b'{"vector": ', json.dumps(ZEROS).encode(), b"}"):
+            taken.append((state.waiting.taken, state.bodies.taken))
+            yield part
+
+    with serving(twenty, max_bodies_of_one=1) as client:
+        state = client.app.state.shared
+        head = {"Content-Type": "application/json"}
+        assert client.post("/v1/query", content=body(), headers=head).status_code == 200
+        assert {waiting for waiting, _ in taken} == {0}
+        with state.bodies.place("testclient"):
+            assert refusal(client.post("/v1/query", json=VECTOR)) == (503, "busy")
+            assert client.get("/v1/places").status_code == 200
+
+
+def test_clients_get_threads_in_turn() -> None:
+    order: list[str] = []
+
+    async def ask() -> None:
+        workers = Workers(1)
+        asked = [f"greedy {number}" for number in range(6)] + ["red 0", "blue 0", "red 1"]
+        running = [
+            asyncio.create_task(workers.run(partial(order.append, each), each.split()[0]))
+            for each in asked
+        ]
+        await asyncio.sleep(0)  # all of them wait now, but for the first
+        running[2].cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+        assert await workers.run(lambda: 7, "late") == 7
+        workers.close()
+
+    asyncio.run(ask())
+    assert order == [
+        *("greedy 0", "greedy 1", "red 0", "blue 0", "red 1", "greedy 3", "greedy 4", "greedy 5")
+    ]
 
 
 def test_health_answers_while_workers_are_busy(
@@ -437,5 +510,5 @@ def test_a_place_is_free_again_after_every_refusal(twenty: Path) -> None:
         for body in (b"", b"xyz", b"x" * 20_000):
             client.post("/v1/describe?format=bin", content=body)
         client.get("/v1/sites/nowhere")
-        assert client.app.state.shared.workers.busy == 0
+        assert client.app.state.shared.waiting.taken == 0
         assert client.get("/v1/places").status_code == 200

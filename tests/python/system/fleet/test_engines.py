@@ -25,12 +25,6 @@ from project import SUPPORT
 from refusals import refuses
 
 
-@pytest.fixture(autouse=True)
-def authentication(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Undo what connecting to a cluster sets for this process: Ray reads it only once."""
-    monkeypatch.setenv("RAY_AUTH_MODE", os.environ.get("RAY_AUTH_MODE", "disabled"))
-
-
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Engine]:
     """Two processes of this machine; starting them takes long."""
@@ -139,6 +133,23 @@ def test_nothing_of_ray_listens_to_the_network(ray_workers: Engine) -> None:
     listening = {address for address, inode in listening_sockets() if inode in of_ray}
     loopback = {"0100007F", "00000000000000000000000001000000", "0000000000000000FFFF00000100007F"}
     assert listening and listening <= loopback
+
+
+def test_the_folder_of_ray_is_of_this_user_alone(ray_workers: Engine) -> None:
+    import ray
+
+    session = Path(ray._private.worker._global_node.get_session_dir_path())
+    assert session.parents[1].stat().st_mode & 0o077 == 0
+
+
+def test_a_cluster_that_is_not_there_leaves_no_token_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A local Ray would ask for the token of the cluster afterwards."""
+    pytest.importorskip("ray", reason="Ray is of an extra")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "of-a-cluster")
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    with refuses("no-cluster", "ray://127.0.0.1:1"):
+        open_engine("ray://127.0.0.1:1", 1)
+    assert "RAY_AUTH_MODE" not in os.environ
 
 
 def processes_of(session: str) -> Iterator[Path]:

@@ -20,8 +20,7 @@ from fleet_service import KEY, LENGTH, add_places
 from fusionslam.cli import failures
 from fusionslam.service.config import ServiceConfig
 from rows import rows
-
-PATIENCE_S = 300
+from running_services import PATIENCE_S, ask, assert_closed, connect, serving_in_a_thread
 
 
 @contextmanager
@@ -82,11 +81,6 @@ def wait_until_closed(url: str) -> None:
             return
 
 
-def connect(url: str) -> socket.socket:
-    host, port = url.removeprefix("http://").split(":")
-    return socket.create_connection((host, int(port)), timeout=PATIENCE_S)
-
-
 def test_slow_bodies_are_cut_off_and_ctrl_c_ends_the_service(made: Path) -> None:
     from fusionslam.service.app import create_app
     from fusionslam.service.listening import listen, serve, url_of
@@ -111,6 +105,33 @@ def test_slow_bodies_are_cut_off_and_ctrl_c_ends_the_service(made: Path) -> None
         serve(create_app(made, config), listener)
     assert answers == ["ready", b"408", b"400"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_heads_that_do_not_come_in_time_end_the_connection(twenty: Path) -> None:
+    with serving_in_a_thread(twenty, head_timeout_s=0.2) as url:
+        lines = [connect(url) for _ in range(4)]
+        for line, sent in zip(
+            lines, (b"", b"GET / HTT", b"GET / HTTP/1.1\r\nA: b", b""), strict=True
+        ):
+            line.sendall(sent)
+        assert ask(lines[-1]) == b"HTTP/1.1 200"
+        lines[-1].sendall(b"\r\nGET")  # the head of another request, which ends nothing
+        for line in lines:
+            assert_closed(line)
+
+
+def test_of_too_many_connections_idle_ones_make_room(twenty: Path) -> None:
+    with serving_in_a_thread(twenty, max_connections=8, head_timeout_s=PATIENCE_S) as url:
+        good = connect(url)
+        assert ask(good) == b"HTTP/1.1 200"
+        idle = [connect(url) for _ in range(20)]
+        with connect(url) as other:
+            assert ask(other) == b"HTTP/1.1 200"
+        assert b"200" in (good.recv(1000) and ask(good))
+        for line in idle[:13]:
+            assert_closed(line)
+        for line in (good, *idle[13:]):
+            line.close()
 
 
 @contextmanager

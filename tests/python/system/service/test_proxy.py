@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""HAProxy in front of the service, as deploy/ configures it."""
+
+import os
+import shutil
+import socket
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from running_services import ask, assert_closed, connect, serving_in_a_thread
+
+HAPROXY = shutil.which("haproxy")
+CONFIG = Path(__file__).parents[4] / "deploy/haproxy.cfg"
+GREEDY = "127.0.0.2"
+
+pytestmark = pytest.mark.skipif(HAPROXY is None, reason="HAProxy is not installed")
+
+
+@contextmanager
+def proxied(url: str) -> Iterator[str]:
+    """Yield the address of a proxy in front of a service."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:  # which it takes over
+        port = listener.getsockname()[1]
+        environment = os.environ | {
+            "PLACES_BIND": f"fd@{listener.fileno()}",
+            "PLACES_SERVER": url.removeprefix("http://"),
+        }
+        process = subprocess.Popen(
+            [str(HAPROXY), "-db", "-q", "-f", CONFIG],
+            env=environment,
+            pass_fds=[listener.fileno()],
+        )
+    try:
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_an_address_with_too_many_connections_takes_nothing_from_others(twenty: Path) -> None:
+    with (
+        serving_in_a_thread(twenty, behind_proxy=True) as url,
+        proxied(url) as proxy,
+        ExitStack() as lines,
+    ):
+        with connect(proxy) as good:
+            assert ask(good) == b"HTTP/1.1 200"
+        idle = [lines.enter_context(connect(proxy, source=GREEDY)) for _ in range(100)]
+        for line in idle[50:]:
+            line.sendall(b"GET /health HTTP/1.1\r\nHost: loc")
+        for _ in range(10):
+            with suppress(ConnectionResetError):
+                assert_closed(connect(proxy, source=GREEDY))
+        with connect(proxy) as good:
+            assert ask(good) == b"HTTP/1.1 200"
+
+
+def test_an_address_that_a_client_claims_is_not_believed(twenty: Path) -> None:
+    with (
+        serving_in_a_thread(twenty, behind_proxy=True, requests_per_minute=2) as url,
+        proxied(url) as proxy,
+    ):
+        answers = []
+        for number, source in enumerate(("127.0.0.1", "127.0.0.1", "127.0.0.1", GREEDY)):
+            with connect(proxy, source=source) as line:
+                claim = f"X-Forwarded-For: 9.9.9.{number}\r\n"
+                answers.append(ask(line, "/v1/places", claim))
+    assert answers == [b"HTTP/1.1 200", b"HTTP/1.1 200", b"HTTP/1.1 429", b"HTTP/1.1 200"]
