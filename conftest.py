@@ -269,7 +269,7 @@ def page_folder(
     made_recordings: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Path]:
-    """The working folder of one page: with copies of made recordings, and links to those in folders.
+    """The working folder of one page: copies of made recordings, and links to those in folders.
 
     A page may write anew what it reads.
     """
