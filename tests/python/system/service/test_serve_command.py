@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -109,15 +109,19 @@ def test_slow_bodies_are_cut_off_and_ctrl_c_ends_the_service(made: Path) -> None
 
 def test_heads_that_do_not_come_in_time_end_the_connection(twenty: Path) -> None:
     with serving_in_a_thread(twenty, head_timeout_s=0.2) as url:
-        lines = [connect(url) for _ in range(4)]
-        for line, sent in zip(
-            lines, (b"", b"GET / HTT", b"GET / HTTP/1.1\r\nA: b", b""), strict=True
-        ):
-            line.sendall(sent)
-        assert ask(lines[-1]) == b"HTTP/1.1 200"
-        lines[-1].sendall(b"\r\nGET")  # the head of another request, which ends nothing
-        for line in lines:
+        for sent in (b"", b"GET / HTT", b"GET / HTTP/1.1\r\nA: b"):
+            line = connect(url)
+            with suppress(OSError):  # this process may be held up until it is closed
+                line.sendall(sent)
             assert_closed(line)
+        answer = b""
+        while answer != b"HTTP/1.1 200":  # likewise
+            line = connect(url)
+            with suppress(OSError):
+                answer = ask(line)
+        with suppress(OSError):
+            line.sendall(b"\r\nGET")  # the head of another request, which ends nothing
+        assert_closed(line)
 
 
 def test_of_too_many_connections_idle_ones_make_room(twenty: Path) -> None:
