@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from http.client import HTTPResponse
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,13 @@ def connect(url: str, source: str = "127.0.0.1") -> socket.socket:
     return socket.create_connection((host, int(port)), PATIENCE_S, (source, 0))
 
 
-def ask(line: socket.socket, path: str = "/health", more: str = "") -> bytes:
-    """Send a request; return the begin of its answer."""
+def ask(line: socket.socket, path: str = "/health", more: str = "") -> int:
+    """Send a request and read its whole answer; return the status."""
     line.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n{more}\r\n".encode())
-    return line.recv(12)
+    answer = HTTPResponse(line)
+    answer.begin()
+    answer.read()
+    return answer.status
 
 
 def assert_closed(line: socket.socket) -> None:

@@ -114,8 +114,8 @@ def test_heads_that_do_not_come_in_time_end_the_connection(twenty: Path) -> None
             with suppress(OSError):  # this process may be held up until it is closed
                 line.sendall(sent)
             assert_closed(line)
-        answer = b""
-        while answer != b"HTTP/1.1 200":  # likewise
+        answer = 0
+        while answer != 200:  # likewise
             line = connect(url)
             with suppress(OSError):
                 answer = ask(line)
@@ -127,11 +127,11 @@ def test_heads_that_do_not_come_in_time_end_the_connection(twenty: Path) -> None
 def test_of_too_many_connections_idle_ones_make_room(twenty: Path) -> None:
     with serving_in_a_thread(twenty, max_connections=8, head_timeout_s=PATIENCE_S) as url:
         good = connect(url)
-        assert ask(good) == b"HTTP/1.1 200"
+        assert ask(good) == 200
         idle = [connect(url) for _ in range(20)]
         with connect(url) as other:
-            assert ask(other) == b"HTTP/1.1 200"
-        assert b"200" in (good.recv(1000) and ask(good))
+            assert ask(other) == 200
+        assert ask(good) == 200
         for line in idle[:13]:
             assert_closed(line)
         for line in (good, *idle[13:]):
