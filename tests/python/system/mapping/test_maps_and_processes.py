@@ -123,7 +123,7 @@ def test_a_map_that_may_not_be_read_is_named(short: Path) -> None:
 
 
 def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
-    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(tmp_path)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(tmp_path)]
     if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
         pytest.skip("no file system can be mounted")
     try:
