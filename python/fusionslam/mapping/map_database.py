@@ -117,6 +117,7 @@ _CORRUPTED = (
     *(sqlite3.SQLITE_TOOBIG, sqlite3.SQLITE_MISMATCH, sqlite3.SQLITE_FORMAT, sqlite3.SQLITE_SCHEMA),
 )
 _LONGEST_VALUE = 10**9  # bytes
+_PATIENCE_S = 10  # with another process
 _LONGEST_WHY = 300  # characters of a message
 
 
@@ -346,14 +347,14 @@ class MapDatabase:
                 self._check_version()
                 ((page,),) = self._all("PRAGMA page_size")
                 # A full disk leaves a part of a page, which the log beside the file has whole.
-                if size % page and not self._has_log():
+                if size % page and not self._log_size():
                     raise self._damaged(f"it is cut off, {size} bytes are no multiple of {page}")
                 self._check_schema()
                 with self.reading():
                     state = self._read_state()
             finally:
                 self._connection = None
-        if self._has_log() and state.base:
+        if self._log_size() and state.base:
             self._check_log(state)
         if noted is not None and noted[0] == state.map.hex() and noted[1] > state.number:
             raise DataError(
@@ -398,8 +399,11 @@ class MapDatabase:
             problem = "none"
             try:
                 with closing(_connect(self.path, "ro&immutable=1")) as itself:
+                    # A checkpoint that was broken off leaves a file shorter than its header says,
+                    # which is then no damage.
+                    itself.execute("PRAGMA writable_schema = ON")
                     alone = _decode_state(itself.fetch("SELECT * FROM state"))
-            except (sqlite3.Error, ValueError, TypeError) as error:
+            except (sqlite3.Error, ValueError, TypeError, LookupError) as error:
                 problem = str(error)
             else:
                 if alone.map == state.map and alone.number >= state.base:
@@ -414,9 +418,12 @@ class MapDatabase:
             fields=(str(self.path),),
         )
 
-    def _has_log(self) -> bool:
-        log = Path(f"{self.path.resolve()}-wal")
-        return log.exists() and log.stat().st_size > 0
+    def _log_size(self) -> int:
+        """Bytes of the log beside the file; 0 if there is none."""
+        try:
+            return Path(f"{self.path.resolve()}-wal").stat().st_size
+        except OSError:
+            return 0
 
     def _take_lock(self) -> None:
         """Raise DataError if another process has the map open for changes."""
@@ -466,13 +473,17 @@ class MapDatabase:
 
         On a full disk it stays, as while another process reads.
         """
-        with suppress(OSError, sqlite3.Error):
-            if Path(f"{self.path.resolve()}-wal").stat().st_size > most:
-                self._database.execute("PRAGMA busy_timeout = 0")
-                ((_, logged, done),) = self._database.fetch("PRAGMA wal_checkpoint(TRUNCATE)")
-                if logged == done:
-                    self._base = state.number
-        self._database.execute("PRAGMA busy_timeout = 10000")
+        size = self._log_size()
+        if not size:
+            self._base = state.number
+        if size <= most:
+            return
+        self._database.execute("PRAGMA busy_timeout = 0")
+        with suppress(sqlite3.Error):
+            ((_, logged, done),) = self._database.fetch("PRAGMA wal_checkpoint(TRUNCATE)")
+            if logged == done:
+                self._base = state.number
+        self._database.execute(f"PRAGMA busy_timeout = {1000 * _PATIENCE_S}")
 
     def _is_in_place(self) -> bool:
         return _place_of(self.path) == self._place
@@ -558,6 +569,8 @@ class MapDatabase:
         """Raise what SQLite says as DataError that names the file."""
         try:
             yield
+        except UnicodeDecodeError as error:  # of the name of a table that SQLite would complain of
+            raise self._damaged(str(error)) from error
         except sqlite3.Error as error:
             code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF  # no UTF-8
             if code == sqlite3.SQLITE_BUSY:
@@ -712,7 +725,7 @@ def _connect(path: Path, mode: str) -> _Connection:
         f"{path.resolve().as_uri()}?mode={mode}",
         uri=True,
         isolation_level=None,
-        timeout=10,
+        timeout=_PATIENCE_S,
         check_same_thread=False,
         factory=_Connection,
     )
