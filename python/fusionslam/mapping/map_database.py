@@ -342,7 +342,10 @@ class MapDatabase:
         noted = self._noted()  # before the file: what is noted was written before
         with _reader(self.path) as self._connection:
             try:
-                if self._all("PRAGMA application_id") != [(APPLICATION_ID,)]:
+                identity = self._all("PRAGMA application_id")
+                if identity == [(0,)] and not self._all("SELECT * FROM sqlite_master"):
+                    return  # its maker was killed, or it is somebody's own empty file
+                if identity != [(APPLICATION_ID,)]:
                     raise self._other_format()
                 self._check_version()
                 ((page,),) = self._all("PRAGMA page_size")

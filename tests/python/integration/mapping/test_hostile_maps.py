@@ -294,6 +294,18 @@ def test_a_flipped_bit_is_damage(first_part: Path, tmp_path: Path, table: str, c
         check_damage(path)
 
 
+def test_frames_for_a_file_that_was_replaced_are_refused(short: Path, tmp_path: Path) -> None:
+    backup = Path(shutil.copy(short, tmp_path / "backup.fsmap"))
+    site = PlaceMap.open(short, "monday")
+    site.add(FRAMES[STORED])
+    os.replace(backup, short)
+    with refuses("replaced", str(short)):
+        site.add(FRAMES[STORED + 1])
+    assert len(site) == STORED + 1
+    with refuses("replaced", str(short)):
+        site.close()
+
+
 def test_a_new_map_that_is_refused_leaves_no_file(tmp_path: Path) -> None:
     path = tmp_path / "new.fsmap"
     with pytest.raises(ConfigError):

@@ -141,6 +141,26 @@ def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
         subprocess.run(["umount", "--lazy", str(tmp_path)], check=True)
 
 
+@rows("read_only", [True, False])
+def test_a_map_whose_maker_was_killed_is_made_again(tmp_path: Path, read_only: bool) -> None:
+    path = tmp_path / "a.fsmap"
+
+    def make() -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(MapFile, "_write_state", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+            MapFile(path)
+
+    assert exit_code_of(fork(make)) == -signal.SIGKILL
+    if read_only:
+        with refuses("other-format"):
+            MapFile(path, read_only=True)
+        return
+    with MapFile(path) as file:
+        add_setting(file, 1)
+    with MapFile(path, read_only=True) as file:
+        assert file.setting("a") == 1 and file.check() == []
+
+
 def add_setting(file: MapFile, value: object) -> None:
     with file.transaction():
         file.store_setting("a", value)
