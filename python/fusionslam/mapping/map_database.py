@@ -451,8 +451,12 @@ class MapDatabase:
 
     def _noted(self) -> tuple[str, int] | None:
         """The map and its last change that a writer noted in its lock; None if there is none."""
+        lock = Path(f"{self.path.resolve()}-lock")
+        if not lock.is_file():
+            return None
         try:
-            text = Path(f"{self.path.resolve()}-lock").read_bytes().strip(b"\0")
+            with lock.open("rb") as file:
+                text = file.read(100).strip(b"\0")
         except OSError:
             return None
         if not text:  # not written yet
