@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds of keyframes as a map's file holds them."""
 
-import io
-import zipfile
-import zlib
 from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from typing import Any
 
@@ -12,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import voxel_downsample
-from fusionslam.errors import DataError
 from fusionslam.loop_closure.memory import Kept
 from fusionslam.mapping.map_file import MapFile, StoredCloud
 from fusionslam.registration import SearchImage
-from fusionslam.registration.clouds import pack_points, unpack_points
+from fusionslam.registration.clouds import pack_arrays, pack_points, unpack_points, unpacking
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Matrix
 
@@ -27,9 +23,7 @@ def pack_cloud(cloud: Cloud, voxel: float) -> bytes:
     arrays: dict[str, NDArray[Any]] = {"points": pack_points(points)}
     if cloud.colors is not None:
         arrays["colors"] = colors
-    stream = io.BytesIO()
-    np.savez(stream, **arrays)  # type: ignore[arg-type]
-    return zlib.compress(stream.getvalue(), level=1)
+    return pack_arrays(arrays)
 
 
 def unpack_cloud(packed: bytes) -> Cloud:
@@ -38,11 +32,8 @@ def unpack_cloud(packed: bytes) -> Cloud:
     Raises:
         DataError: the bytes are damaged.
     """
-    try:
-        with np.load(io.BytesIO(zlib.decompress(packed)), allow_pickle=False) as stored:
-            return Cloud(unpack_points(stored["points"]), stored.get("colors"))
-    except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
-        raise DataError(f"a stored cloud is damaged: {error}", code="damaged") from error
+    with unpacking(packed) as arrays:
+        return Cloud(unpack_points(arrays["points"]), arrays.get("colors"))
 
 
 MOST_POINTS = 4_000_000
@@ -90,8 +81,8 @@ class FileClouds(MutableMapping[int, Kept]):
             return self._new[number]
         if number not in self._odometry:
             raise KeyError(number)
-        bits, level = self._file.search_image(number)
-        image = None if bits is None else SearchImage(bits, level)
+        stored = self._file.cloud(number)
+        image = None if stored.image is None else SearchImage(stored.image, stored.ground_level)
         return Kept(lambda: self._file.cloud(number).evidence, image, self._odometry[number])
 
     def __setitem__(self, number: int, kept: Kept) -> None:

@@ -13,6 +13,7 @@ from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.merges import FEWEST_MERGES
 from fusionslam.mapping.pose_graph import PoseGraph
+from fusionslam.mapping.window import fuse_step
 from fusionslam.registration import Refusal
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
@@ -47,7 +48,8 @@ class MapContent:
         sessions: their numbers by name, in the order in which they began.
         keyframes: by number.
         edges: by number; their nodes are keyframes.
-        solution: as ``MapFile.solution`` returns. Newer keyframes follow by odometry.
+        solution: as ``MapFile.solution`` returns. Newer keyframes follow by their steps, as they
+            did when they were added.
 
     Raises:
         ValueError: a keyframe's session is missing.
@@ -282,20 +284,27 @@ class MapContent:
         is_next = self.row[edge.b] - self.row[edge.a] == 1
         return is_next and self.stretches[edge.a] == self.stretches[edge.b]
 
+    def _is_measured_step(self, edge: Edge) -> bool:
+        return edge.kind != "odometry" and edge.state != "refused" and self._is_step(edge)
+
     def _place(self, solution: StoredSolution | None) -> None:
-        """Take poses of the last solution, and those of newer keyframes by odometry."""
+        """Take poses of the last solution, and those of newer keyframes by their steps."""
         placed: list[Matrix] = []
         if solution is not None and np.array_equal(self.numbers[: len(solution[0])], solution[0]):
             placed, self._parts = [*solution[1]], solution[2].tolist()
         self._solved = len(placed)
         before = {edge.b: edge for edge in self.edges.values() if edge.kind == "odometry"}
+        measured = {edge.b: edge for edge in self.edges.values() if self._is_measured_step(edge)}
         for keyframe in self.keyframes[self._solved :]:
             step = before.get(keyframe.id)
             if step is None:
                 placed.append(keyframe.robot_from_cloud)
                 self._parts.append(keyframe.id)
             else:
-                placed.append(placed[self.row[step.a]] @ step.pose)
+                moved = step.pose
+                if keyframe.id in measured:  # as while it was added
+                    moved = fuse_step(moved, step.covariance, measured[keyframe.id])
+                placed.append(placed[self.row[step.a]] @ moved)
                 self._parts.append(self.part(step.a))
         self._poses = np.array(placed, np.float64).reshape(-1, 4, 4)
         self.is_live = not placed  # whether the graph's poses are these

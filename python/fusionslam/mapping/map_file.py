@@ -18,6 +18,7 @@ from fusionslam.errors import DataError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance
 from fusionslam.mapping.map_database import MapDatabase
+from fusionslam.mapping.map_settings import check_session_name
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 
@@ -74,46 +75,54 @@ class MapFile(MapDatabase):
 
     def setting(self, name: str) -> Any:
         """Return a value that was stored; None if there is none."""
-        row = self._one("SELECT value FROM setting WHERE name = ?", name)
+        values = dict(self._table("setting"))
         with self.decoding():
-            return None if row is None else json.loads(row[0])
+            return json.loads(values[name]) if name in values else None
 
     def store_setting(self, name: str, value: Any) -> None:
         """Store a value, which JSON can hold."""
-        self._run("INSERT OR REPLACE INTO setting VALUES (?, ?)", name, json.dumps(value))
+        self._store("setting", name, json.dumps(value))
 
     def sessions(self) -> dict[str, int]:
         """Return the numbers of the sessions by name, in the order in which they began."""
-        rows = self._all("SELECT id, name FROM session ORDER BY id")
+        rows = self._table("session", "ORDER BY id")
         with self.decoding():
-            return {_text(name): number for number, name in rows}
+            for _, name in rows:
+                check_session_name(name)
+            return {name: number for number, name in rows}
 
     def add_session(self, name: str) -> int:
         """Add a session; return its number."""
-        return self._run("INSERT INTO session (name) VALUES (?)", name)
+        number = max(self.sessions().values(), default=0) + 1
+        self._store("session", number, name)
+        return number
 
     def forget_session(self, number: int) -> None:
         """Delete a session with its keyframes and their edges."""
         gone = {each.id for each in self.keyframes() if each.session == number}
-        for descriptor, first, keyframes, rows in self._rows("vector"):
+        for descriptor, first, keyframes, rows in self._table("vector"):
             numbers = np.frombuffer(keyframes, np.int64)
             keep = ~np.isin(numbers, [*gone])
             if keep.all():
                 continue
-            self._run("DELETE FROM vector WHERE descriptor = ? AND first = ?", descriptor, first)
+            self._delete("vector", "descriptor = ? AND first = ?", descriptor, first)
             if keep.any():
                 kept = np.frombuffer(rows, np.float32).reshape(len(numbers), -1)[keep]
                 self._put_block(descriptor, numbers[keep], kept)
         names = [name for name, each in self.sessions().items() if each == number]
         for name in names:
-            self._run("DELETE FROM setting WHERE name = ?", f"recording of {name}")
-        self._run("DELETE FROM solution")
-        self._run("DELETE FROM session WHERE id = ?", number)
+            self._delete("setting", "name = ?", f"recording of {name}")
+        own = "IN (SELECT id FROM keyframe WHERE session = ?)"
+        self._delete("solution", "TRUE")
+        self._delete("edge", f"a {own} OR b {own}", number, number)
+        self._delete("cloud", f"keyframe {own}", number)
+        self._delete("keyframe", "session = ?", number)
+        self._delete("session", "id = ?", number)
         self.store_setting(_FORGOTTEN, (self.setting(_FORGOTTEN) or 0) + 1)
 
     def keyframes(self) -> list[StoredKeyframe]:
         """Return all keyframes, by number."""
-        rows = self._rows("keyframe", "ORDER BY id")
+        rows = self._table("keyframe", "ORDER BY id")
         self._forgotten = self.setting(_FORGOTTEN)
         with self.decoding():
             return [
@@ -133,8 +142,8 @@ class MapFile(MapDatabase):
     ) -> None:
         """Add a keyframe with all that is known of it."""
         poses = keyframe.odometry.tobytes(), keyframe.robot_from_cloud.tobytes()
-        self._store("keyframe", *map(int, keyframe[:4]), *poses, verb="INSERT")
-        self._store("cloud", keyframe.id, *cloud, verb="INSERT")
+        self._store("keyframe", *map(int, keyframe[:4]), *poses)
+        self._store("cloud", keyframe.id, *cloud)
         for descriptor, vector in vectors.items():
             self._append_vector(descriptor, keyframe.id, vector)
 
@@ -151,19 +160,10 @@ class MapFile(MapDatabase):
                 bytes(memoryview(evidence)), bits, _finite(level), bytes(memoryview(points))
             )
 
-    def search_image(self, keyframe: int) -> tuple[bytes | None, float]:
-        """Return the bits of a keyframe's images from above, and its ground level."""
-        row = self._one("SELECT image, ground_level FROM cloud WHERE keyframe = ?", keyframe)
-        self._check_forgotten()
-        if row is None:
-            raise self._damaged(f"keyframe {keyframe} has no cloud")
-        with self.decoding():
-            return None if row[0] is None else bytes(memoryview(row[0])), _finite(row[1])
-
     def vectors(self) -> dict[str, tuple[Integers, Floats32]]:
         """Return the numbers of keyframes, and their vectors, float32 (n, D), by descriptor."""
         blocks: dict[str, list[tuple[Integers, Floats32]]] = {}
-        stored = self._rows("vector", "ORDER BY descriptor, first")
+        stored = self._table("vector", "ORDER BY descriptor, first")
         self._check_forgotten()
         with self.decoding():
             for name, _, keyframes, rows in stored:
@@ -180,7 +180,7 @@ class MapFile(MapDatabase):
 
     def edges(self) -> list[Edge]:
         """Return all edges, by number; their nodes are keyframes."""
-        rows = self._rows("edge", "ORDER BY id")
+        rows = self._table("edge", "ORDER BY id")
         with self.decoding():
             return [
                 Edge(
@@ -207,7 +207,7 @@ class MapFile(MapDatabase):
 
     def solution(self) -> tuple[Integers, Floats, Integers] | None:
         """Return keyframes, poses, float64 (n, 4, 4), and parts, as the graph was solved last."""
-        rows = self._rows("solution")
+        rows = self._table("solution")
         if not rows:
             return None
         with self.decoding():

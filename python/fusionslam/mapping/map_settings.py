@@ -30,6 +30,8 @@ _CHOSEN = (
     *("fusion.source=", "fusion.frame=", "fusion.up="),
 )
 """What a map or a command chooses itself, so that other values need not have been asked for."""
+LONGEST_SESSION_NAME = 200
+"""Bytes of UTF-8."""
 _COMPARED = ("descriptor", "descriptors", "fusion", "registration")
 
 
@@ -146,10 +148,17 @@ def _differences(name: str, given: Section, known: Section) -> list[str]:
 
 
 def check_session_name(session: str) -> None:
-    """Raise ConfigError for a name that is empty or not printable (code "session-name")."""
-    if not isinstance(session, str) or not session.strip() or not session.isprintable():
+    """Raise ConfigError for a name that is empty, not printable or too long (code "session-name").
+
+    Files of an export have the names of sessions.
+    """
+    is_name = isinstance(session, str) and session.strip() and session.isprintable()
+    if not is_name or len(session.encode()) > LONGEST_SESSION_NAME:
+        shown = repr(session)
+        shown = shown if len(shown) <= 2 * LONGEST_SESSION_NAME else f"{shown[:40]}..."
         raise ConfigError(
-            f"session is {session!r}: expected a name of printable characters",
+            f"session is {shown}: expected a name of printable characters, at most "
+            f"{LONGEST_SESSION_NAME} bytes long",
             code="session-name",
-            fields=("session", repr(session)),
+            fields=("session", shown),
         )

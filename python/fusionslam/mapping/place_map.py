@@ -126,11 +126,13 @@ class PlaceMap:
 
         Raises:
             DataError: the file is no map (code "other-format"), damaged ("damaged"), of a later
-                version ("newer-version"), of an earlier one and opened read-only
-                ("older-version"), changed by another process ("locked"), missing ("not-found"),
-                or it cannot be read ("cannot-read") or written ("cannot-write").
-            ConfigError: a session's name that is empty or not printable (code "session-name"), or
-                a configuration that is none of a new map; no file is made.
+                version ("newer-version") or an earlier one ("older-version"), changed by another
+                process ("locked"), missing ("not-found"), beside the log of another file
+                ("other-log"), without changes that a process acknowledged before it was killed
+                ("lost-changes"), or it cannot be read ("cannot-read") or written ("cannot-write").
+            ConfigError: a session's name that is empty, not printable or longer than 200 bytes
+                (code "session-name"), or a configuration that is none of a new map; no file is
+                made.
             FusionSlamError: the extra ``map`` is not installed (code "missing-extra").
         """
         if session is not None:
@@ -301,7 +303,8 @@ class PlaceMap:
             DataError: a frame without odometry (code "no-odometry"), odometry that is no rigid
                 motion ("not-a-rotation", "not-finite"), a frame that cannot be described, whose z
                 does not point up ("not-up"), or the file cannot be written; nothing has changed
-                then.
+                then. The file was replaced or deleted since it was opened ("replaced"): what was
+                added since is lost.
             ConfigError: the map was opened without a session, or read-only.
         """
         self._check_session()

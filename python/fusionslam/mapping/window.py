@@ -88,7 +88,7 @@ class Window:
                 continue
             step = inverse(self._tree.pose(parent)) @ self._tree.pose(node)
             if node in steps:
-                step = _fuse(step, self._tree.drift(parent, node), steps[node])
+                step = fuse_step(step, self._tree.drift(parent, node), steps[node])
             self._poses[node] = self._poses[parent] @ step
 
     def close(self, loops: Sequence[Measurement]) -> None:
@@ -146,7 +146,7 @@ def as_measurement(edge: Edge, a: int, b: int) -> Measurement:
     return Measurement(b, a, inverse(edge.pose), turned, robust=True)
 
 
-def _fuse(step: Matrix, drift: Floats, measured: Measurement) -> Matrix:
+def fuse_step(step: Matrix, drift: Floats, measured: Measurement | Edge) -> Matrix:
     """A step by odometry and by a measurement; by odometry alone if the two contradict."""
     error = log(inverse(step) @ measured.pose)
     weighed = np.linalg.solve(drift + measured.covariance, error)

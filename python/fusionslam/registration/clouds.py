@@ -5,6 +5,8 @@
 import io
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +19,7 @@ from fusionslam._core import (
     remove_ground_segments,
     voxel_downsample,
 )
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.map_extra import (
@@ -27,11 +29,15 @@ from fusionslam.registration.map_extra import (
 )
 from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.archive import load_arrays
 from fusionslam.storage.arrays import Floats32, Image, Integers, Mask, Points
 from fusionslam.views.scenes import Scene
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
+
+_MOST_UNPACKED, _EXPANSION = 16 << 20, 32
+"""Bytes to which packed ones may expand, or how many times their number if that is more."""
 
 
 class SearchedCloud(NamedTuple):
@@ -123,9 +129,7 @@ class PreparedCloud:
             arrays["colors"] = self.colors[self.is_colored]
         if self.scene is not None:
             arrays["scene"] = np.frombuffer(self.scene.to_bytes(), np.uint8)
-        stream = io.BytesIO()
-        np.savez(stream, **arrays)  # type: ignore[arg-type]
-        return zlib.compress(stream.getvalue(), level=1)
+        return pack_arrays(arrays)
 
     @classmethod
     def from_bytes(cls, packed: bytes, config: RegistrationConfig) -> "PreparedCloud":
@@ -136,11 +140,8 @@ class PreparedCloud:
         """
         cloud = cls.__new__(cls)
         cloud.config = config
-        try:
-            with np.load(io.BytesIO(zlib.decompress(packed)), allow_pickle=False) as stored:
-                cloud._restore(dict(stored))
-        except (zlib.error, zipfile.BadZipFile, KeyError, ValueError) as error:
-            raise DataError(f"a stored cloud is damaged: {error}") from error
+        with unpacking(packed) as arrays:
+            cloud._restore(arrays)
         return cloud
 
     def _restore(self, arrays: dict[str, NDArray[Any]]) -> None:
@@ -284,6 +285,44 @@ def _round(points: Points) -> Points:
     return rounded
 
 
+def pack_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
+    """Compress arrays by name: zlib of a ``.npz``; ``unpacking`` is the inverse."""
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    whole = stream.getvalue()
+    packed = zlib.compress(whole, level=1)
+    if len(whole) > _most_unpacked(packed):  # points of one plane, as of a made world
+        return zlib.compress(whole, level=0)
+    return packed
+
+
+@contextmanager
+def unpacking(packed: bytes) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield the arrays that ``pack_arrays`` packed.
+
+    Raises:
+        DataError: the bytes are damaged, or expand to more than ``pack_arrays`` lets them; or the
+            block cannot make a cloud of the arrays (code "damaged").
+    """
+    try:
+        stream = zlib.decompressobj()
+        whole = stream.decompress(packed, _most_unpacked(packed))
+        if not stream.eof:
+            raise ValueError(f"{len(packed)} bytes are cut off, or expand to over {len(whole)}")
+        with zipfile.ZipFile(io.BytesIO(whole)) as archive:
+            sizes = [(info.file_size, info.compress_size) for info in archive.infolist()]
+        if any(size != stored for size, stored in sizes):
+            raise ValueError("its arrays are compressed twice")
+        with load_arrays(io.BytesIO(whole), "arrays of a cloud") as arrays:
+            yield arrays
+    except (zlib.error, zipfile.BadZipFile, ValueError, FusionSlamError) as error:
+        raise DataError(f"a stored cloud is damaged: {error}", code="damaged") from error
+
+
+def _most_unpacked(packed: bytes) -> int:
+    return max(_MOST_UNPACKED, _EXPANSION * len(packed))
+
+
 def pack_points(points: Points) -> NDArray[np.signedinteger[Any]]:
     """Round coordinates to 8 mm, in 16 bits where they fit; ``unpack_points`` is the inverse."""
     steps = np.rint(points * np.float32(_STEPS_PER_M))
@@ -293,7 +332,9 @@ def pack_points(points: Points) -> NDArray[np.signedinteger[Any]]:
 
 
 def unpack_points(steps: NDArray[np.signedinteger[Any]]) -> Points:
-    """Return float32 (N, 3), metres, of what ``pack_points`` returned."""
+    """Return float32 (N, 3), metres, of what ``pack_points`` returned; ValueError of others."""
+    if steps.ndim != 2 or steps.shape[1] != 3 or steps.dtype not in (np.int16, np.int64):
+        raise ValueError(f"points of shape {steps.shape}, {steps.dtype}: expected integers (N, 3)")
     return (steps / np.float32(_STEPS_PER_M)).astype(np.float32)
 
 

@@ -2,10 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps answer bad input by typed errors, and lose nothing."""
 
+import io
 import os
 import pickle
 import shutil
+import signal
 import sqlite3
+import struct
+import time
+import zipfile
+import zlib
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -17,6 +24,7 @@ import pytest
 from artefacts import copy_artefact
 from fusionslam import ConfigError, DataError, FusionConfig, ShapeError
 from fusionslam.mapping.map_database import is_map
+from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
 from map_fixtures import FRAMES, STORED, build
@@ -29,14 +37,14 @@ pytest.importorskip("small_gicp", reason="the libraries of registration are an e
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 
-@rows("name", ["", " ", "a\0b", "a\n", "\ud800", 5, b"monday"])
-def test_names_of_sessions_are_printable(short: Path, name: Any) -> None:
+@rows("name", ["", " ", "a\0b", "a\n", "\ud800", 5, b"monday", "x" * 201, "\u00e4" * 101])
+def test_names_of_sessions_are_printable_and_short(short: Path, name: Any) -> None:
     with refuses("session-name", error=ConfigError):
         PlaceMap.open(short, name)
 
 
 def test_other_names_of_sessions_are_kept(short: Path) -> None:
-    names = ["../x", "Montag früh", "'; DROP TABLE session; --", "x" * 10_000]
+    names = ["../x", "Montag früh", "'; DROP TABLE session; --", "x" * 200]
     for name in names:
         build(short, FRAMES[:1], name)
     with PlaceMap.open(short, read_only=True) as site:
@@ -191,12 +199,14 @@ def test_senseless_values_are_damage(
 
 
 def check_damage(path: Path) -> None:
-    """A map is said to be damaged when it is opened, or when it is checked."""
-    with refuses("damaged"):
+    """A map is said to be damaged, in few words, when it is opened, or when it is checked."""
+    try:
         with PlaceMap.open(path, read_only=True) as site:
             problems = site.check()
-        assert problems
-        raise DataError("; ".join(problems), code="damaged")
+    except DataError as error:
+        assert error.code == "damaged", error
+        problems = [str(error)]
+    assert problems and all(len(each) < 800 for each in problems)
 
 
 OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
@@ -284,6 +294,18 @@ def test_a_flipped_bit_is_damage(first_part: Path, tmp_path: Path, table: str, c
         check_damage(path)
 
 
+def test_frames_for_a_file_that_was_replaced_are_refused(short: Path, tmp_path: Path) -> None:
+    backup = Path(shutil.copy(short, tmp_path / "backup.fsmap"))
+    site = PlaceMap.open(short, "monday")
+    site.add(FRAMES[STORED])
+    os.replace(backup, short)
+    with refuses("replaced", str(short)):
+        site.add(FRAMES[STORED + 1])
+    assert len(site) == STORED + 1
+    with refuses("replaced", str(short)):
+        site.close()
+
+
 def test_a_new_map_that_is_refused_leaves_no_file(tmp_path: Path) -> None:
     path = tmp_path / "new.fsmap"
     with pytest.raises(ConfigError):
@@ -332,3 +354,191 @@ def test_a_reader_of_a_forgotten_session_is_told_so(short: Path) -> None:
         assert len(site) == 1 and site.check() == []
     with PlaceMap.open(short, read_only=True) as again:
         assert len(again) == 1 and again.check() == []
+
+
+FLIPS = int(os.environ.get("FUSIONSLAM_FLIPS", "40").replace("all", "3000"))
+ENDLESS = "WITH RECURSIVE n (id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)"
+BOMB = {"points": np.zeros((3 << 20, 3), np.int16)}  # 18 MB
+Change = Callable[[sqlite3.Connection], object]
+
+
+def change_points(packed: bytes) -> Change:
+    return change_row("cloud", "points", packed)
+
+
+def change_row(table: str, column: str, value: Any) -> Change:
+    def change(database: sqlite3.Connection) -> None:
+        database.execute(f"UPDATE {table} SET {column} = ?", (value,))
+        restore_crcs(database)
+
+    return change
+
+
+def change_schema(statement: str) -> Change:
+    def change(database: sqlite3.Connection) -> None:
+        database.execute("PRAGMA writable_schema = ON")
+        database.execute(statement)
+
+    return change
+
+
+def npz(*, packed: bool) -> bytes:
+    stream = io.BytesIO()
+    (np.savez_compressed if packed else np.savez)(stream, **BOMB)
+    return stream.getvalue()
+
+
+def npz_of_header(shape: str) -> bytes:
+    stream = io.BytesIO()
+    header = f"{{'descr': '<i2', 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    with zipfile.ZipFile(stream, "w") as archive:
+        text = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header
+        archive.writestr("points.npy", text)
+    return stream.getvalue()
+
+
+def lead_in_rings(path: Path) -> None:
+    """Make pages of table keyframe that lead to one leaf in a billion ways."""
+    with closing(sqlite3.connect(path)) as database:
+        (root,) = database.execute(
+            "SELECT rootpage FROM sqlite_master WHERE name = 'keyframe'"
+        ).fetchone()
+    whole, page = bytearray(path.read_bytes()), 65536
+    count = len(whole) // page
+    leaf = bytes(whole[(root - 1) * page : root * page])
+
+    def inner(child: int) -> bytes:
+        cells = 30_000  # one cell, and as many pointers to it
+        head = struct.pack(">BHHHBI", 5, 0, cells, page - 8, 0, child)
+        pointers = struct.pack(">H", page - 8) * cells
+        return (head + pointers).ljust(page - 8, b"\0") + struct.pack(">IBxxx", child, 1)
+
+    whole[(root - 1) * page : root * page] = inner(count + 1)
+    whole += inner(count + 2) + leaf
+    whole[28:32] = struct.pack(">I", count + 2)
+    path.write_bytes(whole)
+
+
+def change_header(place: int, byte: int) -> Callable[[Path], object]:
+    def change(path: Path) -> None:
+        whole = bytearray(path.read_bytes())
+        whole[place] = byte
+        path.write_bytes(whole)
+
+    return change
+
+
+CRAFTED: dict[str, str | Callable[[], Change]] = {
+    "a view that never ends": "DROP TABLE session; CREATE VIEW session (id, name, crc) AS "
+    f"{ENDLESS} SELECT id, 'a', 0 FROM n",
+    "a view of settings": "ALTER TABLE setting RENAME TO old; CREATE VIEW setting AS "
+    "SELECT * FROM old",
+    "another view": f"CREATE VIEW v AS {ENDLESS} SELECT id FROM n",
+    "a trigger": "CREATE TRIGGER t AFTER INSERT ON keyframe BEGIN DELETE FROM cloud; END",
+    "a trigger in place of": "DROP TABLE edge; CREATE VIEW edge AS SELECT 1 AS id; CREATE TRIGGER "
+    "t INSTEAD OF INSERT ON edge BEGIN DELETE FROM cloud; END",
+    "another table": "CREATE TABLE t (x)",
+    "another index": "CREATE INDEX i ON edge (abs(a))",
+    "a table without its index": "DROP INDEX edge_a",
+    "a missing table": "DROP TABLE solution",
+    "a missing state": "DELETE FROM state",
+    "a column more": "ALTER TABLE session ADD COLUMN more TEXT DEFAULT 'x'",
+    "a computed column": "ALTER TABLE session ADD COLUMN more AS (upper(name))",
+    "a check": lambda: change_schema(
+        "UPDATE sqlite_master SET sql = replace(sql, 'frame INTEGER', "
+        "'frame INTEGER CHECK (randomblob(1e9) > 0)') WHERE name = 'keyframe'"
+    ),
+    "an index twice": lambda: change_schema(
+        "INSERT INTO sqlite_master SELECT type, name, tbl_name, rootpage, sql "
+        "FROM sqlite_master WHERE name = 'edge_b'"
+    ),
+    "tables that share pages": lambda: change_schema(
+        "UPDATE sqlite_master SET rootpage = (SELECT rootpage FROM sqlite_master WHERE name = "
+        "'cloud') WHERE name = 'edge'"
+    ),
+    "a bomb": lambda: change_points(zlib.compress(npz(packed=False), level=1)),
+    "a bomb in a bomb": lambda: change_points(zlib.compress(npz(packed=True))),
+    "a vast array": lambda: change_points(zlib.compress(npz_of_header("(99999999999, 3)"))),
+    "a point of no axes": lambda: change_points(zlib.compress(npz_of_header("(0,)"))),
+    "settings that are no text": "UPDATE setting SET value = CAST(x'ff' || value AS TEXT)",
+    "settings of brackets": lambda: change_row("setting", "value", "[" * 100_000),
+    "a number of many digits": lambda: change_row("setting", "value", "9" * 100_000),
+    "a long name": lambda: change_row("session", "name", "x" * 2_000_000),
+    "a name of lines": lambda: change_row("session", "name", "a\nb"),
+    "a change of words": lambda: change_row("state", "number", "x"),
+}
+ON_BYTES: dict[str, Callable[[Path], object]] = {
+    "rings of pages": lead_in_rings,
+    "pages that move": change_header(55, 1),
+    "texts of two bytes": change_header(59, 2),
+    "one page": lambda path: path.write_bytes(path.read_bytes()[:65536]),
+}
+
+
+@rows("name", [*CRAFTED, *ON_BYTES])
+def test_a_crafted_map_is_refused_at_once(first_part: Path, tmp_path: Path, name: str) -> None:
+    path = copy_artefact(first_part, tmp_path / "site.fsmap")
+    if name in ON_BYTES:
+        ON_BYTES[name](path)
+    else:
+        change = CRAFTED[name]
+        with closing(sqlite3.connect(path)) as database:
+            if isinstance(change, str):
+                database.executescript(change)
+            else:
+                change()(database)
+            database.commit()
+    before, began = path.read_bytes(), time.process_time()
+    check_damage(path)
+    assert time.process_time() - began < 1.0
+    assert path.read_bytes() == before and [*tmp_path.iterdir()] == [path]
+
+
+def test_ctrl_c_ends_a_statement(short: Path) -> None:
+    with MapFile(short, read_only=True) as file:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.02)
+        before = signal.signal(signal.SIGVTALRM, signal.default_int_handler)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                for _ in range(50):
+                    with refuses("damaged"):  # each ends by itself
+                        file._all(f"{ENDLESS} SELECT id FROM n WHERE id < 0")
+        finally:
+            signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+            signal.signal(signal.SIGVTALRM, before)
+
+
+def content(path: Path) -> bytes:
+    """All that a map's file holds, read as others read it; what ``check`` finds is raised."""
+    with MapFile(path, read_only=True) as file:
+        if problems := file.check():
+            raise DataError(problems[0], code="damaged")
+        keyframes = file.keyframes()
+        solution, config = file.solution(), file.setting("config")
+        about = keyframes, file.sessions(), file.edges(), file.vectors(), solution, config
+        return pickle.dumps((about, [file.cloud(each.id) for each in keyframes]))
+
+
+@pytest.mark.parametrize("tried", [90, pytest.param(30 * FLIPS, marks=pytest.mark.nightly)])
+def test_a_flipped_bit_anywhere_is_found_or_changes_nothing(
+    first_part: Path, tmp_path: Path, tried: int
+) -> None:
+    path = copy_artefact(first_part, tmp_path / "site.fsmap")
+    with PlaceMap.open(path) as site:
+        site.solve()
+    whole, expected = path.read_bytes(), content(path)
+    rng = np.random.default_rng(tried)
+    used = np.flatnonzero(np.frombuffer(whole, np.uint8))  # bytes of pages that are not full are 0
+    parts = np.arange(100), used, np.arange(len(whole))  # the header, what is not 0, anything
+    places = np.concatenate([rng.choice(part, tried // 3) for part in parts])
+    found = 0
+    for place in places.tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:
+            assert content(path) == expected, f"byte {place}"
+        except DataError:
+            found += 1
+    print(f"{len(places)} bits flipped, {found} found")
+    assert found > tried / 3

@@ -111,3 +111,19 @@ def test_poses_are_those_of_the_loops_once_a_map_is_loaded() -> None:
         np.array_equal(stale.poses[k], content.pose(each.id))
         for k, each in enumerate(content.keyframes)
     )
+
+
+@pytest.mark.parametrize("solved", [0, 10])
+def test_poses_of_steps_are_the_same_once_a_map_is_loaded(solved: int) -> None:
+    drive, way = Drive(), circle(LAP)
+    content, solution = drive.content, None
+    for number in range(len(way) - 1):
+        drive.add(1, way, number, {})
+        if number == solved - 1:
+            content.solve()
+            solution = content.numbers, content.poses, np.array(content.parts)
+    loaded = MapContent(content.sessions, content.keyframes, content.edges.values(), solution)
+    np.testing.assert_allclose(loaded.poses, content.poses, atol=1e-9)
+    steps = [edge.pose for edge in content.edges.values() if edge.kind == "odometry"]
+    end = np.linalg.multi_dot(steps)  # by odometry alone, whose steps are too long
+    assert np.linalg.norm(loaded.poses[-1, :3, 3] - end[:3, 3]) > 0.01

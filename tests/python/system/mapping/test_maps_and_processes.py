@@ -4,6 +4,7 @@
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -123,7 +124,7 @@ def test_a_map_that_may_not_be_read_is_named(short: Path) -> None:
 
 
 def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
-    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(tmp_path)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(tmp_path)]
     if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
         pytest.skip("no file system can be mounted")
     try:
@@ -138,3 +139,165 @@ def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
             assert len(site) == kept and site.check() == []
     finally:
         subprocess.run(["umount", "--lazy", str(tmp_path)], check=True)
+
+
+@rows("read_only", [True, False])
+def test_a_map_whose_maker_was_killed_is_made_again(tmp_path: Path, read_only: bool) -> None:
+    path = tmp_path / "a.fsmap"
+
+    def make() -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(MapFile, "_write_state", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+            MapFile(path)
+
+    assert exit_code_of(fork(make)) == -signal.SIGKILL
+    if read_only:
+        with refuses("other-format"):
+            MapFile(path, read_only=True)
+        return
+    with MapFile(path) as file:
+        add_setting(file, 1)
+    with MapFile(path, read_only=True) as file:
+        assert file.setting("a") == 1 and file.check() == []
+
+
+def add_setting(file: MapFile, value: object) -> None:
+    with file.transaction():
+        file.store_setting("a", value)
+
+
+def killed_writer(path: Path, *, changes: int = 3) -> None:
+    """Leave the log and the lock of a process that is killed after some changes."""
+
+    def write() -> None:
+        file = MapFile(path)
+        for number in range(changes):
+            add_setting(file, f"change {number}")
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    assert exit_code_of(fork(write)) == -signal.SIGKILL
+
+
+def files_of(path: Path) -> dict[str, bytes]:
+    """Without the index of the log, which SQLite makes anew."""
+    kept = (each for each in path.parent.glob("a.*") if not each.name.endswith("-shm"))
+    return {each.name: each.read_bytes() for each in kept}
+
+
+@rows("how", ["replaced", "deleted", "moved"])
+@rows("moment", ["before a change", "within a change", "before the end"])
+def test_a_file_that_is_replaced_while_it_is_open_is_told(
+    tmp_path: Path, how: str, moment: str
+) -> None:
+    path, other = tmp_path / "a.fsmap", tmp_path / "b.fsmap"
+    MapFile(other).close()
+
+    def take_away() -> None:
+        if how == "replaced":
+            os.replace(other, path)
+        elif how == "deleted":
+            path.unlink()
+        else:
+            path.rename(tmp_path / "c.fsmap")
+
+    file = MapFile(path)
+    add_setting(file, 1)
+    if moment == "before the end":
+        take_away()
+    else:
+        with refuses("replaced", str(path)):
+            if moment == "before a change":
+                take_away()
+            with file.transaction():
+                file.store_setting("a", 2)
+                if moment == "within a change":
+                    take_away()
+    with refuses("replaced", str(path)):
+        file.close()
+    file.close()
+    assert not path.with_name("a.fsmap-lock").exists()
+
+
+@rows("read_only", [True, False])
+@rows("backup", ["older", "of another map", "of now"])
+def test_a_backup_beside_the_log_of_a_killed_process_is_told(
+    tmp_path: Path, backup: str, read_only: bool
+) -> None:
+    path, saved = tmp_path / "a.fsmap", tmp_path / "saved"
+    MapFile(path).close()
+    saved.mkdir()
+    for number in range(2 if backup == "of now" else 1):
+        with MapFile(path) as file:
+            add_setting(file, number)
+    if backup == "of another map":
+        MapFile(saved / "a.fsmap").close()
+    else:
+        shutil.copyfile(path, saved / "a.fsmap")
+    if backup != "of now":
+        with MapFile(path) as file:  # is in the file when the log begins
+            add_setting(file, "later")
+    killed_writer(path)
+    whole = files_of(path)
+    shutil.copyfile(saved / "a.fsmap", path)
+    if backup == "of now":
+        with MapFile(path, read_only=read_only) as file:
+            assert file.setting("a") == "change 2"
+        return
+    before = files_of(path)
+    with refuses("other-log", str(path)):
+        MapFile(path, read_only=read_only)
+    assert files_of(path) == before  # so that the damage is not for ever
+    path.write_bytes(whole["a.fsmap"])
+    with MapFile(path, read_only=True) as file:
+        assert file.setting("a") == "change 2"
+    shutil.copyfile(saved / "a.fsmap", path)  # as the page says
+    for suffix in ("-wal", "-shm", "-lock"):
+        path.with_name(f"a.fsmap{suffix}").unlink(missing_ok=True)
+    with MapFile(path, read_only=read_only) as file:
+        assert file.setting("a") == (None if backup == "of another map" else 0)
+
+
+@rows("read_only", [True, False])
+@rows("damage", ["flipped", "deleted"])
+def test_lost_changes_of_a_killed_process_are_told(
+    tmp_path: Path, damage: str, read_only: bool
+) -> None:
+    path = tmp_path / "a.fsmap"
+    MapFile(path).close()
+    killed_writer(path)
+    log = path.with_name("a.fsmap-wal")
+    whole = log.read_bytes()
+    rng = random.Random(3)
+    for place in [40, len(whole) - 30_000, *rng.sample(range(len(whole)), 8)]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.randrange(8)
+        log.write_bytes(damaged) if damage == "flipped" else log.unlink(missing_ok=True)
+        with refuses("lost-changes"):
+            MapFile(path, read_only=read_only)
+    log.write_bytes(whole)
+    with MapFile(path, read_only=read_only) as file:
+        assert file.setting("a") == "change 2"
+
+
+def test_a_child_process_leaves_the_map_of_its_parent_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.fsmap"
+    with MapFile(path) as file:
+        add_setting(file, 1)
+
+        def use() -> None:
+            with refuses("forked", str(path)):
+                file.setting("a")
+            with refuses("forked", str(path)):
+                add_setting(file, 2)
+            file.close()
+            with MapFile(path, read_only=True) as own:
+                assert own.setting("a") == 1
+            with refuses("locked"):
+                MapFile(path)
+
+        assert exit_code_of(fork(use)) == 0
+        assert path.with_name("a.fsmap-lock").exists()
+        add_setting(file, 2)
+        with MapFile(path, read_only=True) as reader:
+            assert reader.setting("a") == 2
+    assert [*tmp_path.iterdir()] == [path]
