@@ -17,6 +17,7 @@ from fusionslam._core import (
     remove_ground_segments,
     voxel_downsample,
 )
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
@@ -41,6 +42,7 @@ class SearchedCloud(NamedTuple):
     features: int
 
 
+@checked
 class PreparedCloud:
     """A cloud that is registered with several others: what they all need is computed once.
 

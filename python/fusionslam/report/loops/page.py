@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from fusionslam.argument_types import checked
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation
 from fusionslam.evaluation.loops.evaluation import check_judged
@@ -37,6 +38,7 @@ from fusionslam.report.page.images import forgive, keep
 from fusionslam.storage.csv_files import write_csv
 
 
+@checked
 def write_report(
     evaluations: Sequence[Evaluation],
     folder: str | os.PathLike[str],
