@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The one file that owns the rules for numpy arrays and errors.
 //
-// Arguments: C-contiguous arrays of the right type are viewed, everything else is copied once;
-// the wrong shape or kind raises ShapeError. Results: vectors are handed to numpy without a copy.
+// Arguments: C-contiguous, aligned arrays of the right type are viewed, everything else is copied
+// once; the wrong shape or kind raises ShapeError. Results: vectors are handed to numpy without a
+// copy.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -13,13 +14,19 @@
 #include <pybind11/typing.h>
 
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <thread>
 #include <vector>
+
+#ifdef __GLIBCXX__
+#include <cxxabi.h>
+#endif
 
 #include "fusionslam/fusionslam.hpp"
 
@@ -29,6 +36,46 @@ namespace py = pybind11;
 
 using CloudTuple =
     py::typing::Tuple<py::array_t<float>, py::array_t<std::uint8_t>, py::array_t<std::int64_t>>;
+
+/// Makes a call that may wait for the GIL. Once the interpreter has ended, Python (up to 3.13) ends
+/// daemon threads that wait for it by unwinding their stacks, which would let go of Python objects
+/// without the GIL and end the process at the first noexcept or catch (...). Such a thread sleeps
+/// instead until the process has ended.
+template <class Call>
+auto asleep_at_exit(Call&& call) {
+#ifdef __GLIBCXX__
+  try {
+    return call();
+  } catch (const abi::__forced_unwind&) {
+    for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+  }
+#else
+  return call();
+#endif
+}
+
+/// While it lives, its thread is without the GIL.
+class GilRelease {
+ public:
+  GilRelease() : state_(PyEval_SaveThread()) {}
+  ~GilRelease() { take_back(); }
+  GilRelease(const GilRelease&) = delete;
+  GilRelease& operator=(const GilRelease&) = delete;
+
+  /// Runs the handlers of signals, with the GIL; whether one of them raised.
+  bool has_signal_raised() {
+    take_back();
+    const bool raised = PyErr_CheckSignals() != 0;
+    state_ = PyEval_SaveThread();
+    return raised;
+  }
+
+ private:
+  void take_back() {
+    asleep_at_exit([this] { PyEval_RestoreThread(state_); });
+  }
+  PyThreadState* state_;
+};
 
 inline std::string shape_text(const py::array& array) {
   return py::str(array.attr("shape")).cast<std::string>();
@@ -48,7 +95,8 @@ inline py::array as_array(py::handle source, const char* name) {
 }
 
 template <class T>
-using ContiguousArray = py::array_t<T, py::array::c_style | py::array::forcecast>;
+using ContiguousArray = py::array_t<T, py::array::c_style | py::array::forcecast |
+                                           py::detail::npy_api::NPY_ARRAY_ALIGNED_>;
 
 /// Throws MemoryError if there is no memory for a copy: array_t::ensure would return a null array.
 template <class T>
@@ -277,11 +325,8 @@ py::array_t<T> rows_of_three(std::vector<T>&& values) {
 /// for while it runs (their handlers run on the main thread only, as Python has it).
 template <class Work>
 auto without_gil(Work&& work) {
-  const py::gil_scoped_release release;
-  const InterruptScope scope([] {
-    const py::gil_scoped_acquire acquire;
-    return PyErr_CheckSignals() != 0;
-  });
+  GilRelease release;
+  const InterruptScope scope([&release] { return release.has_signal_raised(); });
   return work();
 }
 
@@ -334,7 +379,8 @@ struct array_arg_caster {
   operator Arg&&() && { return std::move(*value); }
 
   bool load(handle source, bool) {
-    value.emplace(source);
+    // numpy lets go of the GIL while it converts.
+    fusionslam::bindings::asleep_at_exit([&] { value.emplace(source); });
     return true;
   }
   std::optional<Arg> value;

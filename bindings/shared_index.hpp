@@ -35,7 +35,7 @@ class SharedIndex {
   auto write(Work&& work) {
     if (is_read_here())
       throw std::runtime_error("a signal handler cannot change the index whose use it interrupts");
-    const py::gil_scoped_release release;
+    const GilRelease release;
     const std::unique_lock lock(mutex_);
     return work(index_);
   }

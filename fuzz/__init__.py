@@ -4,7 +4,8 @@
 
 ``python -m fuzz --help``. ``stored_formats`` and ``foreign_files`` are the targets of bytes,
 ``public_functions`` those of arguments, ``worker`` runs one target under Atheris (coverage-guided)
-in a process of its own, ``supervisor`` starts workers and counts what they found.
+in a process of its own, ``supervisor`` starts workers and counts what they found. Apart from them,
+``any_arguments`` calls every public name with values of any type.
 """
 
 import sys

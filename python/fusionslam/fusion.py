@@ -31,6 +31,7 @@ from fusionslam._core import (
     stereo_disparity,
     voxel_downsample,
 )
+from fusionslam.argument_types import checked
 from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.help_texts import PER_FRAME, counted
@@ -130,6 +131,7 @@ class FusionConfig(Section):
     stereo: StereoSection = option(StereoSection(), "single values instead of the preset's")
 
 
+@checked
 def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
     """Make the coloured cloud of a frame in the configured frame, by default the scan's.
 
@@ -140,11 +142,8 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
             needs, and the message names it; an image does not have the calibration's size; or
             most points are farther away than any LiDAR sees. One of several cameras that lacks an
             image or calibration is left out, which is logged; it is an error if none is left.
-        ShapeError: not a frame.
+        TypeError: not a frame, or another configuration.
     """
-    if not isinstance(frame, Frame):
-        kind = type(frame).__name__
-        raise ShapeError(f"expected a Frame, got {kind}", code="no-frame", fields=(kind,))
     config = config or FusionConfig()
     cloud = remove_ground(frame, color_cloud(frame, config), config)
     cloud = _transform(cloud, frame_from_points(frame, config.frame))

@@ -219,13 +219,16 @@ def _cure_of(error: FusionSlamError, command: Any) -> str:
     from fusionslam.pipelines.recording import FrameError
 
     known = {name for each in command.command.params for name in each.opts}
+    lacks = "--descriptors" if "--descriptors" in known else "--descriptor"
+    instead = f"{lacks} {error.fields[-1]} takes clouds without" if error.fields else ""
     if isinstance(error, FrameError):
         skip = "; --skip-bad-frames leaves such frames out" if "--skip-bad-frames" in known else ""
         if error.code == "no-colors":
-            return skip  # the cloud is whole: info has nothing to list
+            # The cloud is whole: info has nothing to list.
+            return f"{skip}; {instead}" if instead and lacks in known else skip
         return f"{skip}{',' if skip else ';'} info --all lists them"
-    if error.code == "no-colors" and error.fields and "--descriptors" in known:
-        return f"; --descriptors {error.fields[-1]} takes clouds without"
+    if error.code == "no-colors" and instead and lacks in known:
+        return f"; {instead}"
     cures = [cure for option, cure in _CURES.get(error.code, {}).items() if option in known]
     return f"; {', '.join(cures)}" if cures else ""
 

@@ -80,7 +80,7 @@ def build_recording(
     from fusionslam.pipelines.recording import Recording
 
     topics, changes = _parse_topics(topic or []), _parse_sync(sync or [])
-    path, simulated = _record_if_world(data)
+    path, simulated = _record_if_world(data, kind)
     return Recording.at(
         path,
         kind=kind,
@@ -125,7 +125,7 @@ def _check_pairs(option: str, texts: list[str], expected: str) -> None:
             raise ConfigError(f"{option} {text}: expected {expected}")
 
 
-def _record_if_world(data: Path) -> tuple[Path, str | None]:
+def _record_if_world(data: Path, kind: str | None) -> tuple[Path, str | None]:
     """Return DATA and None, or the recording made in the world that DATA names, and its name.
 
     Raises:
@@ -136,6 +136,8 @@ def _record_if_world(data: Path) -> tuple[Path, str | None]:
         _check_name(path)
     elif not (path.suffix.lower() in _WORLD_FILES if path.is_file() else _has_world(path)):
         return path, None
+    if kind is not None:  # recording takes minutes
+        opt.check_choice("--kind", kind, opt.KINDS)
     for extra in ("sim", "bags"):
         needs_extra(extra)
     from fusionslam.sim.recordings import record_world

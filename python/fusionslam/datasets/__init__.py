@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.argument_types import checked
 from fusionslam.config import explain_choice
 from fusionslam.datasets.bags import open_bag, open_writer
 from fusionslam.datasets.bags.reader import bag_kind
@@ -86,6 +87,7 @@ WITHOUT_POSE = ("skip", "keep")
 logger = logging.getLogger(__name__)
 
 
+@checked
 def open_dataset(
     path: str | os.PathLike[str],
     *,

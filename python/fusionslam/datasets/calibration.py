@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, naming
 from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
@@ -21,6 +22,7 @@ ON_ROBOT = "robot_from_points"
 """Key of calib.yaml that says where the scanner is on the robot."""
 
 
+@checked
 @dataclass(frozen=True)
 class Calibration:
     """A KITTI calibration file: the text after each key, parsed as numbers on access."""
@@ -59,6 +61,7 @@ class Calibration:
         return homogeneous(np.hstack([self.matrix(rotation, 3, 3), self.matrix(translation, 3, 1)]))
 
 
+@checked
 def read_calibration(path: PathLike) -> Calibration:
     """Read KITTI's calib.txt, calib_cam_to_cam.txt or calib_velo_to_cam.txt.
 
@@ -94,6 +97,7 @@ def camera(
         return Camera(projection, rectified_from_points, size)
 
 
+@checked
 def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
     """Read a calib.yaml; returns its cameras by name, in the order of the file.
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.help_texts import PER_FRAME
 from fusionslam.sensors.frame import Cloud, require_cloud
@@ -35,6 +36,7 @@ _COLOR_FIELDS = (
 BIN_RECORD = np.dtype(("<f4", 4))
 
 
+@checked
 def read_cloud(path: PathLike) -> Cloud:
     """Read the points of a .bin, .pcd or .ply file, with colours and intensities if it has any.
 
@@ -46,6 +48,7 @@ def read_cloud(path: PathLike) -> Cloud:
     return readers[_cloud_suffix(path)](path)
 
 
+@checked
 def read_bin(path: PathLike) -> Cloud:
     """Read a KITTI scan: float32 x, y, z, reflectance, which become the intensities.
 
@@ -77,6 +80,7 @@ def read_records(path: PathLike, record: np.dtype[Any], expected: str) -> NDArra
     return np.frombuffer(data, dtype=record)
 
 
+@checked
 def read_pcd(path: PathLike) -> Cloud:
     """Read a PCD file with fields x, y, z and, for colour, packed rgb or rgba.
 
@@ -117,6 +121,7 @@ def read_pcd(path: PathLike) -> Cloud:
     )
 
 
+@checked
 def read_ply(path: PathLike) -> Cloud:
     """Read the vertices of a PLY file: x, y, z and, for colour, uchar red, green, blue.
 
@@ -292,6 +297,7 @@ def _float32(points: NDArray[Any]) -> NDArray[np.float32]:
     return np.ascontiguousarray(points, dtype=np.float32)
 
 
+@checked
 def read_image(path: PathLike) -> NDArray[np.uint8]:
     """Read an image: uint8 (H, W) if it is grey, else (H, W, 3) RGB; transparency is dropped.
 

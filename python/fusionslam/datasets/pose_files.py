@@ -11,8 +11,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.datasets.streams import PERIOD_NS
 from fusionslam.errors import DataError, ShapeError
+from fusionslam.storage.arrays import read_numbers
 from fusionslam.storage.files import PathLike, atomic_path, reading
 
 logger = logging.getLogger(__name__)
@@ -30,6 +32,7 @@ ROTATION_TOLERANCE = 1e-2
 WXYZ = (7, 4, 5, 6)
 
 
+@checked
 def read_poses(path: PathLike) -> tuple[NDArray[np.int64] | None, NDArray[np.float64]]:
     """Read poses in KITTI (12 columns) or TUM format (8 columns).
 
@@ -46,6 +49,7 @@ def read_poses(path: PathLike) -> tuple[NDArray[np.int64] | None, NDArray[np.flo
     return read_poses_tum(path) if columns == 8 else (None, read_poses_kitti(path))
 
 
+@checked
 def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
     """Read float64 (N, 4, 4) from lines of 12 numbers, the row-major 3x4 matrix [R t].
 
@@ -60,6 +64,7 @@ def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
     return poses
 
 
+@checked
 def read_poses_tum(path: PathLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Read int64 (N) nanoseconds and float64 (N, 4, 4) from lines ``t x y z qx qy qz qw``.
 
@@ -82,6 +87,7 @@ def read_poses_tum(path: PathLike) -> tuple[NDArray[np.int64], NDArray[np.float6
     return _exact_stamps(path), poses
 
 
+@checked
 def write_poses_tum(
     path: PathLike, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]
 ) -> None:
@@ -95,10 +101,15 @@ def write_poses_tum(
     """
     from trimesh.transformations import quaternion_from_matrix
 
-    if poses.shape != (len(stamps_ns), 4, 4):
-        raise ShapeError(f"poses have shape {poses.shape}, expected ({len(stamps_ns)}, 4, 4)")
+    poses, stamps = read_numbers("poses", poses, "(N, 4, 4)"), np.asarray(stamps_ns)
+    if stamps.ndim != 1 or stamps.dtype.kind not in "iu":
+        raise ShapeError(
+            f"stamps_ns has shape {stamps.shape} and dtype {stamps.dtype}, expected int64 (N,)"
+        )
+    if poses.shape != (len(stamps), 4, 4):
+        raise ShapeError(f"poses have shape {poses.shape}, expected ({len(stamps)}, 4, 4)")
     lines = []
-    for stamp, pose in zip(stamps_ns, poses, strict=True):
+    for stamp, pose in zip(stamps, poses, strict=True):
         seconds = Decimal(int(stamp)).scaleb(-9)
         wxyz = quaternion_from_matrix(pose)  # type: ignore[no-untyped-call]
         values = [*pose[:3, 3], *np.roll(wxyz, -1)]
@@ -107,12 +118,14 @@ def write_poses_tum(
         temporary.write_text("".join(lines), encoding="ascii")
 
 
+@checked
 def write_poses_kitti(path: PathLike, poses: NDArray[np.float64]) -> None:
     """Write float64 (N, 4, 4) as KITTI lines, all 17 digits, so that they are read back exactly.
 
     Raises:
         ShapeError: the poses are not (N, 4, 4). DataError: the file cannot be written.
     """
+    poses = read_numbers("poses", poses, "(N, 4, 4)")
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise ShapeError(f"poses have shape {poses.shape}, expected (N, 4, 4)")
     lines = [" ".join(f"{value:.17g}" for value in pose[:3].ravel()) + "\n" for pose in poses]
@@ -120,6 +133,7 @@ def write_poses_kitti(path: PathLike, poses: NDArray[np.float64]) -> None:
         temporary.write_text("".join(lines), encoding="ascii")
 
 
+@checked
 def read_times(path: PathLike) -> NDArray[np.int64]:
     """Read int64 (N) nanoseconds from KITTI's times.txt: seconds, one per line.
 
@@ -134,6 +148,7 @@ def read_times(path: PathLike) -> NDArray[np.int64]:
     return stamps
 
 
+@checked
 def read_timestamps(path: PathLike) -> NDArray[np.int64]:
     """Read int64 (N) nanoseconds since 1970 from KITTI raw's timestamps.txt, taken as UTC.
 
@@ -151,6 +166,7 @@ def read_timestamps(path: PathLike) -> NDArray[np.int64]:
     return stamps.astype(np.int64)
 
 
+@checked
 def match_poses(
     path: PathLike,
     numbers: NDArray[np.int64],

@@ -3,43 +3,21 @@
 """Exports networks to ONNX, so that robots need no torch."""
 
 import os
-import warnings
-from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.errors import FusionSlamError
 from fusionslam.learning.pointnet import Comparison, PointNet
-from fusionslam.learning.torch_extra import nn, torch
+from fusionslam.learning.torch_extra import nn
 from fusionslam.storage.files import atomic_path
 from fusionslam.views.second_stage.network_files import About
 
 # Old enough for ONNX runtimes of 2022.
-_OPSET = 17
+_OPSET, _IR = 17, 8
 
-
-class _Features(nn.Module):
-    """From one cloud (N, C) to its features (1, F)."""
-
-    def __init__(self, network: PointNet) -> None:
-        super().__init__()
-        self.network = network
-        self.train(network.training)  # the exporter restores the mode of the outer module
-
-    def forward(self, points: torch.Tensor) -> torch.Tensor:
-        features: torch.Tensor = self.network(points[None])[0]
-        return features
-
-
-class _Probability(nn.Module):
-    """From pairs of features (M, F) to probabilities (M, 1)."""
-
-    def __init__(self, network: Comparison) -> None:
-        super().__init__()
-        self.network = network
-        self.train(network.training)  # the exporter restores the mode of the outer module
-
-    def forward(self, current: torch.Tensor, stored: torch.Tensor) -> torch.Tensor:
-        probability: torch.Tensor = self.network(current, stored)[:, None]
-        return probability
+Weights = NDArray[np.float64]
 
 
 def export_pointnet(path: str | os.PathLike[str], network: PointNet, about: About) -> None:
@@ -49,8 +27,21 @@ def export_pointnet(path: str | os.PathLike[str], network: PointNet, about: Abou
         DataError: the file cannot be written.
         FusionSlamError: onnx is not installed.
     """
-    inputs = {"points": (network.config.channels, "N")}
-    _export(path, _Features(network), inputs, "features", about)
+    graph = _Graph()
+    xyz = graph.add("Slice", "points", np.array([0]), np.array([3]), np.array([1]))
+    transform = network.transform
+    row = graph.layers(graph.pooled(xyz, transform.points.layers), transform.head)
+    matrix = graph.add("Reshape", graph.linear(row, transform.matrix), np.array([3, 3]))
+    turned = graph.add("MatMul", xyz, matrix)
+    if network.config.colors:
+        colors = graph.add("Slice", "points", np.array([3]), np.array([6]), np.array([1]))
+        turned = graph.add("Concat", turned, colors, axis=1)
+    features = graph.pooled(turned, network.points.layers)
+    if network.embedding is not None:
+        embedded = graph.linear(features, network.embedding)
+        features = graph.add("LpNormalization", embedded, axis=1, p=2)
+    inputs = {"points": ("N", network.config.channels)}
+    graph.save(path, inputs, features, ("features", (1, network.config.features)), about)
 
 
 def export_comparison(path: str | os.PathLike[str], network: Comparison, about: About) -> None:
@@ -59,42 +50,105 @@ def export_comparison(path: str | os.PathLike[str], network: Comparison, about: 
     Raises:
         DataError, FusionSlamError: as ``export_pointnet``.
     """
-    inputs = {name: (network.config.features, "M") for name in ("current", "stored")}
-    _export(path, _Probability(network), inputs, "probability", about)
+    graph = _Graph()
+    weight, bias = _parameters(network.hidden)
+    weight *= np.tile(_numbers(network.scale), 2)[:, None]
+    bias -= np.tile(_numbers(network.mean), 2) @ weight
+    hidden = graph.gemm(graph.add("Concat", "current", "stored", axis=1), weight, bias)
+    if network.config.activation == "relu":
+        hidden = graph.add("Relu", hidden)
+    probability = graph.add("Sigmoid", graph.linear(hidden, network.output))
+    inputs = {name: ("M", network.config.features) for name in ("current", "stored")}
+    graph.save(path, inputs, probability, ("probability", ("M", 1)), about)
 
 
-def _export(
-    path: str | os.PathLike[str],
-    network: nn.Module,
-    inputs: Mapping[str, tuple[int, str]],
-    output: str,
-    about: About,
-) -> None:
-    """Export a network; ``inputs`` give, by name, the number of columns and the row axis's name."""
-    try:
-        import onnx
-    except ImportError as error:
-        raise FusionSlamError(
-            "exporting needs onnx, which is not installed: pip install 'fusionslam[learn]'"
-        ) from error
-    axes = {name: {0: rows} for name, (_, rows) in inputs.items()}
-    if output == "probability":
-        axes[output] = axes["current"]
-    with atomic_path(path) as temporary:
-        with warnings.catch_warnings():
-            # torch's default exporter needs onnxscript and writes opset 18 or later.
-            warnings.simplefilter("ignore")
-            torch.onnx.export(
-                network,
-                tuple(torch.zeros(5, columns) for columns, _ in inputs.values()),
-                temporary,
-                input_names=list(inputs),
-                output_names=[output],
-                dynamic_axes=axes,
-                opset_version=_OPSET,
-                dynamo=False,
-            )
-        model = onnx.load(temporary)
-        onnx.helper.set_model_props(model, about.metadata())
-        onnx.checker.check_model(model)
-        temporary.write_bytes(model.SerializeToString(deterministic=True))
+class _Graph:
+    """A graph that ``onnx_graph.check_graph`` accepts: rows times stored matrices."""
+
+    def __init__(self) -> None:
+        try:
+            import onnx
+        except ImportError as error:
+            raise FusionSlamError(
+                "exporting needs onnx, which is not installed: pip install 'fusionslam[learn]'"
+            ) from error
+        self._onnx: Any = onnx
+        self._nodes: list[Any] = []
+        self._stored: list[Any] = []
+
+    def add(self, operator: str, *inputs: str | NDArray[Any], **attributes: Any) -> str:
+        """Add an operator on values of that name and stored arrays; returns its result's name."""
+        names = [value if isinstance(value, str) else self._store(value) for value in inputs]
+        output = f"v{len(self._nodes)}"
+        self._nodes.append(self._onnx.helper.make_node(operator, names, [output], **attributes))
+        return output
+
+    def gemm(self, rows: str, weight: Weights, bias: Weights) -> str:
+        return self.add("Gemm", rows, weight, bias)
+
+    def linear(self, rows: str, layer: nn.Module) -> str:
+        return self.gemm(rows, *_parameters(layer))
+
+    def layers(self, rows: str, layers: nn.Sequential) -> str:
+        """Linear layers, each followed by batch normalisation and ReLU."""
+        for weight, bias in _folded(layers):
+            rows = self.add("Relu", self.gemm(rows, weight, bias))
+        return rows
+
+    def pooled(self, rows: str, layers: nn.Sequential) -> str:
+        """``layers``, then the largest of all rows; the last bias waits until after that."""
+        *_, (weight, bias) = _folded(layers)
+        rows = self.layers(rows, nn.Sequential(*list(layers)[:-3]))
+        largest = self.add("ReduceMax", self.add("MatMul", rows, weight), axes=[0], keepdims=1)
+        return self.add("Relu", self.add("Add", largest, bias))
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        inputs: dict[str, tuple[str, int]],
+        result: str,
+        output: tuple[str, tuple[str | int, int]],
+        about: About,
+    ) -> None:
+        """Write the graph; ``inputs`` and ``output`` are names and shapes."""
+        make, kind = self._onnx.helper, self._onnx.TensorProto.FLOAT
+        graph = make.make_graph(
+            [*self._nodes, make.make_node("Identity", [result], [output[0]])],
+            about.kind,
+            [make.make_tensor_value_info(name, kind, shape) for name, shape in inputs.items()],
+            [make.make_tensor_value_info(output[0], kind, output[1])],
+            self._stored,
+        )
+        opset = [make.make_opsetid("", _OPSET)]
+        model = make.make_model(graph, opset_imports=opset, ir_version=_IR)
+        make.set_model_props(model, about.metadata())
+        self._onnx.checker.check_model(model)
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(model.SerializeToString(deterministic=True))
+
+    def _store(self, value: NDArray[Any]) -> str:
+        name = f"c{len(self._stored)}"
+        numbers = value.astype(np.float32) if value.dtype.kind == "f" else value
+        self._stored.append(self._onnx.numpy_helper.from_array(numbers, name))
+        return name
+
+
+def _folded(layers: nn.Sequential) -> list[tuple[Weights, Weights]]:
+    """Weights (inputs, outputs) and bias of each linear layer with its batch normalisation."""
+    steps: list[Any] = list(layers)
+    found = []
+    for linear, norm in zip(steps[::3], steps[1::3], strict=True):
+        weight, bias = _parameters(linear)
+        gain = _numbers(norm.weight) / np.sqrt(_numbers(norm.running_var) + norm.eps)
+        shift = _numbers(norm.bias) - gain * _numbers(norm.running_mean)
+        found.append((weight * gain, bias * gain + shift))
+    return found
+
+
+def _parameters(linear: nn.Module) -> tuple[Weights, Weights]:
+    return _numbers(linear.weight).T.copy(), _numbers(linear.bias)
+
+
+def _numbers(tensor: Any) -> Weights:
+    numbers: Weights = tensor.detach().cpu().numpy().astype(np.float64)
+    return numbers

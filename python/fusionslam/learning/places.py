@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
@@ -33,6 +34,7 @@ class SamePlaceConfig(Section):
     )
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Places:
     """Sights of one or more worlds.
@@ -82,6 +84,7 @@ class Places:
             CloudArray.of(clouds), np.concatenate(poses), np.asarray(worlds, np.int64), tuple(names)
         )
 
+    @checked
     def subset(self, indices: Integers) -> "Places":
         """Select the sights with these indices."""
         return Places(

@@ -5,6 +5,7 @@
 from pathlib import Path
 
 from fusionslam import help_texts
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, option
 from fusionslam.descriptors import DescriptorConfig, with_preset
 from fusionslam.errors import ConfigError
@@ -75,10 +76,14 @@ def fitted_threshold(
     import yaml
 
     name = with_preset(descriptor, describe or DescriptorConfig())
-    fitted: float | None = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))[source].get(name)
+    by_source = yaml.safe_load(_THRESHOLDS.read_text(encoding="utf-8"))
+    if source not in by_source:
+        raise ConfigError(f"source is {source!r}, expected one of {', '.join(by_source)}")
+    fitted: float | None = by_source[source].get(name)
     return fitted
 
 
+@checked
 def default_threshold(
     descriptor: str, describe: DescriptorConfig | None = None, source: str = "lidar"
 ) -> float:

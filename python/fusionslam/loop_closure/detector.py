@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
+from fusionslam.argument_types import checked
 from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -61,6 +62,7 @@ FILE = "detector.npz"
 _FORMER_FORMAT, _FORMER_FILE = "fusionslam.loop_detector.2", "detector.json"
 
 
+@checked
 class LoopDetector:
     """Describes each frame, compares it with all older ones outside the window, and stores it.
 

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -53,6 +54,7 @@ class Observation:
     points: int = 0
 
 
+@checked
 def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> FusionConfig:
     """Return how clouds that are registered are fused: a scan whole, though a camera sees a part.
 

@@ -46,7 +46,7 @@ class Edge:
 
 def check_kind(kind: str) -> None:
     """Raise ConfigError for a kind of edge that does not exist."""
-    if kind not in get_args(Kind):
+    if not isinstance(kind, str) or kind not in get_args(Kind):
         raise ConfigError(
             f"kind {kind!r}: expected {', '.join(get_args(Kind))}",
             code="unknown-kind",

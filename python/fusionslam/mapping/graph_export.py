@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.argument_types import checked
 from fusionslam.datasets.graph_files import edge_of_pose, node_of_pose, write_g2o
 from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
 from fusionslam.errors import DataError, ShapeError
@@ -15,6 +16,7 @@ from fusionslam.mapping.pose_graph import PoseGraph, Solution
 from fusionslam.storage.files import PathLike
 
 
+@checked
 def export_graph(
     folder: PathLike, graph: PoseGraph, solution: Solution, stamps_ns: Any = None
 ) -> list[Path]:

@@ -15,6 +15,7 @@ from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
@@ -79,6 +80,7 @@ _WINDOW = 20
 """Keyframes that are no candidates: odometry is still good."""
 
 
+@checked
 class PlaceMap:
     """A map of places in one file (.fsmap): sessions, keyframes, loops and poses.
 

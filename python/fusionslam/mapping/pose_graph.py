@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam._core import OdometryTree
+from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance, check_kind, check_pose
 from fusionslam.mapping.edge_errors import CHI2_999, chi_squares, measurement_errors, weigh_errors
@@ -68,10 +69,12 @@ class Update:
     edges: tuple[Edge, ...]
 
 
+@checked
 class PoseGraph:
     """A graph of poses: odometry, loops and merges of sessions, any of which may be wrong.
 
-    Nodes that odometry connects are a session. Its first node stays where it is.
+    Nodes that odometry connects are a session. Its first node stays where it is. A graph has no
+    lock: threads that share one take turns by a lock of their own, for reading, too.
 
     Args:
         sigmas: a loop that is farther from where odometry has the node is refused, in standard
@@ -143,12 +146,7 @@ class PoseGraph:
         """
         check_kind(kind)
         for name, node in (("a", a), ("b", b)):
-            if not isinstance(node, (int, np.integer)) or not 0 <= node < len(self):
-                raise DataError(
-                    f"{name} is node {node}: expected one of the {len(self)} nodes, from 0",
-                    code="unknown-node",
-                    fields=(name, str(node)),
-                )
+            self._check_node(name, node, len(self))
         if a == b:
             raise DataError(
                 f"an edge from node {a} to itself: expected two nodes",
@@ -246,9 +244,23 @@ class PoseGraph:
         return Update(pose, tuple(self._edges[edge.number] for edge in new))
 
     def pose(self, node: int) -> Matrix:
-        """float64 (4, 4): where the last update or solve has a node that it knew."""
+        """float64 (4, 4): where the last update or solve has a node that it knew.
+
+        Raises:
+            DataError: it knew no such node (code "unknown-node").
+        """
+        self._check_node("node", node, self._known)
         pose: Matrix = self._window.at(np.array([self._place[node]]))[0]
         return pose
+
+    @staticmethod
+    def _check_node(name: str, node: int, count: int) -> None:
+        if not isinstance(node, (int, np.integer)) or not 0 <= node < count:
+            raise DataError(
+                f"{name} is {str(node)[:50]}: expected one of the {count} nodes, from 0",
+                code="unknown-node",
+                fields=(name, str(node)[:50]),
+            )
 
     def _measure_ways(self, edges: Sequence[Edge]) -> list[Measurement]:
         """The edges between places in the tree, from the earlier to the newer one."""

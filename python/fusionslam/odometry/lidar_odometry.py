@@ -20,6 +20,7 @@ from fusionslam._core import (
     remove_ground_segments,
     voxel_downsample,
 )
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ClockError, DataError, ShapeError
 from fusionslam.help_texts import counted
@@ -91,6 +92,7 @@ class _RegisteredScan(NamedTuple):
     ranges: Floats32
 
 
+@checked
 class LidarOdometry:
     """Estimates the poses of a LiDAR from its scans, and refuses poses that cannot be right.
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam import _core
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -75,6 +76,7 @@ class PipelineConfig(Section):
     evaluation: EvaluationConfig = option(EvaluationConfig(), "how loops are judged")
 
 
+@checked
 def describe_dataset(
     dataset: "Dataset",
     names: Sequence[str],

@@ -6,6 +6,7 @@ import heapq
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.ratslam.events import Event, is_looking, stamp_of
 from fusionslam.sensors.messages import NANOSECONDS
@@ -57,6 +58,7 @@ class _StreamClock:
         self.clock, self.first_ns, self.newest_ns = clock, stamp_ns, stamp_ns
 
 
+@checked
 class StampOrder:
     """Sorts events that arrive in any order by time stamp.
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fusionslam._core import ExperienceMap as CoreMap
 from fusionslam._core import ExperienceMapConfig as CoreMapConfig
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import LINK
@@ -90,6 +91,7 @@ class Relaxation(NamedTuple):
     settled: bool
 
 
+@checked
 class ExperienceMap:
     """A graph of places and links, and the robot's pose on it.
 
@@ -186,6 +188,7 @@ class ExperienceMap:
         """
         self._map.set_odometry_deviations(way, turn)
 
+    @checked
     def check(self, action: Action) -> LoopCheck:
         """Check whether a loop fits odometry; call it before ``apply``.
 
@@ -206,6 +209,7 @@ class ExperienceMap:
         """
         return LoopCheck(*self._map.check(*_plain(action)))
 
+    @checked
     def apply(self, action: Action) -> None:
         """Apply an action of the pose cells.
 
@@ -247,6 +251,7 @@ class ExperienceMap:
         """Everything but the configuration, as arrays for ``restore``."""
         return {"version": np.array([STATE_VERSION]), **self._map.state()}
 
+    @checked
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Resume from a state, bit for bit; the configuration stays.
 

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.slam import RatSlam
 from fusionslam.storage.arrays import Floats, Integers
 
 
+@checked
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveMap:
     """A snapshot of a ``RatSlam`` map, with the nodes in order of creation as its trajectory.

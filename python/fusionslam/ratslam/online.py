@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.geometry.trajectory import ground_poses
@@ -56,6 +57,7 @@ class OnlineRatSlamConfig(Section):
     )
 
 
+@checked
 class OnlineRatSlam:
     """Maps from odometry and the views of another process as they arrive; tolerates bad events.
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.ratslam.actions import Action
@@ -89,6 +90,7 @@ class PoseCellsConfig(Section):
     )
 
 
+@checked
 class PoseCells:
     """A continuous attractor network of pose cells.
 
@@ -322,6 +324,7 @@ class PoseCells:
         place = (way.x * cell, way.y * cell)
         return Action(ActionKind.CREATE_EDGE, source, target, rotation, place)
 
+    @checked
     def refuse(self, action: Action) -> Action:
         """Replace the last action, an edge that the map found to be wrong.
 
@@ -391,6 +394,7 @@ class PoseCells:
             **{name: getattr(self, f"_{name}").all.copy() for name in _TABLES},
         }
 
+    @checked
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Resume from the ``state`` of cells with the same configuration.
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -149,6 +150,7 @@ class Step:
     seconds: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
 
 
+@checked
 class RatSlam:
     """Pose cells and an experience map that process events in the order of their stamps.
 
@@ -265,6 +267,7 @@ class RatSlam:
             self.memory.odometry = known and known._replace(stamp_ns=FORGOTTEN_NS)
             self.memory.newest_ns = self.memory.looked_ns = None
 
+    @checked
     def save(self, path: PathLike, *, run: RatSlamRun | None = None) -> None:
         """Save one file atomically, from which ``load`` resumes exactly.
 

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
@@ -82,6 +83,7 @@ class ViewSource(Protocol):
         """Resume from ``to_bytes``. Raises DataError if the bytes are of another kind."""
 
 
+@checked
 class TemplateSource:
     """Recognises views by visual templates, as the original RatSLAM does.
 
@@ -101,6 +103,7 @@ class TemplateSource:
     def known(self) -> int:
         return len(self.templates)
 
+    @checked
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         view = _image_of(item)
         if not (view.ndim == 1 and view.dtype == np.float32):
@@ -121,6 +124,7 @@ class TemplateSource:
         self.templates = VisualTemplates.load(io.BytesIO(content))
 
 
+@checked
 class MatcherSource:
     """Recognises views by a ``ViewMatcher``: alignment, objects, two stages, or a descriptor.
 
@@ -150,6 +154,7 @@ class MatcherSource:
     def known(self) -> int:
         return self.matcher.stats.new
 
+    @checked
     def follow(self, odometry: Odometry2D) -> None:
         """Follow the robot's motion, by which the next views are weighed (``views.odometry``).
 
@@ -172,6 +177,7 @@ class MatcherSource:
             x, y = x + v * dt * math.cos(heading), y + v * dt * math.sin(heading)
             self._pose = x, y, heading
 
+    @checked
     def look(self, item: Any, stamp_ns: int) -> Sighting:
         if isinstance(item, Picture):
             raise DataError(f"image at {stamp_ns} ns: {self.title} needs clouds or frames")

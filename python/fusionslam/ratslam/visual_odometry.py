@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.ratslam.image_profiles import (
@@ -127,6 +128,7 @@ class _LastImage(NamedTuple):
     sight: Sight
 
 
+@checked
 class VisualOdometry:
     """Estimates speed and turn rate by comparing each image with the previous one.
 
@@ -271,6 +273,7 @@ class VisualOdometry:
             "speed": held.sight.speed.copy(),
         }
 
+    @checked
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Resume exactly from a ``state``.
 

@@ -19,6 +19,7 @@ from fusionslam._core import (
     remove_ground_segments,
     voxel_downsample,
 )
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
@@ -47,6 +48,7 @@ class SearchedCloud(NamedTuple):
     features: int
 
 
+@checked
 class PreparedCloud:
     """A cloud that is registered with several others: what they all need is computed once.
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam._core import count_overlap
+from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.registration.birds_eye import (
@@ -49,6 +50,7 @@ _MOST_COMPARED = 2000
 """Points whose colours are compared; more cost time alone."""
 
 
+@checked
 def register(
     source: Cloud | Points | PreparedCloud,
     target: Cloud | Points | PreparedCloud,
@@ -103,6 +105,7 @@ def register(
     return replace(result, seconds=time.perf_counter() - started)
 
 
+@checked
 def search_poses(
     source: PreparedCloud, target: PreparedCloud | SearchImage, most: int = 1
 ) -> list[Hypothesis]:
@@ -128,6 +131,7 @@ def search_poses(
     return found
 
 
+@checked
 def compare_images(source: PreparedCloud, image: SearchImage) -> float:
     """Return the largest correlation of two clouds' images from above, coarsely.
 

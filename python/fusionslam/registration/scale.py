@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fusionslam._core import voxel_downsample
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError
 from fusionslam.registration.clouds import ROOM_REACH, check_points
 from fusionslam.registration.config import RegistrationConfig
@@ -30,6 +31,7 @@ _LENGTHS = (
 )
 
 
+@checked
 def measure_reach(cloud: Cloud | Points) -> float:
     """Median distance of a cloud's surfaces from the sensor, metres; 0 of an empty cloud."""
     points = check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
@@ -39,16 +41,19 @@ def measure_reach(cloud: Cloud | Points) -> float:
     return float(np.median(np.linalg.norm(voxels, axis=1)))
 
 
+@checked
 def without_lengths(config: RegistrationConfig) -> dict[str, Any]:
     """Return the values of a configuration but for the lengths that ``fit_lengths`` changes."""
     return config.model_dump(exclude=set(_LENGTHS))
 
 
+@checked
 def has_lengths(config: RegistrationConfig) -> bool:
     """Whether any of the lengths that ``fit_lengths`` changes was given."""
     return not config.model_fields_set.isdisjoint(_LENGTHS)
 
 
+@checked
 def fit_lengths(
     clouds: Iterable[Cloud | Points], config: RegistrationConfig | None = None
 ) -> RegistrationConfig:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
 from fusionslam.sensors.messages import as_stamp
@@ -93,6 +94,7 @@ def require_cloud(value: object) -> None:
         )
 
 
+@checked
 class Frame:
     """Sensor data of one instant. Points and images are loaded on first access.
 
@@ -143,7 +145,7 @@ class Frame:
             robot_from_points = _matrix("robot_from_points", robot_from_points, (4, 4))
             check_mounting("robot_from_points", robot_from_points)
         self.robot_from_points = robot_from_points
-        self.images: Mapping[str, Bytes] = _LazyMapping(images or {})
+        self.images: Mapping[str, Bytes] = _LazyMapping({} if images is None else images)
         self._points = points
         self._colors = colors
         self._intensities = intensities

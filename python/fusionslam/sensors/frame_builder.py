@@ -11,6 +11,7 @@ import logging
 from collections import Counter, deque
 from functools import partial
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError, cause_of
 from fusionslam.sensors.frame import CloudFrame, Frame
@@ -93,6 +94,7 @@ def _pictures(pair: Pair) -> dict[str, Picture]:
     return found
 
 
+@checked
 class FrameBuilder:
     """Builds frames from messages in bounded memory; bad messages never stop it.
 
@@ -186,6 +188,7 @@ class FrameBuilder:
         waiting[self.sync.scans] += len(self._pending)
         return dict(waiting)
 
+    @checked
     def process(self, message: Message, camera: str = "left") -> list[Frame]:
         """Process a message and return the frames that it completes, by ascending stamp.
 

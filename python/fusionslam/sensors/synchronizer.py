@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import model_validator
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
 from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds, as_stamp
@@ -102,6 +103,7 @@ class _Waiting:
         return used
 
 
+@checked
 class Synchronizer:
     """Pairs each scan with one image of every camera, in the order of the scans' stamps.
 

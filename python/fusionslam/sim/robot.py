@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import model_validator
 
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, option, suggest, with_file
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.odometry_noise import OdometryConfig
@@ -94,6 +95,7 @@ def robot_names() -> list[str]:
     return sorted(path.stem for path in _ROBOTS.glob("*.yaml"))
 
 
+@checked
 def robot_named(name: str | Path) -> RobotConfig:
     """Load a robot by its name in the package or by the path of its YAML file.
 

@@ -213,6 +213,8 @@ def atomic_path(path: PathLike, *, durable: bool = True) -> Iterator[Path]:
             folder, such as a device, which must not be replaced (code "cannot-write").
     """
     target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
+    if "\0" in str(target):
+        raise cannot_write(target, "no file's name holds a NUL")
     if os.path.exists(target) and not (os.path.isfile(target) or os.path.isdir(target)):
         raise cannot_write(target, "it is a device, expected a file")
     if os.path.islink(target):

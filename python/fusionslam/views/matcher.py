@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
@@ -41,6 +42,7 @@ _ABSENCE = 0.1
 stands still uses one view again and again, which does not tell that it will come back."""
 
 
+@checked
 class ViewMatcher:
     """Gives each scan the id of the place it shows, or a new id.
 

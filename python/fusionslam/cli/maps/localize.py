@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command map localize: where on a map each frame of a recording is."""
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +13,7 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.cli.recordings import build_recording, open_data
+from fusionslam.errors import ConfigError
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
@@ -45,7 +47,16 @@ def localize(
     )
 
     with PlaceMap.open(path, read_only=True) as site, progress() as step:
-        whole = merged(read_config(), {"fusion": site.fusion.model_dump()})
+        config = read_config()
+        for key in sorted(config.fusion.model_fields_set):
+            if getattr(config.fusion, key) != (own := getattr(site.fusion, key)):
+                raise ConfigError(
+                    f"fusion.{key} is {getattr(config.fusion, key)}, but clouds are made as those "
+                    f"of the map, where it is {own}: leave it out",
+                    code="other-config",
+                    fields=(f"fusion.{key}",),
+                )
+        whole = merged(config, {"fusion": site.fusion.model_dump()})
         step(OPENING, 0, 1)
         dataset, _ = open_data(build_recording(), whole)
         step(OPENING, 1, 1)
@@ -62,5 +73,7 @@ def localize(
         ]
     write_localizations(output, found)
     fixes = sum(each.pose is not None for *_, each in found)
-    print(f"{fixes} of {len(found)} frames found")
+    reasons = Counter(each.reason.code for *_, each in found if each.pose is None and each.reason)
+    print(f"{fixes} of {len(found)} frames found", end="")
+    print(*(f"; {count} not: {code}" for code, count in reasons.most_common()), sep="")
     print(output)

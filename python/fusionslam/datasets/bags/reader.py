@@ -14,11 +14,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from fusionslam.argument_types import checked
 from fusionslam.datasets.bags.messages import check_data, is_known, plain_type, value_of
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import Event, Message
-from fusionslam.storage.files import check_regular, is_map_file
+from fusionslam.storage.files import check_regular, is_map_file, reading
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -71,6 +72,7 @@ class RawMessage:
         return value_of(self.content, self.type, self.topic)
 
 
+@checked
 def open_bag(path: str | os.PathLike[str]) -> "Bag":
     """Open a ROS 1 bag (.bag), a ROS 2 bag (folder or .db3) or an MCAP file (or folder).
 
@@ -342,7 +344,9 @@ def _find_kind(path: Path) -> str:
             fields=(str(path),),
         )
     check_regular(storage, "a bag")
-    if not storage.stat().st_size:
+    with reading(storage, "a bag"):
+        size = storage.stat().st_size
+    if not size:
         raise DataError(
             f"{storage} is empty: expected a bag", code="empty-file", fields=(str(storage),)
         )

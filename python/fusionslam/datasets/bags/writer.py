@@ -10,6 +10,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from fusionslam.argument_types import checked
 from fusionslam.datasets.bags.image_messages import STORED
 from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.reader import open_bag
@@ -34,6 +35,7 @@ _VERSION: Literal[8] = 8
 _COMMIT_BYTES = 4 << 20
 
 
+@checked
 @contextmanager
 def open_writer(
     path: str | os.PathLike[str], format: str | None = None, *, images: Images = "raw"

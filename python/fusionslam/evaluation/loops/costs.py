@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.verified_run import LoopRun
 
@@ -19,6 +20,7 @@ class StageCost:
     p95_ms: float
 
 
+@checked
 @dataclass(frozen=True)
 class Costs:
     """Cost of a run.
@@ -39,6 +41,7 @@ class Costs:
     median_points: float | None
 
 
+@checked
 def summarise_costs(run: LoopRun) -> Costs:
     """Summarise the costs of a run; figures of a run without frames are left out."""
     timed = {stage: seconds for stage, seconds in run.seconds.items() if len(seconds)}

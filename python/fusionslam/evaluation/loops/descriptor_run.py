@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.nearest_matches import validate_descriptors
 from fusionslam.help_texts import counted
@@ -19,6 +20,7 @@ _TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "ski
 _STAGE = "seconds."
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class DescriptorRun:
     """One descriptor on one cloud source over one sequence.

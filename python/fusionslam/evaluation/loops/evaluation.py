@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.costs import Costs, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
@@ -61,6 +62,7 @@ class DirectionFigures:
     accepted: float | None
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """A run evaluated under several protocols.
@@ -149,6 +151,7 @@ class Evaluation:
         )
 
 
+@checked
 def evaluate(
     run: DescriptorRun,
     *,
@@ -203,6 +206,7 @@ def _search(run: DescriptorRun, window: int, threads: int) -> Matches:
     return find_matches(rows, window=window, k=count, threads=threads, metric=run.metric)
 
 
+@checked
 def evaluate_verified(
     run: VerifiedRun,
     *,

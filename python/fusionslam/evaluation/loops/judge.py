@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.loops.nearest_matches import (
     Matches,
     check_causal,
@@ -34,6 +35,7 @@ from fusionslam.evaluation.loops.sweep import sweep_thresholds
 from fusionslam.storage.arrays import Floats, Mask
 
 
+@checked
 def precision_recall(
     descriptors: NDArray[np.float32],
     positions: ArrayLike,
@@ -73,6 +75,7 @@ def precision_recall(
     return evaluate_matches(matches, places, **config.model_dump())
 
 
+@checked
 def evaluate_matches(
     matches: Matches,
     positions: ArrayLike,

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.storage.arrays import read_numbers
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Matches:
     """The k nearest candidates of each of N queries, nearest first.
@@ -68,6 +70,7 @@ class Matches:
         return len(self.indices)
 
 
+@checked
 def find_matches(
     descriptors: NDArray[np.float32],
     *,

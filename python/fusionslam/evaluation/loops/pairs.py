@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.nearest_matches import (
     metres_between,
@@ -31,6 +32,7 @@ SEED = 0
 """Of the generator that draws pairs of different places."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """Pairs of frames, ascending by query: rows int64 (P,) each, and bool (P,) for one place."""
@@ -40,6 +42,7 @@ class Pairs:
     same: Mask
 
 
+@checked
 def evaluate_pairs(
     descriptors: NDArray[np.float32],
     positions: ArrayLike,
@@ -94,6 +97,7 @@ def evaluate_pairs(
     )
 
 
+@checked
 def sample_pairs(
     places: Floats, protocol: Protocol, config: EvaluationConfig, seed: int = SEED
 ) -> Pairs:

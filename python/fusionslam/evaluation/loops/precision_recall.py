@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.loops.protocols import PROTOCOLS
 from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_json, save_json
@@ -34,6 +35,7 @@ _ARRAYS: dict[str, type[np.generic]] = {
 }
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class PrecisionRecall:
     """Precision and recall of the nearest candidates, or of pairs of frames, at every threshold.

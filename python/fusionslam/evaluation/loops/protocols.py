@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import model_validator
 
 from fusionslam import help_texts
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.errors import ConfigError
 from fusionslam.storage.arrays import Mask
@@ -36,6 +37,7 @@ class PairRule:
     negatives: int
 
 
+@checked
 @dataclass(frozen=True)
 class Protocol:
     """When a match is correct and which queries recall counts; the rest is ``COMMON_RULES``.
@@ -159,6 +161,7 @@ def judged_together(name: str) -> tuple[str, ...]:
     return (name,) if find_protocol(name).peer else USUAL_PROTOCOLS
 
 
+@checked
 def find_protocol(name: str) -> Protocol:
     """Return the protocol with this name. Raises ConfigError if it is unknown."""
     if name in PROTOCOLS:

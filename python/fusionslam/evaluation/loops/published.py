@@ -10,6 +10,8 @@ from typing import Any
 
 import yaml
 
+from fusionslam.argument_types import checked
+
 CITATION = (
     "Perdomo 2019, c-M2DP: KITTI odometry, radius 10 m, window 50 frames, protocol perdomo2019; "
     "times are means over KITTI 05 on an i7 at 2.0 GHz, matching took 4 to 6 ms a query"
@@ -50,12 +52,14 @@ PUBLISHED_COLOR_SPACES = {"rgb": (0.825, 0.892), "hsv": (0.714, 0.915), "lab": (
 (Perdomo 2019, 4.2)."""
 
 
+@checked
 def kitti_sequence(dataset: str) -> str | None:
     """Return the sequence in a dataset's name ("KITTI 06", "kitti/sequences/06"), or None."""
     found = re.fullmatch(r"kitti\D*(\d\d)", dataset.strip(), flags=re.IGNORECASE)
     return found[1] if found else None
 
 
+@checked
 def published_figures(
     sequence: str | None, source: str, descriptor: str, frames: int
 ) -> dict[str, float] | None:
@@ -124,6 +128,7 @@ PEERS = _read_peers()
 """All figures of other papers, in the order of their tables."""
 
 
+@checked
 def peer_figures(protocol: str, sequence: str | None, frames: int) -> tuple[PeerFigures, ...]:
     """Return what other papers print under a protocol; none for parts of a sequence.
 

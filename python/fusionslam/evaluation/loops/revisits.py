@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
+from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.protocols import DEFAULTS
+from fusionslam.storage.arrays import read_numbers
 
 DIRECTIONS = ("same", "opposite", "crossing")
 
@@ -20,6 +23,7 @@ class Visit:
     earlier: int | None = None
 
 
+@checked
 def visits(
     poses: NDArray[np.float64], *, radius: float = DEFAULTS.radius, window: int = DEFAULTS.window
 ) -> list[Visit]:
@@ -31,7 +35,13 @@ def visits(
     Args:
         poses: float64 (N, 4, 4), world_from_body, with any axis convention.
         radius: metres (exclusive). window: frames.
+
+    Raises:
+        ShapeError: the poses are not (N, 4, 4).
     """
+    poses = read_numbers("poses", poses, "(N, 4, 4)")
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise ShapeError(f"poses have shape {poses.shape}, expected (N, 4, 4)")
     return [_visit(poses, index, radius, window) for index in range(len(poses))]
 
 

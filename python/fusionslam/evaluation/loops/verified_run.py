@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.nearest_matches import Matches, check_rigid
@@ -41,6 +42,7 @@ _SHAPES: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 _OPTIONAL = ("poses", "body_from_cloud")
 
 
+@checked
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VerifiedRun:
     """The best loop of each frame of a sequence, after the registration of its candidates.

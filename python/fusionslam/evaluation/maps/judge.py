@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -30,6 +31,7 @@ _FEW = 0.1
 """Share of the looks that are a loop below which loops are few."""
 
 
+@checked
 def judge_map(run: RatSlamRun, *, rule: str | ViewRule = "paper") -> MapReport:
     """Judge the map of a run, and dead reckoning for comparison, against the true poses.
 
@@ -234,6 +236,7 @@ class _Judge:
         )
 
 
+@checked
 def pose_errors(poses: Floats, truth: Floats) -> PoseErrors:
     """Compute the errors of poses after rigid alignment with the truth (``fit_rigid``).
 

@@ -6,6 +6,7 @@ import os
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.views.report import percent, share
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.geometry.rigid import RigidMotion
@@ -36,6 +37,7 @@ class PoseErrors:
     motion: RigidMotion
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class MapReport:
     """A judged run of RatSLAM. Figures are None without ground truth.

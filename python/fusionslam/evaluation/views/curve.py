@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.judge import ViewJudge, validate_ids
 from fusionslam.evaluation.views.report import ViewReport
@@ -34,6 +35,7 @@ COLUMNS = (
 """The figures of ``ViewReport`` that a curve keeps for each threshold."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class ViewCurve:
     """Figures of a drive at every threshold.
@@ -136,6 +138,7 @@ class ViewCurve:
         return float(self.thresholds[rows[best]])
 
 
+@checked
 def sweep_views(
     judge: ViewJudge,
     matcher: Callable[[float], ArrayLike],
@@ -160,6 +163,7 @@ def sweep_views(
     return ViewCurve(steps, _columns(reports), judge.rule_name)
 
 
+@checked
 def sweep_pairs(
     judge: ViewJudge,
     similarities: ArrayLike,
@@ -186,6 +190,7 @@ def sweep_pairs(
     return sweep_views(judge, lambda limit: _ids(likeness, found, limit), thresholds)
 
 
+@checked
 def ids_from_pairs(similarities: ArrayLike, candidates: ArrayLike, threshold: float) -> Integers:
     """Ids int64 (n,) of scans whose most similar earlier scans are known.
 

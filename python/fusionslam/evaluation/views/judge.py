@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.views.report import ViewReport
@@ -18,6 +19,7 @@ _SECONDS = 9e9
 """Larger stamps (beyond the year 2255) are not seconds."""
 
 
+@checked
 def judge_views(
     ids: ArrayLike, poses: ArrayLike, stamps: ArrayLike, *, rule: str | ViewRule = "paper"
 ) -> ViewReport:
@@ -39,6 +41,7 @@ def judge_views(
     return ViewJudge(poses, stamps, rule=rule).judge(ids)
 
 
+@checked
 class ViewJudge:
     """A drive with ground truth: judges any number of id sequences, as ``judge_views`` does.
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.views.judge import validate_ids, validate_poses, validate_stamps
 from fusionslam.evaluation.views.report import ViewReport
@@ -73,6 +74,7 @@ class JudgedView:
         return self.matched is None and self.id >= 0
 
 
+@checked
 class RunningViews:
     """Judges each view as it arrives; ``report`` is ``judge_views`` of all so far.
 

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 import yaml
 
+from fusionslam.argument_types import checked
+
 VIEW_CITATION = (
     "Stastny 2022, tables 5.2 to 5.5: clouds in world coordinates with perfect odometry, angles "
     "compared as the author's program does (72 and 7.2 degrees); times on an i7-8650U in a "
@@ -111,18 +113,21 @@ def world_of(name: str) -> str | None:
     return plain if plain in WORLDS else None
 
 
+@checked
 def published_views(name: str) -> tuple[PublishedViews, ...]:
     """Return the published figures of a world, one per method; none for other worlds."""
     world = world_of(name)
     return tuple(figures for figures in PUBLISHED_VIEWS if figures.world == world)
 
 
+@checked
 def rerun_views(name: str) -> tuple[RerunViews, ...]:
     """Return the figures measured again in a world; none if there are none."""
     world = world_of(name)
     return tuple(figures for figures in RERUN_VIEWS if figures.world == world)
 
 
+@checked
 def rerun_descriptors(name: str) -> tuple[RerunDescriptor, ...]:
     """Return the figures of c-M2DP in a world; none if not measured."""
     world = world_of(name)

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.help_texts import counted
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class ViewReport:
     """A judged sequence of view ids. Shares lie in [0, 1]; one without a denominator is None.

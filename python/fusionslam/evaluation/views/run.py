@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.views.curve import ViewCurve
 from fusionslam.evaluation.views.judge import (
@@ -30,6 +31,7 @@ _ARRAYS = ("ids", "poses", "stamps", "numbers", *_PER_SCAN)
 _TEXTS = ("world", "method", "threshold", "bytes_per_view", "config", "held_back")
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class ViewRun:
     """The ids that one method gave to the scans of one drive, and their cost.

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from fusionslam.argument_types import checked
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.evaluation import CITATION, COMMON_RULES, PROTOCOLS, Evaluation
 from fusionslam.evaluation.loops.evaluation import check_judged
@@ -41,6 +42,7 @@ MAP_PAGE = "map.html"
 """Page of the map of the same drive, beside the report."""
 
 
+@checked
 def write_report(
     evaluations: Sequence[Evaluation],
     folder: str | os.PathLike[str],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -55,6 +56,7 @@ def single_map(scene: Scene, bounds: Bounds) -> tuple["Figure", "Axes"]:
     return figure, axis
 
 
+@checked
 def map_figure(
     runs: Sequence[RatSlamRun],
     reports: Sequence[MapReport] | None = None,

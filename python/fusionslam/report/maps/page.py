@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -28,6 +29,7 @@ RUNS = "ratslam"
 Judged = list[tuple[RatSlamRun, MapReport]]
 
 
+@checked
 def write_ratslam_report(
     folder: str | os.PathLike[str],
     runs: RatSlamRun | Sequence[RatSlamRun],

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.evaluation import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.experience_map import Route, quickest_route
@@ -29,6 +30,7 @@ _LINK, _ROUTE = CURVE_COLORS[5], CURVE_COLORS[1]
 _ARROWS = 8
 
 
+@checked
 def path_figure(run: RatSlamRun, a: int, b: int) -> "Figure":
     """Draw the map and on it the fastest path from node a to node b.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation import JudgedView
 from fusionslam.report.page.images import write_photo
@@ -18,6 +19,7 @@ _LINE = 15  # pixels
 _MARGIN = 4
 
 
+@checked
 def write_false_positive(
     path: str | os.PathLike[str],
     judged: JudgedView,

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fusionslam.argument_types import checked
 from fusionslam.config import merged, walk
 from fusionslam.errors import DataError
 from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, ViewRule, ViewRun
@@ -31,6 +32,7 @@ RUNS = "views"
 """Folder of the stored runs, beside the page."""
 
 
+@checked
 def write_view_report(
     runs: ViewRun | Sequence[ViewRun],
     folder: str | os.PathLike[str],
@@ -100,11 +102,13 @@ def write_view_report(
     )
 
 
+@checked
 def has_view_runs(folder: str | os.PathLike[str]) -> bool:
     """Return whether a folder holds runs that ``write_view_report`` stored."""
     return any(_run_files(Path(folder)))
 
 
+@checked
 def load_view_runs(folder: str | os.PathLike[str]) -> list[ViewRun]:
     """Load the runs that ``write_view_report`` stored in a folder, by world and method.
 
@@ -117,6 +121,7 @@ def load_view_runs(folder: str | os.PathLike[str]) -> list[ViewRun]:
     return runs
 
 
+@checked
 def write_stored_view_report(
     folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None
 ) -> Path:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Convert SDF geometry elements into pieces in the frame of their visual or collision."""
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -66,7 +67,7 @@ class GeometryReader:
     def _mesh(self, mesh: ET.Element, folder: Path, owner: str) -> list[Piece]:
         uri = (mesh.findtext("uri") or "").strip()
         path = self._library.find(uri, folder)
-        if path is None or not path.is_file():
+        if path is None or not os.path.isfile(path):
             self._note("mesh", uri, f"named by {owner}, not found")
             return []
         if mesh.find("submesh") is not None:

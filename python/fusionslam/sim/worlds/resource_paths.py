@@ -48,7 +48,7 @@ class Library:
         elif not scheme:
             places.insert(0, folder / rest)
         allowed = (place for place in places if rest and self._is_allowed(place))
-        return next((place for place in allowed if place.exists()), None)
+        return next((place for place in allowed if os.path.exists(place)), None)
 
     def _is_allowed(self, place: Path, *more: Path) -> bool:
         """Whether a path is in a folder of the world, of MODEL_PATHS, or of ``more``."""
@@ -64,12 +64,12 @@ class Library:
         listed = _sdf_files(config) if config.is_file() else []
         names = [name for _, name in sorted(listed, reverse=True)]
         found = (place / name for name in [*names, "model.sdf"] if Path(name).name == name)
-        return next((file for file in found if file.is_file()), None)
+        return next((file for file in found if os.path.isfile(file)), None)
 
     def texture(self, written: str, mesh: Path) -> NDArray[np.uint8] | None:
         """An image that a mesh file refers to, uint8 (H, W, 3); None, and recorded, if missing."""
         for place in self.texture_places(written, mesh):
-            if place.is_file():
+            if os.path.isfile(place):  # False, too, for a name that is too long
                 return self.picture(place)
         self.missing.add("texture", written, f"named by {mesh}, not found")
         return None
@@ -122,7 +122,7 @@ class MeshFolder:
             FileNotFoundError: it does not exist; it is also recorded as missing.
         """
         for place in self._library.texture_places(name, self._mesh):
-            if place.is_file():
+            if os.path.isfile(place):
                 return place.read_bytes()
         kind = "material" if name.endswith(".mtl") else "texture"
         self._library.missing.add(kind, name, f"named by {self._mesh}, not found")

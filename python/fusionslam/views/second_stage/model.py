@@ -30,6 +30,7 @@ from fusionslam.views.second_stage.network_files import (
     check_digest,
     read_about,
 )
+from fusionslam.views.second_stage.onnx_graph import check_graph
 from fusionslam.views.second_stage.scores import probability_of
 
 Features = NDArray[np.float32]
@@ -54,8 +55,9 @@ class SecondStage:
             comparable.
 
     Raises:
-        DataError: a file is missing, truncated, of another kind or of other sizes; the message
-            names it and what was expected.
+        DataError: a file is missing, truncated, of another kind or of other sizes, or computes
+            what no network of ours does (code "other-operators"); the message names it and what
+            was expected.
         FusionSlamError: onnxruntime is not installed.
     """
 
@@ -171,16 +173,16 @@ def _open_session(path: Path, kind: Kind) -> tuple[Any, About]:
     options.log_severity_level = 4
     check_digest(path)
     with reading(path, f"a {kind} network in ONNX"):
-        session = onnxruntime.InferenceSession(
-            path.read_bytes(), options, providers=["CPUExecutionProvider"]
-        )
+        data = path.read_bytes()
+        check_graph(data)
+        session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     about = read_about(path, session.get_modelmeta().custom_metadata_map, kind)
-    _check_inputs(path, session, about)
+    _check_sizes(path, session, about)
     return session, about
 
 
-def _check_inputs(path: Path, session: Any, about: About) -> None:
-    """Raise DataError unless the graph's inputs agree with its metadata."""
+def _check_sizes(path: Path, session: Any, about: About) -> None:
+    """Raise DataError unless the graph's inputs and result agree with its metadata."""
     if isinstance(about.architecture, PointNetConfig):
         expected = {"points": about.architecture.channels}
     else:
@@ -190,3 +192,9 @@ def _check_inputs(path: Path, session: Any, about: About) -> None:
     found = {value.name: value.shape[-1] for value in session.get_inputs()}
     if found != expected:
         raise DataError(f"{path} takes {found}, expected {expected}: name and length of a row")
+    rows = {name: np.zeros((2, size), np.float32) for name, size in expected.items()}
+    with reading(path, f"a {about.kind} network in ONNX"):
+        (result,) = session.run(None, rows)
+    shape = (2, 1) if about.kind == "comparison" else (1, about.architecture.features)
+    if result.shape != shape:
+        raise DataError(f"{path} gives {result.shape} for 2 rows, expected {shape}")

@@ -68,7 +68,7 @@ class About:
 def digest_files(card: Path) -> dict[str, str]:
     """SHA-256 of the network files beside a model card, by suffix."""
     files = (card.with_suffix(suffix) for suffix in _SUFFIXES)
-    return {f.suffix: hashlib.sha256(f.read_bytes()).hexdigest() for f in files if f.exists()}
+    return {f.suffix: hashlib.sha256(f.read_bytes()).hexdigest() for f in files if f.is_file()}
 
 
 def check_digest(path: Path) -> None:
@@ -77,7 +77,7 @@ def check_digest(path: Path) -> None:
     Cards of version 0.1 have no digests.
     """
     card = path.with_suffix(".json")
-    if not card.exists() or not path.exists():
+    if not card.exists() or not path.is_file():
         return
     with load_json(card, None, "a model card") as values:
         expected = values.get(DIGESTS, {}).get(path.suffix)

@@ -3,6 +3,7 @@
 """The commands map build, show, localize, export and check on a made street."""
 
 import csv
+import re
 import shutil
 import sqlite3
 from contextlib import closing
@@ -126,8 +127,12 @@ def test_a_session_is_of_one_recording(made: Path, site: Path) -> None:
 
 def test_frames_are_found_on_a_map(made: Path, built: Path, tmp_path: Path) -> None:
     output = tmp_path / "found.csv"
-    succeeds("map", "localize", made / "return", "--map", built, "-o", output)
+    said = succeeds("map", "localize", made / "return", "--map", built, "-o", output).stdout
     found = list(csv.DictReader(output.open()))
+    other = ("--set", "fusion.voxel=0.7")
+    again = error_of(2, "map", "localize", made / "return", "--map", built, "-o", output, *other)
+    assert (again.code, again.fields) == ("other-config", ("fusion.voxel",))
+    assert sum(map(int, re.findall(r"(\d+) (?:of|not)", said))) == len(found)  # reasons are counted
     assert len(found) == len(RETURN)
     known = [row for row in found if not row["reason"]]
     assert len(known) >= 7

@@ -46,6 +46,10 @@ def test_a_wrong_use_is_one_line_too(kitti: Path, words: tuple[str, ...], expect
     assert expected in line and "--help" in line
 
 
+def test_a_kind_of_data_is_looked_at_before_a_world_is_recorded() -> None:
+    assert "'kitti-raw'" in fails(2, "describe", "--kind", "kiti", "warehouse")
+
+
 @rows("command, option", [("loops", "--source"), ("views match", "--source"), ("calib-check", "")])
 def test_an_error_names_the_option_that_cures_it_if_the_command_has_it(
     command: str, option: str, tmp_path: Path

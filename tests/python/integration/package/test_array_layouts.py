@@ -48,11 +48,18 @@ def reversed_rows(array: np.ndarray) -> np.ndarray:
     return array[::-1].copy()[::-1]
 
 
+def unaligned(array: np.ndarray) -> np.ndarray:
+    held = np.zeros(array.nbytes + 1, np.uint8)[1:].view(array.dtype).reshape(array.shape)
+    held[:] = array
+    return held
+
+
 LAYOUTS: dict[str, Callable[[np.ndarray], Any]] = {
     "Fortran-ordered": np.asfortranarray,
     "strided": strided,
     "read-only": read_only,
     "of negative stride": reversed_rows,
+    "unaligned": unaligned,
 }
 FLOAT_LAYOUTS = LAYOUTS | {
     "float64": lambda array: array.astype(np.float64),
@@ -120,7 +127,8 @@ def test_contiguous_points_are_not_copied_and_others_are_copied_once() -> None:
         return numpy_bytes_during(lambda: fusionslam.above_height(given, 1.0))
 
     assert used(points) < 100_000
-    for copied in (points.astype(np.float64), np.asfortranarray(points), strided(points)):
+    others = (points.astype(np.float64), np.asfortranarray(points), strided(points))
+    for copied in (*others, unaligned(points)):
         assert points.nbytes <= used(copied) < 1.1 * points.nbytes
 
 

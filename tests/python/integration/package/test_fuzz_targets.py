@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A short run of every target of fuzz/: damaged files, forged files, hostile arguments."""
 
+import random
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ import typer
 
 from fuzz import supervisor
 from fuzz.__main__ import main
+from fuzz.any_arguments import calls, check
 from fuzz.short_run import FORMER_FINDINGS, short_run
 from fuzz.targets import all_targets
 from fuzz.worker_counts import Counts
@@ -28,6 +31,14 @@ def test_some_hostile_inputs_are_refused_or_harmless(group: str) -> None:
         # A seed of place maps takes as long as those of all others.
         if name.startswith(f"{group}/") and name != "damaged/place_map":
             assert short_run(target, 3) >= 1, name
+
+
+def test_calls_with_arguments_of_any_type_are_refused_or_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, call in islice(calls(random.Random(1)), 200):
+        assert check(call) is None, name
 
 
 def test_every_former_finding_belongs_to_a_target() -> None:

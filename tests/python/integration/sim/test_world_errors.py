@@ -127,6 +127,11 @@ def test_a_mesh_of_an_unknown_kind_is_listed(room: Path) -> None:
     expect_missing(room, "lamp.blend")
 
 
+def test_names_of_meshes_and_textures_that_are_too_long_are_listed(room: Path) -> None:
+    edit("meshes/lamp.obj", "meshes/" + "x" * 300)(room / LAMP_SDF)
+    expect_missing(room, "x" * 300)
+
+
 def test_a_mesh_without_its_texture_is_kept(room: Path) -> None:
     (room / TOP).unlink()
     assert "table_1" in load_world(room, lenient=True).visual.names

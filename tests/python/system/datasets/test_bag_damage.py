@@ -73,6 +73,10 @@ def test_files_that_are_no_bags_are_refused_by_name(tmp_path: Path, suffix: str)
     with pytest.raises(DataError, check=has_code("cannot-write")):
         write_bag(path / f"drive.{suffix}", drive(0.1))
     empty.mkdir()
+    (empty / "drive.db3").symlink_to("drive.db3")
+    with pytest.raises(DataError, match=r"drive\.db3"):
+        open_bag(empty)
+    (empty / "drive.db3").unlink()
     with pytest.raises(DataError, match=r"\.db3 .*\.mcap", check=has_code("not-a-bag", empty)):
         open_bag(empty)
 
