@@ -76,7 +76,7 @@ def test_odometry_that_is_no_rigid_motion_changes_nothing(short: Path) -> None:
 def test_numbers_of_frames_are_integers(short: Path) -> None:
     last = FRAMES[STORED]
     with PlaceMap.open(short, "monday") as site:
-        for number in (-1, 2**70, 1.5, "x"):
+        for number in (-1, 2**70, 1.5):
             wrong: Any = number
             with refuses("frame-number"):
                 site.add(Frame(index=0, number=wrong, points=last.points, odometry=last.odometry))
