@@ -9,132 +9,43 @@ import os
 import secrets
 import sqlite3
 import stat
-import struct
 import time
-import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.mapping.map_schema import (
+    APPLICATION_ID,
+    KEYS,
+    TABLES,
+    VERSION,
+    MapState,
+    decode_state,
+    row_crc,
+    schema,
+    seal,
+)
 from fusionslam.storage.files import PathLike, cannot_write, why_not
+from fusionslam.storage.sqlite import (
+    PATIENCE_S,
+    BoundedConnection,
+    connect,
+    connect_read_only,
+    delete_empty_log,
+    reader,
+)
 
-APPLICATION_ID = 0x66736D70
-VERSION = 2
 _PAGE = 65536
 _MOST_LOGGED = 64 * _PAGE
 """Bytes in the write-ahead log before they go into the file."""
 
-_TABLES = """
-CREATE TABLE state (
-  id INTEGER PRIMARY KEY CHECK (id = 0),
-  map BLOB NOT NULL,
-  number INTEGER NOT NULL,
-  base INTEGER NOT NULL,
-  seals TEXT NOT NULL,
-  crc INTEGER NOT NULL
-);
-CREATE TABLE setting (
-  name TEXT PRIMARY KEY,
-  value TEXT NOT NULL,
-  crc INTEGER NOT NULL
-);
-CREATE TABLE session (
-  id INTEGER PRIMARY KEY,
-  name TEXT NOT NULL UNIQUE,
-  crc INTEGER NOT NULL
-);
-CREATE TABLE keyframe (
-  id INTEGER PRIMARY KEY,
-  session INTEGER NOT NULL REFERENCES session (id) ON DELETE CASCADE,
-  frame INTEGER NOT NULL,
-  stamp_ns INTEGER NOT NULL,
-  odometry BLOB NOT NULL,
-  robot_from_cloud BLOB NOT NULL,
-  crc INTEGER NOT NULL
-);
-CREATE INDEX keyframe_session ON keyframe (session);
-CREATE TABLE cloud (
-  keyframe INTEGER PRIMARY KEY REFERENCES keyframe (id) ON DELETE CASCADE,
-  evidence BLOB NOT NULL,
-  image BLOB,
-  ground_level REAL NOT NULL,
-  points BLOB NOT NULL,
-  crc INTEGER NOT NULL
-);
-CREATE TABLE vector (
-  descriptor TEXT NOT NULL,
-  first INTEGER NOT NULL,
-  keyframes BLOB NOT NULL,
-  rows BLOB NOT NULL,
-  crc INTEGER NOT NULL,
-  PRIMARY KEY (descriptor, first)
-);
-CREATE TABLE edge (
-  id INTEGER PRIMARY KEY,
-  kind TEXT NOT NULL,
-  a INTEGER NOT NULL REFERENCES keyframe (id) ON DELETE CASCADE,
-  b INTEGER NOT NULL REFERENCES keyframe (id) ON DELETE CASCADE,
-  pose BLOB NOT NULL,
-  covariance BLOB NOT NULL,
-  state TEXT NOT NULL,
-  code TEXT,
-  number REAL,
-  text TEXT,
-  crc INTEGER NOT NULL
-);
-CREATE INDEX edge_a ON edge (a);
-CREATE INDEX edge_b ON edge (b);
-CREATE TABLE solution (
-  id INTEGER PRIMARY KEY CHECK (id = 0),
-  keyframes BLOB NOT NULL,
-  poses BLOB NOT NULL,
-  parts BLOB NOT NULL,
-  crc INTEGER NOT NULL
-);
-"""
-
-_KEYS: Mapping[str, tuple[str, ...]] = {
-    "setting": ("name",),
-    "session": ("id",),
-    "keyframe": ("id",),
-    "cloud": ("keyframe",),
-    "vector": ("descriptor", "first"),
-    "edge": ("id",),
-    "solution": ("id",),
-}
-"""Columns that tell the rows of a table apart, which come first."""
-
-_FEWEST_STEPS = 10_000_000
-_STEPS_PER_BYTE = 2
-_STEPS_AT_ONCE = 100_000
-"""Steps of SQLite's machine, some 100 million a second: what a statement has for a file of this
-size, before it is broken off, and how many go by between two looks at that and at Ctrl-C."""
 _CORRUPTED = (
     *(sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CONSTRAINT, sqlite3.SQLITE_AUTH),
     *(sqlite3.SQLITE_TOOBIG, sqlite3.SQLITE_MISMATCH, sqlite3.SQLITE_FORMAT, sqlite3.SQLITE_SCHEMA),
 )
-_LONGEST_VALUE = 10**9  # bytes
-_PATIENCE_S = 10  # with another process
 _LONGEST_WHY = 300  # characters of a message
-
-
-class _State(NamedTuple):
-    """The row of table ``state``.
-
-    Attributes:
-        map: number of the map, by which its log is known; copies of the file have the same.
-        number: of the change that wrote this, from 1 on.
-        base: number of the change up to which the file itself, without its log, has all.
-        seals: by table, its rows' number x 2**32 + the sum of their CRCs: none is missing.
-    """
-
-    map: bytes
-    number: int
-    base: int
-    seals: dict[str, int]
 
 
 class MapDatabase:
@@ -163,11 +74,11 @@ class MapDatabase:
         self.read_only = read_only
         self._lock = -1
         self._lock_file: Path | None = None
-        self._connection: _Connection | None = None
+        self._connection: BoundedConnection | None = None
         self._is_new = False
         self._process = os.getpid()
         self._place: tuple[int, int] | None = None  # device and inode of the open file
-        self._state: _State | None = None  # within a transaction: what it will have
+        self._state: MapState | None = None  # within a transaction: what it will have
         self._has_changed = False
         self._base = 0
         try:
@@ -202,7 +113,7 @@ class MapDatabase:
             self._connection.close()
             self._connection = None
             if self.read_only:
-                _delete_empty_log(self.path)
+                delete_empty_log(self.path)
         if failed and self._is_new:
             self.path.resolve().unlink(missing_ok=True)
         if self._lock >= 0:
@@ -263,7 +174,7 @@ class MapDatabase:
             broken = self._database.execute("PRAGMA foreign_key_check").fetchall()
         found = [str(text) for (text,) in rows if text != "ok"]
         found += [f"table {row[0]}, row {row[1]}: its {row[2]} is missing" for row in broken]
-        for table in _KEYS.keys() - {"cloud"}:  # clouds are too many to be read at once
+        for table in KEYS.keys() - {"cloud"}:  # clouds are too many to be read at once
             try:
                 self._table(table)
             except DataError as error:
@@ -271,7 +182,7 @@ class MapDatabase:
         return found
 
     @property
-    def _database(self) -> "_Connection":
+    def _database(self) -> BoundedConnection:
         if os.getpid() != self._process:
             raise DataError(
                 f"{self.path} was opened by process {self._process}, of which this is a child: "
@@ -308,9 +219,9 @@ class MapDatabase:
         if not self.read_only:
             self._take_lock()
             self._is_new = not self.path.exists()
-            self._connection = _connect(self.path, "rwc")
+            self._connection = connect(self.path, "rwc")
         else:
-            self._connection = _connect_read_only(self.path)
+            self._connection = connect_read_only(self.path)
         is_new = not self._all("SELECT * FROM sqlite_master")
         if is_new and not self.read_only and self._all("PRAGMA application_id") == [(0,)]:
             self._make()
@@ -340,7 +251,7 @@ class MapDatabase:
         if not size:
             return
         noted = self._noted()  # before the file: what is noted was written before
-        with _reader(self.path) as self._connection:
+        with reader(self.path) as self._connection:
             try:
                 identity = self._all("PRAGMA application_id")
                 if identity == [(0,)] and not self._all("SELECT * FROM sqlite_master"):
@@ -384,15 +295,15 @@ class MapDatabase:
         Views, triggers and columns of others could run statements of their own.
         """
         found = self._all("SELECT type, name, tbl_name, sql FROM sqlite_master")
-        other = {row[1] for row in set(found) ^ _schema()}
-        if other or len(found) != len(_schema()):
+        other = {row[1] for row in set(found) ^ schema()}
+        if other or len(found) != len(schema()):
             names = ", ".join(sorted(map(str, other)))[:_LONGEST_WHY]
             raise self._damaged(f"its tables are not those of a map: {names or 'some are double'}")
         for name, expected in (("auto_vacuum", 0), ("encoding", "UTF-8")):
             if self._all(f"PRAGMA {name}") != [(expected,)]:
                 raise self._damaged(f"its header has another {name}, expected {expected}")
 
-    def _check_log(self, state: _State) -> None:
+    def _check_log(self, state: MapState) -> None:
         """Raise DataError if the log beside the file is not that of the file.
 
         The log continues a certain state of the file: on an older one, such as a backup, or on
@@ -401,11 +312,11 @@ class MapDatabase:
         for _ in range(3):  # a writer may be at this very page
             problem = "none"
             try:
-                with closing(_connect(self.path, "ro&immutable=1")) as itself:
+                with closing(connect(self.path, "ro&immutable=1")) as itself:
                     # A checkpoint that was broken off leaves a file shorter than its header says,
                     # which is then no damage.
                     itself.execute("PRAGMA writable_schema = ON")
-                    alone = _decode_state(itself.fetch("SELECT * FROM state"))
+                    alone = decode_state(itself.fetch("SELECT * FROM state"))
             except (sqlite3.Error, ValueError, TypeError, LookupError) as error:
                 problem = str(error)
             else:
@@ -467,7 +378,7 @@ class MapDatabase:
         except ValueError as error:
             raise self._damaged(f"the file with -lock beside it has no note: {error}") from error
 
-    def _note(self, state: _State) -> None:
+    def _note(self, state: MapState) -> None:
         """Note the last change in the lock, where a damaged log does not take it away.
 
         It follows the change: what a lock has noted, the file has.
@@ -475,7 +386,7 @@ class MapDatabase:
         with suppress(OSError):
             os.pwrite(self._lock, f"{state.map.hex()} {state.number:019}".encode(), 0)
 
-    def _checkpoint(self, state: _State, most: int = _MOST_LOGGED) -> None:
+    def _checkpoint(self, state: MapState, most: int = _MOST_LOGGED) -> None:
         """Take the log into the file if it is longer than ``most`` bytes.
 
         On a full disk it stays, as while another process reads.
@@ -490,7 +401,7 @@ class MapDatabase:
             ((_, logged, done),) = self._database.fetch("PRAGMA wal_checkpoint(TRUNCATE)")
             if logged == done:
                 self._base = state.number
-        self._database.execute(f"PRAGMA busy_timeout = {1000 * _PATIENCE_S}")
+        self._database.execute(f"PRAGMA busy_timeout = {1000 * PATIENCE_S}")
 
     def _is_in_place(self) -> bool:
         return _place_of(self.path) == self._place
@@ -505,18 +416,18 @@ class MapDatabase:
         database.execute(f"PRAGMA page_size = {_PAGE}")
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("BEGIN IMMEDIATE")
-        for statement in _TABLES.split(";"):
+        for statement in TABLES.split(";"):
             database.execute(statement)
-        self._write_state(_State(secrets.token_bytes(16), 1, 0, dict.fromkeys(_KEYS, 0)))
+        self._write_state(MapState(secrets.token_bytes(16), 1, 0, dict.fromkeys(KEYS, 0)))
         database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         database.execute(f"PRAGMA user_version = {VERSION}")
         database.execute("COMMIT")
 
-    def _read_state(self) -> _State:
+    def _read_state(self) -> MapState:
         with self.decoding():
-            return _decode_state(self._all("SELECT * FROM state"))
+            return decode_state(self._all("SELECT * FROM state"))
 
-    def _write_state(self, state: _State) -> None:
+    def _write_state(self, state: MapState) -> None:
         values = 0, *state[:3], json.dumps(state.seals)
         statement = "INSERT OR REPLACE INTO state VALUES (?, ?, ?, ?, ?, ?)"
         self._database.execute(statement, (*values, row_crc(values)))
@@ -528,7 +439,7 @@ class MapDatabase:
             rows = self._all(f"SELECT * FROM {table} {order}")
         with self.decoding():
             self._check_rows(table, rows)
-            if _seal(row[-1] for row in rows) != state.seals[table]:
+            if seal(row[-1] for row in rows) != state.seals[table]:
                 raise self._damaged(f"table {table}: rows are missing, or there twice")
         return [row[:-1] for row in rows]
 
@@ -546,18 +457,18 @@ class MapDatabase:
 
     def _store(self, table: str, *values: Any) -> None:
         """Write a whole row with its CRC, within a transaction; it replaces that of its key."""
-        keys = _KEYS[table]
+        keys = KEYS[table]
         self._delete(table, " AND ".join(f"{key} = ?" for key in keys), *values[: len(keys)])
         places, crc = ", ".join("?" * (len(values) + 1)), row_crc(values)
         self._run(f"INSERT INTO {table} VALUES ({places})", *values, crc)
-        self._add_to_seal(table, _seal([crc]))
+        self._add_to_seal(table, seal([crc]))
 
     def _delete(self, table: str, where: str, *values: Any) -> None:
         """Delete rows, within a transaction."""
         gone = self._all(f"SELECT crc FROM {table} WHERE {where}", *values)
         if gone:
             self._run(f"DELETE FROM {table} WHERE {where}", *values)
-            self._add_to_seal(table, -_seal(crc for (crc,) in gone))
+            self._add_to_seal(table, -seal(crc for (crc,) in gone))
 
     def _add_to_seal(self, table: str, change: int) -> None:
         assert self._state is not None, "a table is changed outside a transaction"
@@ -643,18 +554,6 @@ def cannot_read(path: Path, why: object) -> DataError:
     return DataError(f"cannot read {path}: {why}", code="cannot-read", fields=(str(path),))
 
 
-def row_crc(values: Iterable[Any]) -> int:
-    """CRC-32 of a row: of integers and numbers as int64 and float64, of texts as UTF-8."""
-    crc = 0
-    for value in values:
-        if isinstance(value, int | float):
-            value = struct.pack("<q" if isinstance(value, int) else "<d", value)
-        elif isinstance(value, str):
-            value = value.encode()
-        crc = zlib.crc32(value or b"", crc)
-    return crc
-
-
 def is_map(path: PathLike) -> bool:
     """Whether a file is a map, whatever its name."""
     path = Path(path)
@@ -664,7 +563,7 @@ def is_map(path: PathLike) -> bool:
     except (OSError, ValueError):
         return False
     try:
-        with _reader(path) as connection:
+        with reader(path) as connection:
             found = connection.execute("PRAGMA application_id").fetchone()
     except sqlite3.Error:
         return False
@@ -675,94 +574,6 @@ _of_parents: list[Any] = []
 """Connections of the parent, which a child must not close."""
 
 
-class _Connection(sqlite3.Connection):
-    """A connection to a file that a stranger may have made: each statement ends."""
-
-    _left: Sequence[int] = (0,)  # looks that the statement has left
-
-    @property
-    def was_interrupted(self) -> bool:
-        """Whether a signal, as of Ctrl-C, ended the last statement, not its own length."""
-        return self._left[0] >= 0
-
-    def execute(self, statement: str, values: Iterable[Any] = (), /) -> sqlite3.Cursor:  # type: ignore[override]
-        self._allow(_FEWEST_STEPS)
-        return super().execute(statement, values)  # type: ignore[arg-type]
-
-    def fetch(self, statement: str, values: Iterable[Any] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of a statement, which are no more than the file.
-
-        Raises:
-            sqlite3.DatabaseError: they are: pages lead to each other in a ring.
-        """
-        most = self._size()
-        rows, size = [], 0
-        self.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, most)
-        try:
-            self._allow(_FEWEST_STEPS + _STEPS_PER_BYTE * most)
-            for row in super().execute(statement, values):  # type: ignore[arg-type]
-                size += sum(len(value) for value in row if isinstance(value, bytes | str))
-                if size > most:
-                    raise sqlite3.DatabaseError(f"rows of {size} bytes in a file of {most}")
-                rows.append(row)
-        finally:
-            self.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_VALUE)
-        return rows
-
-    def _size(self) -> int:
-        """Bytes of the file, with its log."""
-        count, page = (
-            int(super(_Connection, self).execute(f"PRAGMA {name}").fetchone()[0])
-            for name in ("page_count", "page_size")
-        )
-        return max(count * page, _PAGE)
-
-    def _allow(self, steps: int) -> None:
-        self._left = left = [steps // _STEPS_AT_ONCE]
-
-        def is_over() -> bool:  # an exception in here, as of Ctrl-C, ends the statement, too
-            left[0] -= 1
-            return left[0] < 0
-
-        self.set_progress_handler(is_over, _STEPS_AT_ONCE)
-
-
-def _connect(path: Path, mode: str) -> _Connection:
-    connection = sqlite3.connect(
-        f"{path.resolve().as_uri()}?mode={mode}",
-        uri=True,
-        isolation_level=None,
-        timeout=_PATIENCE_S,
-        check_same_thread=False,
-        factory=_Connection,
-    )
-    assert isinstance(connection, _Connection)
-    for setting in ("trusted_schema = OFF", "cell_size_check = ON"):
-        connection.execute(f"PRAGMA {setting}")
-    return connection
-
-
-@cache
-def _schema() -> set[tuple[str, str, str, str | None]]:
-    """Type, name, table and statement of all that a map's file has."""
-    with closing(sqlite3.connect(":memory:")) as database:
-        database.executescript(_TABLES)
-        return {*database.execute("SELECT type, name, tbl_name, sql FROM sqlite_master")}
-
-
-def _seal(crcs: Iterable[int]) -> int:
-    return sum(2**32 + crc for crc in crcs)
-
-
-def _decode_state(rows: list[tuple[Any, ...]]) -> _State:
-    """Raises ValueError or TypeError for rows that are not the one of table ``state``."""
-    if len(rows) != 1 or row_crc(rows[0][:-1]) != rows[0][-1]:
-        raise ValueError("table state: its CRC is another one")
-    _, name, number, base, seals = rows[0][:-1]
-    sums = {table: int(value) for table, value in json.loads(seals).items()}
-    return _State(bytes(name), int(number), int(base), sums)
-
-
 def _place_of(path: Path) -> tuple[int, int] | None:
     """Device and inode of a file; None if it is not there."""
     try:
@@ -770,41 +581,3 @@ def _place_of(path: Path) -> tuple[int, int] | None:
     except (OSError, ValueError):
         return None
     return status.st_dev, status.st_ino
-
-
-@contextmanager
-def _reader(path: Path) -> Iterator[_Connection]:
-    try:
-        with closing(_connect_read_only(path)) as connection:
-            yield connection
-    finally:
-        _delete_empty_log(path)
-
-
-def _delete_empty_log(path: Path) -> None:
-    """Delete the files beside a map that its last reader leaves, as SQLite lets only writers.
-
-    A log that is not empty has what a killed writer left for the next one.
-    """
-    with suppress(OSError, sqlite3.Error):
-        if not Path(f"{path.resolve()}-wal").stat().st_size:
-            with closing(_connect(path, "rw")) as connection:
-                connection.execute("PRAGMA schema_version")
-
-
-def _connect_read_only(path: Path) -> _Connection:
-    """Connect for reading, where nothing may be written beside the file, too."""
-    connection = _connect(path, "ro")
-    try:
-        connection.execute("PRAGMA schema_version")
-    except sqlite3.OperationalError as error:
-        connection.close()
-        beside = Path(f"{path.resolve()}-wal")
-        refused = (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY)
-        if error.sqlite_errorcode & 0xFF not in refused or beside.exists():
-            raise
-        return _connect(path, "ro&immutable=1")
-    except sqlite3.Error:
-        connection.close()
-        raise
-    return connection

@@ -5,7 +5,7 @@
 import json
 import sqlite3
 
-from fusionslam.mapping.map_database import row_crc
+from fusionslam.mapping.map_schema import row_crc
 
 
 def restore_crcs(database: sqlite3.Connection) -> None:

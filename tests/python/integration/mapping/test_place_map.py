@@ -18,8 +18,9 @@ from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import exp, log
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.graph_export import write_map_graph
-from fusionslam.mapping.map_database import APPLICATION_ID, VERSION, is_map
+from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
+from fusionslam.mapping.map_schema import APPLICATION_ID, VERSION
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
 from map_fixtures import FRAMES, build
