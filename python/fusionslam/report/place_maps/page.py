@@ -137,8 +137,8 @@ def lead_of(site: PlaceMap, truth: Mapping[str, Floats] | None = None) -> MapLea
         refused = sum(edge.state == "refused" for edge in loops)
         figures |= {"loops refused": f"{refused:,}", "driven": f"{drive.metres:,.0f} m"}
     else:
-        figures["error by odometry alone"] = f"{drive.odometry_error:.2f} m"
-        figures["error of the map"] = f"{drive.error:.2f} m"
+        figures["ATE of odometry alone"] = f"{drive.odometry_error:.2f} m"
+        figures["ATE of the map"] = f"{drive.error:.2f} m"
     return MapLead(picture, figures)
 
 
