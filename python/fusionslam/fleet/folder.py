@@ -28,10 +28,10 @@ from fusionslam.fleet.work import (
     add_failure,
     describe_recordings,
 )
-from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.progress import Progress
+from fusionslam.storage.write_lock import lock_folder
 
 logger = logging.getLogger(__name__)
 
@@ -145,7 +145,7 @@ class FleetFolder:
             DataError: another process describes, or changes the database for long (code "locked");
                 or the folder is damaged or cannot be written.
         """
-        lock = WriteLock(self.path)
+        lock = lock_folder(self.path)
         try:
             with self.database(read_only=False) as database:
                 plan, forgotten = self._join(plan)

@@ -36,9 +36,9 @@ from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
 from fusionslam.fleet.row_search import Search, exactly, nearest_rows, read_rows, scan
 from fusionslam.fleet.segment import FOLDER, Segment
 from fusionslam.fleet.vector_index import Lookup, Progress
-from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.storage.arrays import Floats, Floats32, Integers
 from fusionslam.storage.files import PathLike
+from fusionslam.storage.write_lock import WriteLock, lock_folder
 
 __all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
 
@@ -523,7 +523,7 @@ def _search(table: Any, lookup: Lookup, k: int, where: PlaceFilter | None, exact
 
 
 def _lock(location: str) -> WriteLock | None:
-    return None if lance_extra.is_remote(location) else WriteLock(Path(location))
+    return None if lance_extra.is_remote(location) else lock_folder(Path(location))
 
 
 def _known_keys(table: Any, keys: list[str]) -> list[str]:

@@ -12,7 +12,6 @@ from fusionslam.descriptors import describe, find_descriptor, for_clouds
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
 from fusionslam.fleet.recordings import Found
-from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.fusion import fuse
 from fusionslam.loop_closure.observation import fusion_of_scans
 from fusionslam.pipelines.describe import (
@@ -30,6 +29,7 @@ from fusionslam.registration import (
 )
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.files import make_folder
+from fusionslam.storage.write_lock import lock_folder
 
 _SHOWN = 3
 """Recordings that a message names."""
@@ -78,7 +78,7 @@ def settle_settings(
 
 def _save_new(settings: FleetSettings, folder: Path) -> bool:
     """Write the settings unless another process has just done so; return whether."""
-    lock = WriteLock(folder)
+    lock = lock_folder(folder)
     try:
         if is_new := not (folder / FILE).exists():
             settings.save(folder)

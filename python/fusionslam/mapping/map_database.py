@@ -3,7 +3,6 @@
 """The SQLite database of a map: opened, locked against other writers, of a known version."""
 
 import errno
-import fcntl
 import json
 import os
 import secrets
@@ -36,6 +35,7 @@ from fusionslam.storage.sqlite import (
     delete_empty_log,
     reader,
 )
+from fusionslam.storage.write_lock import WriteLock, locked_by_another
 
 _PAGE = 65536
 _MOST_LOGGED = 64 * _PAGE
@@ -72,8 +72,7 @@ class MapDatabase:
     def __init__(self, path: PathLike, *, read_only: bool = False) -> None:
         self.path = Path(path)
         self.read_only = read_only
-        self._lock = -1
-        self._lock_file: Path | None = None
+        self._lock: WriteLock | None = None
         self._connection: BoundedConnection | None = None
         self._is_new = False
         self._process = os.getpid()
@@ -106,7 +105,10 @@ class MapDatabase:
         if os.getpid() != self._process:
             # All belongs to the parent: closing here would take its log and its lock away.
             _of_parents.append(self._connection)
-            self._connection, self._lock, self._lock_file = None, -1, None
+            self._connection = None
+            if self._lock is not None:
+                self._lock.release()  # only the copy of this process
+                self._lock = None
             return
         is_lost = self._has_changed and not failed and not self._is_in_place()
         if self._connection is not None:
@@ -116,11 +118,9 @@ class MapDatabase:
                 delete_empty_log(self.path)
         if failed and self._is_new:
             self.path.resolve().unlink(missing_ok=True)
-        if self._lock >= 0:
-            if self._lock_file is not None:
-                self._lock_file.unlink(missing_ok=True)
-            os.close(self._lock)
-            self._lock, self._lock_file = -1, None
+        if self._lock is not None:
+            self._lock.release(delete=True)
+            self._lock = None
         self._has_changed = False
         if is_lost:
             raise self._replaced()
@@ -341,28 +341,18 @@ class MapDatabase:
 
     def _take_lock(self) -> None:
         """Raise DataError if another process has the map open for changes."""
-        path = self.path.resolve()  # links to a map lead to the same lock
-        beside = path.with_name(f"{path.name}-lock")
-        while True:
-            try:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                lock = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            except OSError as error:
-                raise cannot_write(self.path, why_not(self.path, error)) from error
-            self._lock = lock
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise self._locked() from error
-            with suppress(FileNotFoundError):
-                if beside.stat().st_ino == os.fstat(lock).st_ino:
-                    self._lock_file = beside
-                    return
-            os.close(lock)  # its last owner deleted it meanwhile
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write(self.path, why_not(self.path, error)) from error
+        self._lock = WriteLock(self._lock_file(), self.path)
+
+    def _lock_file(self) -> Path:
+        return Path(f"{self.path.resolve()}-lock")  # links to a map lead to the same lock
 
     def _noted(self) -> tuple[str, int] | None:
         """The map and its last change that a writer noted in its lock; None if there is none."""
-        lock = Path(f"{self.path.resolve()}-lock")
+        lock = self._lock_file()
         if not lock.is_file():
             return None
         try:
@@ -383,8 +373,9 @@ class MapDatabase:
 
         It follows the change: what a lock has noted, the file has.
         """
-        with suppress(OSError):
-            os.pwrite(self._lock, f"{state.map.hex()} {state.number:019}".encode(), 0)
+        if self._lock is not None:
+            with suppress(OSError):
+                self._lock.note(f"{state.map.hex()} {state.number:019}")
 
     def _checkpoint(self, state: MapState, most: int = _MOST_LOGGED) -> None:
         """Take the log into the file if it is longer than ``most`` bytes.
@@ -492,7 +483,7 @@ class MapDatabase:
         except sqlite3.Error as error:
             code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF  # no UTF-8
             if code == sqlite3.SQLITE_BUSY:
-                raise self._locked() from error
+                raise locked_by_another(self.path) from error
             if code == sqlite3.SQLITE_NOTADB:
                 raise self._other_format() from error
             if code == sqlite3.SQLITE_INTERRUPT:
@@ -518,14 +509,6 @@ class MapDatabase:
             raise self._damaged(str(error)) from error
         except RecursionError as error:
             raise self._damaged("values are nested too deeply") from error
-
-    def _locked(self) -> DataError:
-        return DataError(
-            f"{self.path} is being changed by another process: wait for it, or open the map "
-            "read-only",
-            code="locked",
-            fields=(str(self.path),),
-        )
 
     def _other_format(self) -> DataError:
         return DataError(

@@ -35,8 +35,8 @@ from fusionslam.fleet.folder import FORGOTTEN, FleetFolder
 from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.recordings import find_recordings
 from fusionslam.fleet.work import PLAN, Failure, Plan, load_failures
-from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.sensors.frame import Cloud
+from fusionslam.storage.write_lock import lock_folder
 from refusals import refuses
 from rows import rows
 from streets import WAY
@@ -233,7 +233,7 @@ def test_a_damaged_list_of_what_was_forgotten_does_no_harm(fleet: Path, places: 
 
 
 def test_two_processes_do_not_describe_into_one_folder(fleet: Path, places: Path) -> None:
-    lock = WriteLock(places)
+    lock = lock_folder(places)
     with pytest.raises(DataError, check=has_code("locked", places)):
         describe(fleet, places)
     lock.release()

@@ -19,8 +19,8 @@ from fusionslam.fleet.places import ABOUT
 from fusionslam.fleet.recordings import FleetRecording, Labels, find_recordings
 from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.work import load_failures
-from fusionslam.fleet.write_lock import WriteLock
 from fusionslam.pipelines.describe import PipelineConfig
+from fusionslam.storage.write_lock import lock_folder
 from kitti import write_sequence
 from permissions import bound_by_permissions
 from recordings import write_drive as write_ranges
@@ -249,7 +249,7 @@ def test_damaged_settings_are_named(fleet: Path, own_places: Path) -> None:
 
 
 def test_two_processes_do_not_settle_one_folder_at_once(fleet: Path, tmp_path: Path) -> None:
-    lock = WriteLock(tmp_path)
+    lock = lock_folder(tmp_path)
     with refuses("locked"):
         settings_for(find_recordings(fleet, LABELS), tmp_path)
     lock.release()
