@@ -183,10 +183,13 @@ def _query_table(sizes: dict[int, dict[str, Figures]]) -> str:
             lists = f"{searched.get('nprobes', 0):.0f} of {searched.get('partitions', 0):.0f}"
             opened = f"{one['open s']:.2f}" if "open s" in one else ""
             shares = [f"{one['recall']:.4f}", f"{100 * one['top-1']:.2f} %"]
-            rows.append([f"{n:,}", label, opened, lists, *_times(one), *shares])
+            first = f"{one['first query ms']:.0f}" if "first query ms" in one else ""
+            checked = f"{one['check s']:.1f}" if "check s" in one else ""
+            start = [f"{n:,}", label, opened, first, lists]
+            rows.append([*start, *_times(one), *shares, checked])
     head = (
-        "places, store, opened (s), lists searched, p50 / p95 (ms), processor time (ms), "
-        "recall@10, first is exact"
+        "places, store, opened (s), first query (ms), lists searched, p50 / p95 (ms), "
+        "processor time (ms), recall@10, first is exact, all rows checked (s of processor time)"
     )
     return table(head.split(", "), rows)
 

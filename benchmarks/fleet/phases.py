@@ -97,13 +97,16 @@ def query(folder: Path, data: str, places: int, queries: int) -> Figures:
     started = time.perf_counter()
     database.query(vectors[0], k=K)
     first = time.perf_counter() - started
-    return {
+    figures = {
         "import s": imported,
         "open s": opened,
         "first query ms": 1e3 * first,
         **_timed(vectors, lambda vector: _distances_found(database, vector)),
         **_judged(folder, data, places, vectors, lambda some: _found(database, some)),
     }
+    started = time.process_time()
+    database.check()
+    return {**figures, "check s": time.process_time() - started}
 
 
 def change(folder: Path, data: str, places: int, queries: int) -> Figures:
