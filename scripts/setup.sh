@@ -46,7 +46,7 @@ if [ "$installed" != "$wanted" ] || [ pyproject.toml -nt "$stamp" ]; then
   else
     tools+=("torch==2.13.0")
     extras=".[all,fleet,dev,docs]"
-    echo "Installing Python packages into $venv: some 2 GB of downloads, all extras"
+    echo "Installing Python packages into $venv: 0.9 GB of downloads, all extras"
   fi
   "${pip[@]}" "${tools[@]}"
   rm -f "$stamp"

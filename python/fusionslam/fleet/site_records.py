@@ -62,8 +62,7 @@ class SiteRecord:
     def has_changed(self, session: str, seen: dict[str, str]) -> bool:
         """Whether a recording holds something else than was seen of it.
 
-        One that was not seen before, as by an earlier version of fusionslam, is taken to be the
-        same.
+        One that was not seen before is taken to be the same.
 
         Args:
             session: of the recording.

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam._core import DescriptorIndex
 from fusionslam.argument_types import checked
 from fusionslam.config import merged
 from fusionslam.descriptors import (
@@ -51,15 +50,13 @@ from fusionslam.registration import (
     without_lengths,
 )
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.archive import format_of, load_archive, load_json, save_archive
+from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
 FORMAT = "fusionslam.loop_detector.4"
-_UNVERIFIED_FORMAT = "fusionslam.loop_detector.3"
 FILE = "detector.npz"
-_FORMER_FORMAT, _FORMER_FILE = "fusionslam.loop_detector.2", "detector.json"
 
 
 @checked
@@ -475,46 +472,19 @@ class LoopDetector:
         if not len(self):
             raise DataError("the loop detector is empty: there is nothing to save", code="empty")
         save_archive(Path(folder) / FILE, FORMAT, about, arrays)
-        for pattern in (_FORMER_FILE, "descriptors-*.index*", ".descriptors-*.index*"):
-            for old in Path(folder).glob(pattern):  # of former versions
-                old.unlink(missing_ok=True)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "LoopDetector":
-        """Resume from what ``save`` wrote, in this version or an earlier one.
+        """Resume from what ``save`` wrote.
 
         Raises:
             DataError: the file is missing or damaged; the message names it.
             FusionSlamError: its loops are verified and the extra ``map`` is not installed.
         """
-        source = Path(folder)
-        if source.name == FILE and source.is_file():
-            source = source.parent
-        if (source / _FORMER_FILE).exists() and not (source / FILE).exists():
-            return cls._load_former(source)
-        path = source / FILE
-        known = _UNVERIFIED_FORMAT if format_of(path) == _UNVERIFIED_FORMAT else FORMAT
-        with load_archive(path, known, "a stored loop detector") as (about, arrays):
-            return cls._restored(about, arrays)
-
-    @classmethod
-    def _load_former(cls, source: Path) -> "LoopDetector":
-        """Read the two files of earlier versions: JSON, and an index whose name it holds."""
-        with load_json(source / _FORMER_FILE, _FORMER_FORMAT, "a stored loop detector") as about:
-            path = source / Path(str(about.get("index"))).name
-            index = DescriptorIndex.load(path)
-            count = len(index)
-            if count != about.get("frames"):
-                raise DataError(
-                    f"{source}: {count} descriptors, {_FORMER_FILE} says {about.get('frames')}"
-                )
-            arrays = {
-                "descriptors": np.array([index.descriptor(row) for row in range(count)]),
-                "numbers": np.arange(count),
-                # An index does not return its stamps.
-                "stamps_ns": np.fromfile(path, np.int64, count, offset=48),
-                "novelty": np.full(count, np.inf, np.float32),  # was not stored
-            }
+        path = Path(folder)
+        if path.name != FILE or path.is_dir():
+            path /= FILE
+        with load_archive(path, FORMAT, "a stored loop detector") as (about, arrays):
             return cls._restored(about, arrays)
 
     def _state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -550,12 +520,12 @@ class LoopDetector:
         config = merged(LoopConfig(), about["loop_closure"])
         detector = cls(
             about["descriptor"],
-            verify=about.get("verifies", False),  # earlier versions did not
+            verify=about["verifies"],
             config=config,
             describe=merged(DescriptorConfig(), about["descriptors"]),
             fusion=merged(FusionConfig(), about["fusion"]),
-            registration=merged(RegistrationConfig(), about.get("registration", {})),
-            length=about.get("length"),
+            registration=merged(RegistrationConfig(), about["registration"]),
+            length=about["length"],
         )
         detector.config = config
         detector._added = about["frames"]

@@ -82,10 +82,8 @@ def odometry_from(values: Any) -> Odometry2D | None:
     """Rebuild odometry from JSON. Raises TypeError or ValueError for other values."""
     if values is None:
         return None
-    stamp_ns, pose, speed, *sideways = values  # files before 0.2.0 end with the speed
-    return check_types(
-        Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), *sideways)
-    )
+    stamp_ns, pose, speed, sideways = values
+    return check_types(Odometry2D(stamp_ns, pose and tuple(pose), speed and tuple(speed), sideways))
 
 
 def odometry_of(event: Event) -> Odometry2D | None:

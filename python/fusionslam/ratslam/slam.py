@@ -319,13 +319,7 @@ class RatSlam:
                 slam.views.restore(arrays[_VIEWS].tobytes())
             memory = slam.memory = Memory.of(about["memory"])
             learned = _state_of(_CALIBRATION, arrays)
-            known = slam.cells.known_views
-            if learned:
-                slam.calibration.restore(learned, known)
-            else:  # a file of version 0.2.0
-                for _ in range(known):
-                    slam.calibration.store()
-                slam.calibration.forget()
+            slam.calibration.restore(learned, slam.cells.known_views)
             counts = len(slam.map), len(memory.node_stamps_ns), len(memory.node_views)
             if len(set(counts)) > 1:
                 raise DataError("{} nodes, {} stamps and {} views of nodes".format(*counts))

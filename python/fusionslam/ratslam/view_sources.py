@@ -226,8 +226,6 @@ class MatcherSource:
         start = 8 + int.from_bytes(content[:8], "little")
         matcher = ViewMatcher.load(io.BytesIO(content[start:]))
         stored = json.loads(content[8:start])
-        if isinstance(stored, list):  # of version 0.2.0
-            stored = {"places": stored, "odometry": None, "pose": _IDENTITY, "interrupted": False}
         self.matcher = matcher
         self._places = {row[0]: tuple(row[1:]) for row in stored["places"]}
         self._odometry = odometry_from(stored["odometry"])

@@ -30,8 +30,6 @@ from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
     complete_config,
-    update_stored_config,
-    update_stored_kind,
 )
 
 FORMAT = "fusionslam.view_matcher.1"
@@ -387,7 +385,7 @@ class ViewMatcher:
         """
         with load_archive(source, FORMAT, "a stored view matcher") as (about, arrays):
             matcher = cls(
-                merged(ViewMatcherConfig(), update_stored_config(about["views"])),
+                merged(ViewMatcherConfig(), about["views"]),
                 fusion=merged(FusionConfig(), about["fusion"]),
                 descriptors=merged(DescriptorConfig(), about["descriptors"]),
                 comparison=comparison,
@@ -396,7 +394,7 @@ class ViewMatcher:
         return matcher
 
     def _restore(self, about: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        kind = update_stored_kind(about["comparison"], about["views"].get("descriptor"))
+        kind = about["comparison"]
         if kind != self.comparison.kind:
             raise DataError(
                 f"it compares {kind}, expected {self.comparison.kind}: name the "
@@ -407,8 +405,7 @@ class ViewMatcher:
         slots = arrays.pop("slots")
         filtered = {k.removeprefix(_FILTER): arrays.pop(k) for k in [*arrays] if k[:7] == _FILTER}
         self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})
-        # Three values before 0.2.0: without the longest absence.
-        is_table = slots.dtype == np.int64 and slots.ndim == 2 and slots.shape[1] in (3, 4)
+        is_table = slots.dtype == np.int64 and slots.ndim == 2 and slots.shape[1] == 4
         if not is_table or len(slots) != len(self.comparison):
             raise DataError(f"{len(self.comparison)} views, but slots {slots.dtype} {slots.shape}")
         self.threshold = float(about["threshold"])

@@ -9,7 +9,7 @@ parameter ``source`` take these names. docs/development/recognisers.md shows how
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import field_validator, model_validator
 
@@ -22,7 +22,7 @@ from fusionslam.views.descriptor_comparison import DescriptorComparison
 from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.place_filter import PlaceFilterConfig
 from fusionslam.views.scenes import SceneConfig, SimilarityConfig
-from fusionslam.views.two_stage_comparison import TWO_STAGES, TwoStageComparison
+from fusionslam.views.two_stage_comparison import TwoStageComparison
 
 if TYPE_CHECKING:
 
@@ -275,24 +275,3 @@ def scene_config(config: ViewMatcherConfig) -> SceneConfig:
 def similarity_config(config: ViewMatcherConfig) -> SimilarityConfig:
     """The similarity configuration: the preset with the overridden values."""
     return SimilarityConfig(preset=config.preset, **config.similarity.model_dump(exclude_none=True))
-
-
-def update_stored_config(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert the values of a ``ViewMatcherConfig`` stored by any version to current names."""
-    values = dict(stored)
-    descriptor = values.pop("descriptor", None)
-    if values.get("method") is not None:
-        values["method"] = update_stored_kind(values["method"], descriptor)
-    return values
-
-
-def update_stored_kind(kind: str, descriptor: str | None) -> str:
-    """Convert a ``Comparison.kind`` stored by any version to the current one.
-
-    Args:
-        kind: as stored.
-        descriptor: its name, if a former version stored it separately.
-    """
-    first = kind.removeprefix(TWO_STAGES)
-    known = {"scenes": "objects", "descriptor": descriptor or first}
-    return kind.removesuffix(first) + known.get(first, first)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.views.comparison import Comparison, View
-from fusionslam.views.recognisers import update_stored_kind
 
 FORMAT = b"fusionslam.view.1\n"
 _ABOUT = "about"
@@ -77,9 +76,6 @@ def _check_about(text: NDArray[Any], expected: dict[str, Any]) -> None:
         raise DataError(f"does not say how it was made: {error}") from error
     if not isinstance(found, dict):
         raise DataError(f"does not say how it was made, but {found!r}")
-    kind, descriptor = found.get("comparison"), found.get("descriptor")
-    if isinstance(kind, str) and isinstance(descriptor, str | None):
-        found["comparison"] = update_stored_kind(kind, descriptor)
     for name, value in expected.items():
         if found.get(name) != value:
             raise DataError(

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """LoopDetector: goes on after it was saved or pickled, refuses damaged files."""
 
-import json
-import os
 import pickle
 from functools import cache
 from pathlib import Path
@@ -16,7 +14,7 @@ from detector_places import DRIVE, SECOND
 from fusionslam import DataError, LoopDetector
 from refusals import refuses
 from rows import rows
-from stored import change_archive, write_as_former_detector
+from stored import change_archive
 
 
 @rows("descriptor", ["m2dp", "cshot", "scan_context", "cscan_context", "bev_spectrum"])
@@ -49,29 +47,6 @@ def pickled_detector() -> bytes:
 def save_detector(folder: Path) -> Path:
     pickle.loads(pickled_detector()).save(folder)
     return folder
-
-
-def test_a_detector_of_an_earlier_version_goes_on_and_is_saved_in_the_new_one(
-    tmp_path: Path,
-) -> None:
-    def new_detector() -> LoopDetector:
-        return LoopDetector("m2dp", threshold=0.5, window=2, window_seconds=3.5)
-
-    whole = new_detector()
-    wanted = [whole.add(cloud, stamp_ns=k * SECOND) for k, cloud in enumerate(DRIVE)]
-    part = new_detector()
-    for k, cloud in enumerate(DRIVE[:13]):
-        part.add(cloud, stamp_ns=k * SECOND)
-    part.save(tmp_path)
-    write_as_former_detector(tmp_path)
-    (tmp_path / ".descriptors-killed.index.0xyz").write_bytes(b"left by a killed writer")
-    for _ in range(2):  # from the former files, then from the new one
-        part = LoopDetector.load(tmp_path)
-        assert len(part) == 13 and part.frames.tolist() == list(range(13))
-        part.save(tmp_path)
-        assert os.listdir(tmp_path) == ["detector.npz"]
-        found = [part.add(cloud, stamp_ns=(13 + k) * SECOND) for k, cloud in enumerate(DRIVE[13:])]
-        assert found == wanted[13:]
 
 
 def test_a_save_that_is_cut_off_leaves_the_old_file(
@@ -108,8 +83,8 @@ def test_an_output_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 def test_a_folder_that_is_no_detector_is_refused(tmp_path: Path) -> None:
     with refuses("missing-file", str(tmp_path / "nowhere/detector.npz")):
         LoopDetector.load(tmp_path / "nowhere")
-    (tmp_path / "detector.json").write_text("[1, 2]")
-    with refuses("damaged-file", str(tmp_path / "detector.json")):
+    (tmp_path / "detector.npz").write_text("[1, 2]")
+    with refuses("damaged-file", str(tmp_path / "detector.npz")):
         LoopDetector.load(tmp_path)
 
 
@@ -142,12 +117,4 @@ def test_a_file_cut_in_half_is_refused(tmp_path: Path) -> None:
     path = save_detector(tmp_path) / "detector.npz"
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with refuses("damaged-file", str(path)):
-        LoopDetector.load(tmp_path)
-
-
-def test_former_files_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
-    write_as_former_detector(save_detector(tmp_path))
-    about = json.loads((tmp_path / "detector.json").read_text())
-    (tmp_path / "detector.json").write_text(json.dumps(about | {"frames": 4}))
-    with pytest.raises(DataError, match=r"5 .*4"):
         LoopDetector.load(tmp_path)

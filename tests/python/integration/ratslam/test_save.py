@@ -11,7 +11,6 @@ import threading
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,8 +32,6 @@ from fusionslam.ratslam import (
 )
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.map_snapshot import LiveMap
-from fusionslam.ratslam.slam import FORMAT, Memory
-from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig
 from rows import rows
@@ -117,31 +114,6 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def saved(tmp_path: Path, content: bytes) -> Path:
     (tmp_path / "state.npz").write_bytes(content)
     return tmp_path / "state.npz"
-
-
-def test_a_file_written_before_odometry_could_be_sideways_is_read(tmp_path: Path) -> None:
-    slam = RatSlam()
-    take(slam, circle_events(0.3))
-    values = asdict(slam.memory)
-    assert Memory.of(json.loads(json.dumps(values))) == slam.memory
-    values["odometry"] = values["odometry"][:3]
-    assert Memory.of(json.loads(json.dumps(values))) == slam.memory
-
-
-def test_a_file_written_before_odometry_was_calibrated_goes_on(tmp_path: Path) -> None:
-    slam = RatSlam()
-    take(slam, circle_events(0.3))
-    slam.save(tmp_path / "new.npz")
-    with load_archive(tmp_path / "new.npz", FORMAT, "a map") as (about, arrays):
-        kept = {name: rows for name, rows in arrays.items() if not name.startswith("calibration.")}
-        for name in ("map.robot", "alone.robot"):
-            kept[name] = kept[name][:11]
-        del about["config"]["calibrate"]
-        save_archive(tmp_path / "old.npz", FORMAT, about, kept)
-    old, stamp_ns = RatSlam.load(tmp_path / "old.npz"), slam.memory.newest_ns
-    assert len(old.calibration) == old.cells.known_views > 3
-    seen = old.step(Sighting(stamp_ns + 1, 2, 0.1, (0.3, 0.0)))
-    assert seen.view_id == 2 and old.calibration.factors == (1, 1)
 
 
 def test_cutting_a_file_anywhere_is_one_error_that_names_it(saved: Path, content: bytes) -> None:

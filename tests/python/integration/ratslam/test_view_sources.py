@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sources of views: templates, matchers, and ids that another process gives."""
 
-import json
 import logging
 
 import numpy as np
@@ -241,19 +240,6 @@ def test_odometry_that_jumps_goes_back_or_was_silent_leaves_a_robot_in_doubt(
     # RatSLAM gets what the scan alone shows, and believes it once loops agree.
     assert source.matcher.stats.ambiguous == 1 and seen.view_id == 2
     assert "may be anywhere" in seen.reason
-
-
-def test_views_that_a_former_version_kept_are_read() -> None:
-    source = MatcherSource(ViewMatcher(ViewMatcherConfig(policy="several", store_below=1.0)))
-    for visit in range(3):
-        source.look(place(0, visit), visit)
-    content = source.to_bytes()
-    start = 8 + int.from_bytes(content[:8], "little")
-    places = json.dumps(json.loads(content[8:start])["places"]).encode()
-    former = MatcherSource()
-    former.restore(len(places).to_bytes(8, "little") + places + content[start:])
-    expected = source.look(place(0, 7), 7)
-    assert former.look(place(0, 7), 7) == expected and expected.view_id == 0
 
 
 def test_the_original_preset_compares_single_scans() -> None:

@@ -5,7 +5,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,7 +22,6 @@ from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewM
 from recordings import write_drive
 from rows import rows
 from scenes import matcher, place
-from stored import change_archive
 
 
 class HeightComparison(DescriptorComparison):
@@ -120,23 +118,3 @@ def test_commands_refuse_wrong_names(right: str, command: tuple[str, ...], tmp_p
 def test_a_recogniser_of_images_compares_no_scans() -> None:
     with pytest.raises(ConfigError, match="visual_templates"):
         matcher(method="visual_templates")
-
-
-@rows(
-    "method, former, kind", [("objects", "scenes", "scenes"), ("shot", "descriptor", "descriptor")]
-)
-def test_views_of_a_former_version_are_loaded(
-    method: str, former: str, kind: str, tmp_path: Path
-) -> None:
-    path, one = tmp_path / "views.npz", matcher(method=method)
-    one.process(place(0))
-    one.save(path)
-
-    def rename(about: dict[str, Any], _: object) -> None:
-        about["views"] |= {"method": former, "descriptor": "shot"}
-        about["comparison"] = kind
-
-    change_archive(path, rename)
-    loaded = ViewMatcher.load(path)
-    assert loaded.config.method == method
-    assert loaded.process(place(0)).id == 0

@@ -221,15 +221,6 @@ def test_a_stored_matcher_goes_on_the_same(values: dict[str, Any], tmp_path: Pat
     assert one.config == complete_config(config_of(**values))
 
 
-def test_a_file_written_before_absences_were_stored_is_read(saved: Path) -> None:
-    one = ViewMatcher.load(saved)
-    with np.load(saved) as stored:
-        slots = stored["slots"][:, :3]
-    change_archive(saved, slots=slots)
-    again = ViewMatcher.load(saved)
-    assert again.stats == one.stats and again.process(place(1, 5)).id == 1
-
-
 @rows("values, where", [({}, r"\b5\b"), (DESCRIPTOR, "NaN")])
 def test_bad_scans_are_refused_and_change_nothing(values: dict[str, Any], where: str) -> None:
     one = matcher(**values)
