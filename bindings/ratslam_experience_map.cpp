@@ -93,8 +93,7 @@ MapState state_of(const py::dict& arrays) {
   take(arrays, "due", state.due);
   take(arrays, "pending_ends", state.pending_ends);
   take(arrays, "pending", state.pending);
-  // States of version 0.2.0 have none.
-  if (arrays.contains("interruptions")) take(arrays, "interruptions", state.interruptions);
+  take(arrays, "interruptions", state.interruptions);
   return state;
 }
 

@@ -17,9 +17,6 @@ using detail::MapArrays;
 using detail::Measure;
 using detail::Pending;
 
-/// Of version 0.2.0.
-constexpr std::size_t robot_values_before = 11;
-
 void expect(bool right, const std::string& message) {
   if (!right) throw DataError("state of an experience map: " + message);
 }
@@ -68,8 +65,7 @@ void check_sizes(const MapState& state) {
   expect(state.nodes.size() % 3 == 0, "nodes has no three values a node");
   expect_size(state.ends.size(), 2 * links, "ends");
   expect_size(state.links.size(), MapState::link_values * links, "links");
-  if (state.robot.size() != robot_values_before)
-    expect_size(state.robot.size(), MapState::robot_values, "robot");
+  expect_size(state.robot.size(), MapState::robot_values, "robot");
   expect_size(state.counts.size(), MapState::robot_counts, "counts");
   expect(state.pending_ends.size() % 2 == 0, "pending_ends has no two values a loop");
   expect(state.pending_ends.size() <= 2 * detail::most_pending,
@@ -176,8 +172,7 @@ void ExperienceMap::restore(const MapState& state) {
   map->variance_m = robot[4], map->variance_rad = robot[5], map->credit = robot[6];
   map->squares_m = robot[7], map->squares_rad = robot[8];
   map->arrived_m = robot[9], map->arrived_rad = robot[10];
-  if (robot.size() > robot_values_before)
-    map->since_loop = robot[11], map->way_deviation = robot[12], map->turn_deviation = robot[13];
+  map->since_loop = robot[11], map->way_deviation = robot[12], map->turn_deviation = robot[13];
   map->current = state.counts[0];
   map->local_only = state.counts[1] != 0;
   map->due = state.due;

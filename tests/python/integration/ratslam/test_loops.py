@@ -237,9 +237,6 @@ def test_an_interruption_is_part_of_the_state() -> None:
     restored = ExperienceMap()
     restored.restore(state)
     np.testing.assert_array_equal(restored.state()["interruptions"], [len(graph)])
-    # Files of version 0.2.0 have none.
-    restored.restore({name: value for name, value in state.items() if name != "interruptions"})
-    assert not restored.state()["interruptions"].size
     for wrong in ([0], [len(graph) + 1], [3, 3], [5, 4]):
         with pytest.raises(DataError, match="interruptions"):
             restored.restore({**state, "interruptions": np.array(wrong)})

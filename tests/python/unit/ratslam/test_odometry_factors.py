@@ -275,24 +275,7 @@ def test_deviations_and_the_way_since_the_last_loop_are_part_of_the_state() -> N
     assert graph.links.tobytes() == restored.links.tobytes() and graph.pose == restored.pose
 
 
-def test_a_state_of_version_0_2_0_has_neither() -> None:
-    graph = drive_past([0.8, 0.8])
-    graph.on_odometry(0.5, 0.2, 1.0)
-    graph.set_odometry_deviations(0.02, 0.03)
-    state = graph.state()
-    state["robot"] = state["robot"][:11]
-    restored = ExperienceMap()
-    restored.restore(state)
-    after = restored.state()["robot"]
-    assert after.shape == (14,) and after[11:].tolist() == [0.0, 0.0, 0.0]
-    assert after[:11].tobytes() == state["robot"].tobytes()
-    assert restored.pose == graph.pose
-    loop = Action(EDGE, graph.current, 0, 0.0, (2.0, 0.0))
-    graph.set_odometry_deviations(0.0, 0.0)
-    assert restored.check(loop) == graph.check(loop)
-
-
-@rows("count", [0, 10, 12, 13, 15])
+@rows("count", [0, 11, 13, 15])
 def test_a_state_with_another_number_of_values_is_refused(count: int) -> None:
     graph = drive_past([0.8])
     state = graph.state()
