@@ -443,9 +443,14 @@ class PlaceMap:
     def trajectory(self, session: str) -> tuple[NDArray[np.int64], Floats]:
         """Return stamps, int64 (n,), and map_from_robot, float64 (n, 4, 4), of a session.
 
+        They are those that the file gives later, for which the graph is solved if loops came since
+        its last solution.
+
         Raises:
             ConfigError: there is no such session.
         """
+        if self._content.solve_new_loops():
+            self.forget_motion()  # its poses are those of the former solution
         keyframes = self._keyframes_of(session)
         stamps = np.array([each.stamp_ns for each in keyframes], np.int64)
         return stamps, robot_poses(keyframes, self._content.poses_of(each.id for each in keyframes))

@@ -67,6 +67,17 @@ def test_a_map_that_is_closed_in_between_is_the_same(path: Path, tmp_path: Path)
         np.testing.assert_allclose(steps[-1].pose, poses[-1], atol=0.03)
 
 
+def test_the_trajectory_while_adding_is_that_of_the_file(path: Path) -> None:
+    more = frames(WAY[4:8], seed=50, day=1)
+    with PlaceMap.open(path, "tuesday", **OPTIONS) as site:
+        loops = [loop for frame in more for loop in site.add(frame).loops]
+        live = {name: site.trajectory(name)[1] for name in ("monday", "tuesday")}
+    assert len(loops) >= 2
+    with PlaceMap.open(path, read_only=True) as site:
+        for name, poses in live.items():
+            np.testing.assert_array_equal(site.trajectory(name)[1], poses)
+
+
 def test_frames_nearby_are_no_keyframes(new: PlaceMap) -> None:
     new.add(FRAMES[0])
     near = at(0.5, 0.0, 3.0, 0.0)
