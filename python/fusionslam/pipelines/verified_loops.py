@@ -26,7 +26,7 @@ from fusionslam.loop_closure import LoopDetector, Observation
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
 from fusionslam.pipelines.loop_record import LoopRecord, bodies_of, label_of, run_values
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
-from fusionslam.pipelines.recording import Recording, name_frame, warn_of_turns
+from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
 from fusionslam.pipelines.reusable_runs import differences
 from fusionslam.registration import without_lengths
@@ -98,7 +98,6 @@ def verify_recording(
         progress = label_progress(step, f"proving loops of {source} clouds")
         stored = _verify(dataset, name, config, jobs, bad_frames, progress)
         stored.save(path)
-    warn_of_turns(dataset)
     poses = dataset.true_poses
     return replace(stored, poses=None if poses is None else poses[stored.frames])
 

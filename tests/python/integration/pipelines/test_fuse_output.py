@@ -95,7 +95,8 @@ def test_what_is_written_is_counted_and_a_bag_that_is_replaced_is_named(tmp_path
     [
         ("fuse", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
         ("fuse", "made.bag", 40.0, "a median of 4.0 degrees and up to 4.0"),
-        ("loops", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
+        ("loops -d m2dp,scan_context", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
+        ("loops --threshold 0.1", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
         ("fuse", "made", 0.0, ""),
     ],
 )
@@ -118,7 +119,7 @@ def test_turns_within_scans_whose_points_have_times_are_said(
         return event
 
     path = write_bag(tmp_path / "d.bag", map(turning, drive(1.0)))
-    made = succeeds(command, path, "-o", tmp_path / output, "--source", "cloud")
+    made = succeeds(*command.split(), path, "-o", tmp_path / output, "--source", "cloud")
     text = " ".join(made.stderr.split())
     assert text.count("turned within them") == bool(said)
     assert said in text
