@@ -37,6 +37,7 @@ def describe_frames(
     ``only_describable`` drops unsuitable descriptors.
     """
     from fusionslam.pipelines.describe import describable
+    from fusionslam.pipelines.recording import warn_of_turns
     from fusionslam.pipelines.reusable_runs import describe_recording
 
     bad_frames = opt.bad_frames(skip_bad_frames)
@@ -58,6 +59,7 @@ def describe_frames(
             step=step,
             inside=inside,
         )
+    warn_of_turns(dataset)
     return dict(zip(names, runs, strict=True))
 
 

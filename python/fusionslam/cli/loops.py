@@ -36,6 +36,7 @@ def prove_loops(
     """Prove the loops of each descriptor, and write and print them."""
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.loops import loops_path
+    from fusionslam.pipelines.recording import warn_of_turns
     from fusionslam.pipelines.verified_loops import (
         describe_loops,
         verify_recording,
@@ -69,6 +70,7 @@ def prove_loops(
         title = f"{name}: " if len(names) > 1 else ""
         print(f"{title}{describe_loops(run)}{left_out(run)}")
         print(path)
+    warn_of_turns(dataset)
 
 
 @opt.options_of(

@@ -50,6 +50,7 @@ from fusionslam.registration import (
     without_lengths,
 )
 from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.scan_motion import ScanMotion
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Matrix
 
@@ -70,6 +71,9 @@ class LoopDetector:
     At ``max_frames`` stored frames it forgets a quarter: of those older than the window the ones
     whose nearest candidate, when they were added, was nearest. These show places that older frames
     show as well, so the first visit to a place is kept.
+
+    Scans are taken as of one moment. Where points have times and odometry is known, covariances of
+    loops grow with the motion within both scans, and a warning says how far the robot turned.
 
     Threads may share a detector: frames are described side by side and added one after the other.
 
@@ -143,6 +147,7 @@ class LoopDetector:
         self._kept: MutableMapping[int, Kept] | None = None
         self._memory = self._new_memory()
         self._gate = SequenceGate(self.config)
+        self._motion = ScanMotion()
         self._lock = threading.RLock()
         self._pool: ThreadPoolExecutor | None = None
         self._submitted = self.unverified = 0
@@ -273,7 +278,10 @@ class LoopDetector:
             if not len(self._memory):  # the first frame fixes lengths and the radius of all
                 seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
                 return self._store(seen)
-        return self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
+        pending = self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
+        if len(self._motion.turned) >= _SCANS_UNTIL_WARNING:
+            self._motion.warn("the recording")
+        return pending
 
     def add_observation(
         self,
@@ -334,6 +342,9 @@ class LoopDetector:
             # Before any of them is forgotten.
             stored = {match: self._memory.frame(match) for match in candidates}
             novelty = nearest[0][1] if nearest else np.inf
+            if seen.evidence is not None and seen.evidence.span is not None:
+                self._motion.follow(seen.stamp_ns, seen.evidence.odometry)
+                seen.evidence.cloud.moved = self._motion.within(seen.evidence.span)
             self._memory.add(number, seen.vectors, seen.stamp_ns, novelty, seen.evidence)
             self._added = number + 1
             if seen.radius is not None:  # only now: a failed cloud must not fix the radius
@@ -547,6 +558,8 @@ class _Pending:
     stored: Mapping[int, StoredFrame] = field(default_factory=dict)
 
 
+_SCANS_UNTIL_WARNING = 50
+"""With times of points, after which is said how far the robot turned within them."""
 _MOST_WAITING = 2
 """Submitted frames that may wait behind the one that is verified."""
 

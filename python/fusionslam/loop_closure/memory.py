@@ -16,6 +16,7 @@ from fusionslam.errors import DataError
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.registration import PreparedCloud, RegistrationConfig, SearchImage
+from fusionslam.sensors.scan_motion import Span
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.growing_array import Rows
 from fusionslam.views.scene_set import pack_bytes, unpack_bytes
@@ -32,10 +33,14 @@ Vectors = Mapping[str, NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Evidence:
-    """What proves loops of a frame: its cloud, and odom_from_cloud, float64 (4, 4), if known."""
+    """What proves loops of a frame: its cloud, and odom_from_cloud, float64 (4, 4), if known.
+
+    ``span``: when its points were measured; None if unknown, or the cloud knows how it moved.
+    """
 
     cloud: PreparedCloud
     odometry: Matrix | None = None
+    span: Span | None = None
 
 
 @dataclass(frozen=True)

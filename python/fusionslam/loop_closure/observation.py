@@ -30,6 +30,7 @@ from fusionslam.registration import (
     fit_lengths,
 )
 from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.scan_motion import span_of
 from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
@@ -172,7 +173,9 @@ class FrameObserver:
         )
         if odometry is None and frame is not None:
             odometry = odometry_of(frame, self.fusion)
-        return Observation(vectors, stamp_ns, Evidence(prepared, odometry), radius, len(cloud))
+        span = None if frame is None else span_of(frame)
+        evidence = Evidence(prepared, odometry, span)
+        return Observation(vectors, stamp_ns, evidence, radius, len(cloud))
 
     @property
     def _has_whole_scans(self) -> bool:

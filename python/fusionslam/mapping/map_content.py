@@ -241,6 +241,16 @@ class MapContent:
         self._solved = len(self)
         self._asked = self._crossing = sum(self._is_across(edge) for edge in self.edges.values())
 
+    def solve_new_loops(self) -> bool:
+        """Solve the graph if loops came since its last solution; return whether they did.
+
+        Poses are those then that the file gives once it is opened anew.
+        """
+        if self._has_new_loops:
+            self.solve()
+            return True
+        return False
+
     def save(self, file: MapFile) -> None:
         """Write what is not in the file yet, but for keyframes."""
         for edge in self.unsaved.values():

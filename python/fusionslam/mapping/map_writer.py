@@ -24,6 +24,7 @@ from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.registration import PreparedCloud, Refusal, register
 from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.scan_motion import ScanMotion
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.machine import release_memory
 
@@ -65,6 +66,7 @@ class MapWriter:
     Attributes:
         settings: of the map. The first keyframe fixes lengths and radii.
         is_torn: whether the last frame failed after memory had changed: load it from the file.
+        motion: within the scans of keyframes.
     """
 
     def __init__(
@@ -77,6 +79,7 @@ class MapWriter:
         kept: FileClouds,
     ) -> None:
         self.settings, self.is_torn = settings, False
+        self.motion = ScanMotion()
         self._name, self._file, self._content = name, file, content
         self._detector, self._kept = detector, kept
         mine = content.keyframes_of(content.sessions.get(name or "", -1))
@@ -103,6 +106,7 @@ class MapWriter:
         self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
         self._last_odometry = robot
         self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
+        self.motion.follow(frame.stamp_ns, robot @ mount)
         back = _check_order(waited)
         if self._last is not None and self._doubt is None and not self._is_far(robot, self._last):
             return MapStep(None, (), (), self._predict(robot, self._last), back)
@@ -111,6 +115,9 @@ class MapWriter:
             raise DataError(
                 f"frame {frame.number} has nothing that {self.settings.descriptor} describes"
             )
+        assert seen.evidence is not None
+        seen.evidence.cloud.moved = self.motion.within(seen.evidence.span)
+        seen = replace(seen, evidence=replace(seen.evidence, span=None))
         cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
         step = self._add_keyframe(frame, seen, cloud, mount)

@@ -50,6 +50,7 @@ from fusionslam.mapping.map_settings import MapSettings, check_session_name
 from fusionslam.mapping.map_writer import MapStep, MapWriter
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.scan_motion import ScanMotion
 from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 from fusionslam.storage.files import PathLike
 from fusionslam.storage.progress import Progress
@@ -98,6 +99,8 @@ class PlaceMap:
         self._lock = threading.RLock()
         self._file, self._session_name, self._given = file, session, settings
         self._localizer: Localizer | None = None
+        self._sight = ScanMotion()
+        """Within scans that are localised."""
         self._last_odometry: Matrix | None = None
         self._load()
 
@@ -201,7 +204,9 @@ class PlaceMap:
 
     @_one_at_a_time
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, after a warning if the robot turned within scans since it was opened."""
+        for motion in (self._writer.motion, self._sight):
+            motion.warn(str(self._file.path))
         self._file.close()
 
     @property
@@ -353,6 +358,8 @@ class PlaceMap:
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount
         seen = self._detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
         assert seen.evidence is not None
+        self._sight.follow(stamp_ns, moved)
+        seen.evidence.cloud.moved = self._sight.within(seen.evidence.span)
         if self._localizer is None:
             self._localizer = Localizer(self._search, self.settings.loops)
         sight = Sight(seen.evidence.cloud, self._search.nearest(seen.vectors), moved, stamp_ns)
@@ -436,9 +443,14 @@ class PlaceMap:
     def trajectory(self, session: str) -> tuple[NDArray[np.int64], Floats]:
         """Return stamps, int64 (n,), and map_from_robot, float64 (n, 4, 4), of a session.
 
+        They are those that the file gives later, for which the graph is solved if loops came since
+        its last solution.
+
         Raises:
             ConfigError: there is no such session.
         """
+        if self._content.solve_new_loops():
+            self.forget_motion()  # its poses are those of the former solution
         keyframes = self._keyframes_of(session)
         stamps = np.array([each.stamp_ns for each in keyframes], np.int64)
         return stamps, robot_poses(keyframes, self._content.poses_of(each.id for each in keyframes))
@@ -470,6 +482,16 @@ class PlaceMap:
             ConfigError: there is no such session.
         """
         return np.array([each.id for each in self._keyframes_of(session)], np.int64)
+
+    @_one_at_a_time
+    def warn_of_turns(self) -> None:
+        """Log how far the robot turned within the scans of keyframes, if that is known."""
+        motion = ScanMotion()
+        for number in self._content.numbers.tolist():
+            moved = self._search.stored(number).unpack().moved
+            if moved is not None:
+                motion.note(moved)
+        motion.warn(str(self._file.path))
 
     @property
     def path(self) -> Path:

@@ -16,7 +16,7 @@ from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.export_folder import log_empty
 from fusionslam.pipelines.frame_check import readable_frames
-from fusionslam.pipelines.recording import Recording, name_frame
+from fusionslam.pipelines.recording import Recording, name_frame, warn_of_turns
 from fusionslam.pipelines.results import refuse_input
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import (
@@ -93,6 +93,7 @@ def write_cloud_bag(
             if progress is not None:
                 progress(done, len(dataset))
     log_empty(dataset, empty)
+    warn_of_turns(dataset)
     return len(dataset)
 
 

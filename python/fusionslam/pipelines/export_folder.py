@@ -18,7 +18,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.frame_check import readable_frames
-from fusionslam.pipelines.recording import Recording, name_frame
+from fusionslam.pipelines.recording import Recording, name_frame, warn_of_turns
 from fusionslam.pipelines.results import Work, claim, refuse_input
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import atomic_path
@@ -103,6 +103,7 @@ def write_clouds(
             if progress is not None:
                 progress(done, len(dataset))
     log_empty(dataset, empty)
+    warn_of_turns(dataset)
     return len(dataset)
 
 

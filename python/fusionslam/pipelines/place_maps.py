@@ -281,6 +281,7 @@ def export_map(
     if not len(site):
         raise DataError("the map has no keyframes: there is nothing to export", code="empty")
     target = Path(folder)
+    site.warn_of_turns()
     cloud = site.cloud(voxel)
     clouds = [target / "cloud.ply", target / "cloud.pcd"]
     for path in clouds:

@@ -5,7 +5,7 @@
 import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from fusionslam.errors import DataError
 from fusionslam.fusion import SENSORS_OF, FusionConfig
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
+from fusionslam.sensors.scan_motion import ScanMotion, span_of
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.views.scene_set import SceneSet, is_scene_set
 
@@ -178,6 +179,26 @@ def warn_of_odometry(dataset: Dataset) -> None:
             "file of true poses (--gt)",
             dataset.name,
         )
+
+
+def warn_of_turns(dataset: Dataset) -> None:
+    """Say how far the robot turned within scans that are taken as of one moment.
+
+    By the odometry of all frames; times of points are those of three scans. Nothing is said where
+    either is unknown, or a scan cannot be read, of which whoever uses it says more.
+    """
+    motion = ScanMotion()
+    with suppress(DataError):
+        rows = {0, len(dataset) // 2, len(dataset) - 1} if len(dataset) else ()
+        spans = [span_of(dataset[row]) for row in rows]
+        known = [span for span in spans if span is not None]
+        if not known:
+            return
+        typical = sorted(known, key=lambda span: span[1] - span[0])[len(known) // 2]
+        for frame in dataset:
+            motion.follow(frame.stamp_ns, frame.odometry)
+            motion.within(typical)
+    motion.warn(dataset.name)
 
 
 class FrameError(DataError):

@@ -31,7 +31,7 @@ from fusionslam.registration.map_extra import (
 from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.archive import load_arrays
-from fusionslam.storage.arrays import Floats32, Image, Integers, Mask, Points
+from fusionslam.storage.arrays import Floats, Floats32, Image, Integers, Mask, Points
 from fusionslam.views.scenes import Scene
 
 if TYPE_CHECKING:
@@ -62,6 +62,9 @@ class PreparedCloud:
         is_colored: bool (N,): points whose colours are known.
         scene: range image for method planar, which keeps nothing else; None for others.
         ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
+        moved: float64 (2, 6): motion while the cloud was taken, from its stamp to the first and the
+            last point, as ``ScanMotion.within`` returns; None, as at first, if it is unknown.
+            Covariances of poses grow with it.
 
     Args:
         cloud: a Cloud, or float32 (N, 3), metres, the sensor at the origin; may be empty.
@@ -83,6 +86,7 @@ class PreparedCloud:
         colored: Cloud | None = None,
     ) -> None:
         self.config = config or RegistrationConfig()
+        self.moved: Floats | None = None
         points = check_points(cloud.points if isinstance(cloud, Cloud) else cloud)
         self.scene = build_planar(cloud) if self.config.method == "planar" else None
         if self.scene is not None:
@@ -131,6 +135,8 @@ class PreparedCloud:
             arrays["colors"] = self.colors[self.is_colored]
         if self.scene is not None:
             arrays["scene"] = np.frombuffer(self.scene.to_bytes(), np.uint8)
+        if self.moved is not None:
+            arrays["moved"] = self.moved
         return pack_arrays(arrays)
 
     @classmethod
@@ -159,6 +165,11 @@ class PreparedCloud:
             self.colors = colors
         scene = arrays.get("scene")
         self.scene = None if scene is None else Scene.from_bytes(scene.tobytes())
+        self.moved = arrays.get("moved")
+        if (moved := self.moved) is None:
+            return
+        if moved.shape != (2, 6) or moved.dtype != np.float64 or not np.isfinite(moved).all():
+            raise ValueError(f"motion {moved.tolist()}: expected finite float64 (2, 6)")
 
     @cached_property
     def above_ground(self) -> Points:
@@ -273,7 +284,7 @@ def check_points(points: Any) -> Points:
     return array.astype(np.float32)
 
 
-_KEPT = ("config", "points", "search_points", "colors", "is_colored", "ranges", "scene")
+_KEPT = ("config", "points", "search_points", "colors", "is_colored", "ranges", "scene", "moved")
 ROOM_REACH = 12.0
 """Metres. Clouds of cars reach 15 and more, those in rooms 3 to 8."""
 _GAP_DEG = 10

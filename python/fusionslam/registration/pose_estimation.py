@@ -18,6 +18,7 @@ from fusionslam._core import count_overlap
 from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
+from fusionslam.geometry.se3 import adjoint, inverse
 from fusionslam.registration.birds_eye import (
     Hypothesis,
     SearchImage,
@@ -38,7 +39,7 @@ from fusionslam.registration.map_extra import (
 from fusionslam.registration.planar import register_planar
 from fusionslam.registration.probability import SmallView, pose_probability
 from fusionslam.registration.result import Refusal, Registration
-from fusionslam.registration.uncertainty import pose_covariance, weak_directions
+from fusionslam.registration.uncertainty import motion_covariance, pose_covariance, weak_directions
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
 
@@ -102,6 +103,14 @@ def register(
         result = _register_globally(one, other, start, search, thorough, config)
     else:
         result = register_planar(one.scene, other.scene, start, config)
+    if result.target_from_source is not None and result.covariance is not None:
+        covariance = result.covariance.copy()
+        if one.moved is not None:
+            covariance += motion_covariance(one.moved, one.points)
+        if other.moved is not None:
+            carry = adjoint(inverse(result.target_from_source))
+            covariance += carry @ motion_covariance(other.moved, other.points) @ carry.T
+        result = replace(result, covariance=covariance)
     return replace(result, seconds=time.perf_counter() - started)
 
 

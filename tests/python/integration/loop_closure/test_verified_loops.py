@@ -17,14 +17,17 @@ from fusionslam import (
     Cloud,
     ConfigError,
     DataError,
+    FusionConfig,
     FusionSlamError,
     Loop,
     LoopConfig,
     LoopDetector,
 )
+from fusionslam.loop_closure import detector as detector_module
 from fusionslam.loop_closure import verification
 from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.registration import Refusal, Registration, RegistrationConfig
+from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix
 from rows import rows
 from streets import WAY, at
@@ -157,6 +160,28 @@ def test_submitted_and_observed_frames_give_the_same_loops() -> None:
     assert behind.unverified == 0
     seen = [pickle.loads(pickle.dumps(apart.observe(cloud))) for cloud in clouds]
     assert [apart.add_observation(each) for each in seen] == loops
+
+
+def test_a_loop_of_a_scan_that_was_taken_in_a_turn_is_less_certain(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(detector_module, "_SCANS_UNTIL_WARNING", 4)
+    detector = new_detector(fusion=FusionConfig(source="cloud"))
+    for k, cloud in enumerate(DRIVE[row] for row in (5, 6, 7, 8, 12)):
+        loop = detector.add(
+            Frame(
+                points=cloud.points,
+                stamp_ns=(k + 1) * 10**8,
+                point_seconds=np.linspace(0, 0.1, len(cloud)),
+                odometry=at(0.1 * k, 0, 6 * (k == 4), 0),  # turns at last
+            )
+        )
+    assert loop is not None and loop.match == 0
+    variance = np.degrees(np.degrees(np.asarray(loop.covariance)[5, 5]))
+    floor = detector.registration_config.angle_sd**2
+    np.testing.assert_allclose(variance - floor, 6**2 / 3, rtol=1e-3)
+    said = [each.args for each in caplog.records if each.module == "scan_motion"]
+    assert said == [("the recording", pytest.approx(0), pytest.approx(6), 1.0, 1, 4)]
 
 
 def test_excluded_frames_are_no_candidates_and_leave_room_for_others() -> None:

@@ -27,7 +27,7 @@ from map_fixtures import FRAMES, build
 from pages import DOCS, snippets
 from refusals import refuses
 from rows import rows
-from streets import OPTIONS, RETURN, WAY, at, error, frames
+from streets import OPTIONS, RETURN, WAY, at, drift, error, frames
 
 gtsam = pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
@@ -66,6 +66,17 @@ def test_a_map_that_is_closed_in_between_is_the_same(path: Path, tmp_path: Path)
         assert two.last_frame is None  # opened without a session
         # A step says where the robot is; the map moves it a little further once it is solved.
         np.testing.assert_allclose(steps[-1].pose, poses[-1], atol=0.03)
+
+
+def test_the_trajectory_while_adding_is_that_of_the_file(path: Path) -> None:
+    more = frames(WAY[4:8], seed=50, day=1)
+    with PlaceMap.open(path, "tuesday", **OPTIONS) as site:
+        loops = [loop for frame in more for loop in site.add(frame).loops]
+        live = {name: site.trajectory(name)[1] for name in ("monday", "tuesday")}
+    assert len(loops) >= 2
+    with PlaceMap.open(path, read_only=True) as site:
+        for name, poses in live.items():
+            np.testing.assert_array_equal(site.trajectory(name)[1], poses)
 
 
 def test_frames_nearby_are_no_keyframes(new: PlaceMap) -> None:
@@ -156,6 +167,35 @@ def test_an_open_session_that_is_forgotten_begins_anew(path: Path) -> None:
         assert [each.keyframes for each in site.sessions] == [2]
     with PlaceMap.open(path, read_only=True) as site:
         assert len(site) == 2 and site.check() == []
+
+
+def test_turns_within_scans_are_said_and_make_poses_less_certain(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, turning = tmp_path / "a.fsmap", drift(WAY[:3], turn_deg=20)
+
+    def see(k: int, seconds: float) -> Frame:
+        """A frame whose scan takes some seconds, while the robot turns by 20 degrees a second."""
+        points = FRAMES[k].points
+        assert points is not None
+        times = np.linspace(0, seconds, len(points))
+        stamp_ns = (k + 1) * 10**9
+        return Frame(points=points, stamp_ns=stamp_ns, point_seconds=times, odometry=turning[k])
+
+    with PlaceMap.open(path, "a", **OPTIONS) as site:
+        assert [site.add(see(k, 0.1)).keyframe for k in range(3)] == [0, 1, 2]
+        assert not caplog.records
+    with PlaceMap.open(path, read_only=True) as site:
+        site.warn_of_turns()
+        _, found = (site.localize(see(k, 0.2)) for k in range(2))
+        floor = site.settings.registration.angle_sd**2
+    assert found.covariance is not None
+    said = [each for each in caplog.records if each.args and each.args[0] == str(path)]
+    assert len(said) == 3  # of what was added, of the map, and of what was localised
+    assert all(each.args[1:3] == pytest.approx((2, 2), abs=0.01) for each in said[:2])
+    variance = np.degrees(np.degrees(found.covariance[5, 5]))
+    # That of the scan, 4 degrees in 0.2 s, and of the keyframe, 2 in 0.1 s.
+    np.testing.assert_allclose(variance - floor, (4**2 + 2**2) / 3, rtol=0.01)
 
 
 def test_steps_count_without_loops(tmp_path: Path) -> None:

@@ -2,21 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """What fuse writes where, and that it never writes over what it reads."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bags import drive, odometry, translation, without, write_bag
+from bags import SECOND, START, drive, odometry, translation, without, write_bag
 from cli import error_of, succeeds
 from fusionslam import FusionConfig
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
+from fusionslam.geometry.se3 import exp
 from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
 from fusionslam.report.fusion_stages import draw_stages
-from fusionslam.sensors.messages import Event, FrameTransforms, Odometry
+from fusionslam.sensors.messages import Event, FrameTransforms, Odometry, Scan
 from kitti import write_sequence
 from refusals import refuses
 from rows import rows
@@ -86,6 +88,41 @@ def test_what_is_written_is_counted_and_a_bag_that_is_replaced_is_named(tmp_path
         result = succeeds("fuse", path, "-o", tmp_path / name)
         assert result.stdout.splitlines() == [f"{tmp_path / name}: 5 frames"]
         assert " ".join(result.stderr.split()).count("will be replaced") == there
+
+
+@rows(
+    "command, output, turn_deg, said",
+    [
+        ("fuse", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
+        ("fuse", "made.bag", 40.0, "a median of 4.0 degrees and up to 4.0"),
+        ("loops -d m2dp,scan_context", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
+        ("loops --threshold 0.1", "made", 40.0, "a median of 4.0 degrees and up to 4.0"),
+        ("fuse", "made", 0.0, ""),
+    ],
+)
+def test_turns_within_scans_whose_points_have_times_are_said(
+    tmp_path: Path, command: str, output: str, turn_deg: float, said: str
+) -> None:
+    """Scans of 0.1 s; the robot turns by some degrees a second."""
+
+    def turning(event: Event) -> Event:
+        message = event.message
+        if isinstance(message, Scan):
+            fields = {**message.fields, "time": np.linspace(0, 0.1, 41, dtype=np.float32)}
+            points = np.random.default_rng(0).uniform(1, 4, (41, 3)).astype(np.float32)
+            return replace(event, message=replace(message, points=points, fields=fields))
+        if isinstance(message, Odometry):
+            angle = np.radians(turn_deg) * (message.stamp_ns - START) / SECOND
+            return replace(
+                event, message=replace(message, pose=exp(np.array([0, 0, 0, 0, 0, angle])))
+            )
+        return event
+
+    path = write_bag(tmp_path / "d.bag", map(turning, drive(1.0)))
+    made = succeeds(*command.split(), path, "-o", tmp_path / output, "--source", "cloud")
+    text = " ".join(made.stderr.split())
+    assert text.count("turned within them") == bool(said)
+    assert said in text
 
 
 def test_clouds_and_times_that_no_fuse_wrote_are_kept(tmp_path: Path) -> None:

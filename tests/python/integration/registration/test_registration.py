@@ -330,6 +330,30 @@ def test_a_packed_cloud_registers_as_before(scans: Scans, found: Registration) -
             PreparedCloud.from_bytes(damaged, config)
 
 
+def test_motion_while_clouds_were_taken_makes_their_pose_less_certain(
+    scans: Scans, found: Registration
+) -> None:
+    source, target = (PreparedCloud(points) for points in scans)
+    turn = np.zeros((2, 6))
+    turn[1, 5] = np.radians(6)
+    grown = []
+    for one, other in ((turn, None), (None, turn), (turn, turn)):
+        source.moved, target.moved = one, other
+        packed = PreparedCloud.from_bytes(source.to_bytes(), source.config)
+        moving = register(packed, pickle.loads(pickle.dumps(target)))
+        np.testing.assert_array_equal(moving.target_from_source, found.target_from_source)
+        grown.append(np.asarray(moving.covariance) - found.covariance)
+    own, other_own, both = grown
+    np.testing.assert_allclose(both, own + other_own, atol=1e-12)
+    np.testing.assert_allclose(np.sqrt(own[5, 5]), np.radians(6) / np.sqrt(3))
+    # The target turns about its own sensor, 6 m away.
+    assert np.sqrt(np.trace(other_own[:2, :2])) > 5.5 * np.radians(6) / np.sqrt(3)
+    assert np.linalg.eigvalsh(both).min() > -1e-12
+    source.moved = turn * np.nan
+    with pytest.raises(DataError, check=has_code("damaged")):
+        PreparedCloud.from_bytes(source.to_bytes(), source.config)
+
+
 def test_points_farther_than_16_bits_reach_are_packed_all_the_same() -> None:
     cloud = PreparedCloud(np.random.default_rng(3).uniform(-3e3, 3e3, (300, 3)).astype(np.float32))
     again = PreparedCloud.from_bytes(cloud.to_bytes(), cloud.config)
