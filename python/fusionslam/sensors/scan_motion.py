@@ -3,6 +3,7 @@
 """How far a robot moves while a scan is taken, by its odometry and the times of the points."""
 
 import logging
+from collections import deque
 
 import numpy as np
 
@@ -17,6 +18,8 @@ Span = tuple[float, float]
 
 _LONGEST_S = 1.0
 """No scan takes longer, and between frames farther apart a robot may have turned and stopped."""
+_MOST_SCANS = 10_000
+"""That are counted: a robot drives for days."""
 _MUCH_DEG = 1.0
 """Less is hardly more than the errors of registered poses."""
 
@@ -42,11 +45,11 @@ class ScanMotion:
     """Follows odometry from frame to frame; says once that motion within scans is not undone.
 
     Attributes:
-        turned: degrees by which the robot turned within each scan, where that is known.
+        turned: degrees by which the robot turned within each of the last scans where it is known.
     """
 
     def __init__(self) -> None:
-        self.turned: list[float] = []
+        self.turned: deque[float] = deque(maxlen=_MOST_SCANS)
         self._stamp_ns, self._pose = 0, np.full((4, 4), np.nan)
         self._velocity: Floats | None = None
         self._has_warned = False
