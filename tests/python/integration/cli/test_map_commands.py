@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from artefacts import artefact, copy_artefact
 from cli import error_of, run, succeeds
 from fusionslam import Cloud, DataError, FusionConfig, PlaceMap, datasets
+from fusionslam.cli.maps.build import describe_growth
 from fusionslam.datasets.cloud_files import write_cloud
 from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
-from fusionslam.pipelines.place_maps import odometry_of
+from fusionslam.pipelines.place_maps import Built, odometry_of
 from fusionslam.pipelines.recording import FrameError
 from rows import rows
 from streets import RETURN, WAY, error, write_street
@@ -102,6 +103,17 @@ def test_odometry_that_is_inverse_or_in_millimetres_is_told(
     assert odometry is not None
     warn_of_wrong_odometry(data, change(odometry))
     assert [word in each for each in caplog.messages] == [True] * bool(word)
+
+
+@rows(
+    "keyframes, loops, window, told",
+    [(29, 0, 20, 7), (29, 1, 20, 0), (41, 0, 20, 0), (3, 0, 20, 0)],
+)
+def test_a_window_that_leaves_little_to_compare_is_told(
+    keyframes: int, loops: int, window: int, told: int
+) -> None:
+    said = describe_growth(Built(200, keyframes, loops, {}), window)
+    assert (f"loop_closure.window={told}" in said) == bool(told) == ("window" in said)
 
 
 def test_a_page_beside_the_map_shows_it(built: Path) -> None:
