@@ -41,7 +41,9 @@ _FARTHEST_M = 10_000.0
 """Beyond the range of any LiDAR."""
 DISTANT_M = 500.0
 """Beyond what a robot's LiDAR sees of most of its surroundings, in metres."""
-_COS_45 = 0.5**0.5
+_COS_45, _COS_60 = 0.5**0.5, 0.5
+_NEARLY_ALL = 0.99
+_ENOUGH_POINTS = 4096
 # Ground heights below a car's LiDAR, which is mounted at 1.73 m (KITTI), and in a robot's frame
 # (Stastny's program).
 _SCAN_GROUND_M, _ROBOT_GROUND_M = -1.4, 0.1
@@ -155,8 +157,12 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
 
 
 def color_cloud(frame: Frame, config: FusionConfig) -> Cloud:
-    """First step: the coloured cloud in the scan's frame, ground included."""
-    if config.source == "cloud":
+    """First step: the coloured cloud in the scan's frame, ground included.
+
+    A frame without images whose scan has colours needs no camera.
+    """
+    has_own = config.source == "lidar" and not frame.images and frame.colors is not None
+    if config.source == "cloud" or has_own:
         return _scan(frame)
     return (_lidar_cloud if config.source == "lidar" else _stereo_cloud)(frame, config)
 
@@ -260,6 +266,7 @@ def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
         of = f"the {name} camera looks along z"
         cure = "fusion.frame=robot and robot_from_points in a calib.yaml turn it up"
     else:
+        _warn_of_optical(frame)
         return
     if tilted:
         raise DataError(
@@ -267,6 +274,39 @@ def require_up(config: FusionConfig, frame: Frame | None = None) -> None:
             code="not-up",
             fields=("scan",),
         )
+
+
+def looks_along_z(points: NDArray[np.float32]) -> bool:
+    """Whether a scanner at the origin sees less than 60 degrees off its z axis only.
+
+    Depth cameras do, in their optical frames; other scanners see the ground, walls or both.
+
+    Args:
+        points: float32 (N, 3).
+    """
+    if not len(points):
+        return False
+    some = points[:: 1 + len(points) // _ENOUGH_POINTS]
+    ahead = some[:, 2] > _COS_60 * np.linalg.norm(some, axis=1)
+    return bool(ahead.mean() > _NEARLY_ALL)
+
+
+OPTICAL = (
+    "z seems to point ahead instead of up, as in a camera's optical frame (x right, y down, z "
+    "ahead)"
+)
+
+
+def _warn_of_optical(frame: Frame) -> None:
+    """Warn of a scan whose mounting is unknown, and in which z does not seem to point up."""
+    points = np.asarray(frame.points)
+    if points.ndim != 2 or points.shape[1] != 3 or not looks_along_z(points):
+        return  # what is no cloud is refused where it is used
+    text = (
+        f"{OPTICAL}: robot_from_points in a calib.yaml (--calib, or in a plain folder) and "
+        "fusion.frame=robot turn it up"
+    )
+    logger.warning("frame %d: %s", frame.number, text, extra={PER_FRAME: text})
 
 
 def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:

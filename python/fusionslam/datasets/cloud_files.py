@@ -26,6 +26,15 @@ _LONGEST_HEADER = 200
 """In lines."""
 _MOST_VALUES = 10_000
 """Numbers of a point of a PCD file; pypcd4 makes a column of each."""
+_OTHER_KINDS = {
+    b"\x93NUMPY": "an array of NumPy (.npy)",
+    b"PK\x03\x04": "a zip archive (.npz)",
+    b"ply\n": "a PLY file (.ply)",
+    b"ply\r\n": "a PLY file (.ply)",
+    b"# .PCD": "a PCD file (.pcd)",
+    b"VERSION ": "a PCD file (.pcd)",
+}
+"""Kinds of files that records without a header are mistaken for, by their first bytes."""
 _COLOR_FIELDS = (
     ("red", "green", "blue"),
     ("r", "g", "b"),
@@ -66,10 +75,18 @@ def read_records(path: PathLike, record: np.dtype[Any], expected: str) -> NDArra
     """Read a file of records, one a point, without a header.
 
     Raises:
-        DataError: the file is missing, or its size is not a multiple of a record's.
+        DataError: the file is missing, is of a kind with a header (code "bad-header"), or its size
+            is not a multiple of a record's ("truncated").
     """
     with reading(path, expected):
         data = Path(path).read_bytes()
+    kind = next((kind for first, kind in _OTHER_KINDS.items() if data.startswith(first)), None)
+    if kind is not None:
+        raise DataError(
+            f"{path} is {kind}, whatever its name says: expected {expected} and no header",
+            code="bad-header",
+            fields=(str(path), kind),
+        )
     if len(data) % record.itemsize:
         raise DataError(
             f"{path} has {len(data)} bytes, expected a multiple of {record.itemsize} "

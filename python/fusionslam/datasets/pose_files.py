@@ -28,6 +28,10 @@ POSE_TOLERANCE_NS = 10_000_000
 POSE_GAP_NS = 500_000_000
 # Largest deviation from a rotation matrix: text files have few digits.
 ROTATION_TOLERANCE = 1e-2
+# Keyframes of real recordings are up to some seconds apart.
+_SLOWEST_S = 10.0
+_UNITS = (("milliseconds", 3), ("microseconds", 6), ("nanoseconds", 9))
+"""Units that times in seconds are mistaken for, and the power of ten that divides them."""
 # Columns of TUM's quaternion in trimesh's order.
 WXYZ = (7, 4, 5, 6)
 
@@ -137,6 +141,8 @@ def write_poses_kitti(path: PathLike, poses: NDArray[np.float64]) -> None:
 def read_times(path: PathLike) -> NDArray[np.int64]:
     """Read int64 (N) nanoseconds from KITTI's times.txt: seconds, one per line.
 
+    A warning says if they are so far apart that they seem to be in another unit.
+
     Raises:
         DataError: the file is missing or empty, has more than one column, a value that is not a
             number, or a time earlier than the one before.
@@ -145,6 +151,7 @@ def read_times(path: PathLike) -> NDArray[np.int64]:
     _table(path, (1,), "times in seconds, one a line")
     stamps = _exact_stamps(path)
     _check_order(path, stamps)
+    _warn_of_slow(path, stamps)
     return stamps
 
 
@@ -448,6 +455,19 @@ def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
         )
 
 
+def _warn_of_slow(path: Path, stamps: NDArray[np.int64]) -> None:
+    """Warn of times farther apart than those of sensors are, and name the unit they may have."""
+    step = float(np.median(np.diff(stamps))) / 1e9 if len(stamps) > 1 else 0.0
+    if step < _SLOWEST_S:
+        return
+    unit, exponent = next(each for each in _UNITS if step < _SLOWEST_S * 10 ** each[1])
+    logger.warning(
+        "%s: the usual step between times is %g s (%.2g Hz), expected seconds and less than %g s: "
+        "are they %s, which need division by 1e%d?",
+        *(path, step, 1 / step, _SLOWEST_S, unit, exponent),
+    )
+
+
 def _exact_stamps(path: Path) -> NDArray[np.int64]:
     """Read the first column, seconds, as int64 (N) nanoseconds; float64 would lose digits."""
     with reading(path, "times in seconds"):
@@ -472,7 +492,7 @@ def _exact_stamps(path: Path) -> NDArray[np.int64]:
 
 def _guess_unit(stamp: int) -> str:
     """Name the unit in which a stamp is a time of this century, as the end of a message."""
-    for unit, exponent in (("milliseconds", 3), ("microseconds", 6), ("nanoseconds", 9)):
+    for unit, exponent in _UNITS:
         if 10**9 <= stamp // 10**exponent < 4 * 10**9:
             return f": these look like {unit}, which need division by 1e{exponent}"
     return ""

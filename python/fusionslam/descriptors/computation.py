@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compute descriptors by name."""
 
-import logging
 from functools import lru_cache
 from importlib import import_module
 from typing import Any
@@ -16,10 +15,7 @@ from fusionslam.descriptors.config import DescriptorConfig, core_class
 from fusionslam.descriptors.registry import DESCRIPTORS, POINT_DATA, Descriptor
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, require_up
-from fusionslam.help_texts import PER_FRAME
 from fusionslam.sensors.frame import Cloud, Frame, require_cloud
-
-logger = logging.getLogger(__name__)
 
 
 def describe(
@@ -39,8 +35,6 @@ def describe(
     if (problem := missing_data(cloud, name)) is not None:
         raise problem
     settings = for_preset(config or DescriptorConfig(), name)
-    if needs_up(name, settings):
-        _warn_unless_upright(cloud, name)
     per_point = (cloud.points, *(getattr(cloud, need) for need in kind.point_data))
     function = getattr(import_module(kind.module), kind.name)
     result: NDArray[np.float32] = function(*per_point, **_arguments(kind, settings))
@@ -74,19 +68,6 @@ def _require_extent(cloud: Cloud) -> None:
 def _sample(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """Take at most some thousand points of a cloud, evenly."""
     return points[:: 1 + len(points) // 4096]
-
-
-def _warn_unless_upright(cloud: Cloud, name: str) -> None:
-    """Warn of a cloud that is taller than wide: its z axis hardly points up."""
-    if len(cloud) < 2:
-        return
-    x, y, z = _sample(cloud.points).std(axis=0, dtype=np.float64)
-    if z > np.hypot(x, y):
-        text = (
-            f"{name} needs clouds whose z axis points up, and the spread along z is larger than "
-            "across it"
-        )
-        logger.warning(text, extra={PER_FRAME: text})
 
 
 def missing_data(cloud: Cloud, name: str) -> DataError | None:

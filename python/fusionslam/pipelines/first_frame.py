@@ -89,7 +89,8 @@ def try_frame(frame: "Frame", config: FusionConfig) -> FirstCloud:
     above = len(fuse(frame, config)) if count and config.ground != "none" else count
     first = "first stereo pair" if config.source == "stereo" else "first scan"
     if count:
-        colored = " get a colour" if config.source == "lidar" else ""
+        colored = " get a colour (calib-check says if it is theirs)"
+        colored = colored if config.source == "lidar" else ""
         return FirstCloud(
             "possible", count, above, detail=f"{count} points of the {first}{colored}"
         )

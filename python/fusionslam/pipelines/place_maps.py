@@ -3,6 +3,7 @@
 """Maps of recordings: building, localising and exporting."""
 
 import csv
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
@@ -15,14 +16,17 @@ from fusionslam.datasets import Dataset
 from fusionslam.datasets.cloud_files import write_cloud
 from fusionslam.datasets.pose_files import interpolate_poses, write_poses_tum
 from fusionslam.errors import DataError
+from fusionslam.fusion import OPTICAL, looks_along_z
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.mapping import Localization, PlaceMap
+from fusionslam.mapping.clouds import unpack_cloud
 from fusionslam.mapping.geojson import MapOrigin, write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.odometry import LidarOdometryConfig
 from fusionslam.pipelines.lidar_odometry import track_lidar
+from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.registration import Refusal
 from fusionslam.sensors.frame import Frame
@@ -31,7 +35,11 @@ from fusionslam.storage.files import PathLike, atomic_path
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
 
+logger = logging.getLogger(__name__)
+
 MapOdometry = Literal["recorded", "lidar", "truth+noise"]
+_MOST_COMPARED = 50
+"""Keyframes of a map in which it is looked which way is up."""
 POSE_NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 _MAP_CODES = ("cannot-read", "cannot-write", "changed", "closed", "damaged", "locked")
@@ -157,6 +165,8 @@ def build_map(
     begin = 0 if last is None else int(np.searchsorted(dataset.numbers, last, side="right"))
     keyframes = loops = 0
     skipped: dict[int, str] = {}
+    if last is None:
+        warn_of_wrong_odometry(dataset, odometry)
     with ordered_results(_reader(dataset), range(begin, len(dataset)), jobs) as frames:
         for index, frame in enumerate(frames, start=begin):
             try:
@@ -282,6 +292,7 @@ def export_map(
         raise DataError("the map has no keyframes: there is nothing to export", code="empty")
     target = Path(folder)
     site.warn_of_turns()
+    _warn_of_optical(site)
     cloud = site.cloud(voxel)
     clouds = [target / "cloud.ply", target / "cloud.pcd"]
     for path in clouds:
@@ -300,6 +311,21 @@ def export_map(
         files.append(target / "trajectory.geojson")
         write_geojson(files[-1], tracks, origin)
     return files
+
+
+def _warn_of_optical(site: PlaceMap) -> None:
+    """Warn of clouds in which z does not seem to point up: grid and heights are a slice of them."""
+    known = site.content.keyframes
+    rows = np.linspace(0, len(known) - 1, min(len(known), _MOST_COMPARED)).astype(int)
+    seen = [known[row] for row in rows if np.array_equal(known[row].robot_from_cloud, np.eye(4))]
+    clouds = (unpack_cloud(site.search.stored_cloud(each.id).points).points for each in seen)
+    count = sum(map(looks_along_z, clouds))
+    if count > len(rows) / 2:
+        logger.warning(
+            "%s: %d of %d keyframes: %s: grid.pgm and heights.asc are a vertical slice; build the "
+            "map anew with robot_from_points in a calib.yaml and fusion.frame=robot",
+            *(site.path, count, len(rows), OPTICAL),
+        )
 
 
 def trajectory_files(site: PlaceMap) -> dict[str, str]:

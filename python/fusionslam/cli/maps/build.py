@@ -123,19 +123,26 @@ def build(
                 jobs=cores,
                 progress=label_progress(step, "mapping"),
             )
-            warning = site.reason
+            warning, window = site.reason, site.settings.loops.window
         page = None if no_report else output.with_suffix(".html")
         lines = finish_map(output, name, dataset, kind, page, step, warning)
-    print(f"{name}: {_describe_growth(built)}")
+    print(f"{name}: {describe_growth(built, window)}")
     for line in [*lines, str(output), *([str(page)] if page else [])]:
         print(line)
 
 
-def _describe_growth(built: "Built") -> str:
+def describe_growth(built: "Built", window: int) -> str:
+    """Say what a map gained, and that no loops may be for the window (in keyframes) being long."""
     left = f", {counted(len(built.skipped), 'frame')} left out" if built.skipped else ""
     if not built.keyframes and not built.loops:
         return f"nothing new{left or ': the map has all of it'}"
-    return f"{counted(built.keyframes, 'keyframe')}, {counted(built.loops, 'loop')}{left}"
+    short = ""
+    if not built.loops and 4 < built.keyframes <= 2 * window:
+        short = (
+            f"; keyframes are compared with those {window} and more before them: a map of its own "
+            f"with --set loop_closure.window={built.keyframes // 4} has more to compare"
+        )
+    return f"{counted(built.keyframes, 'keyframe')}, {counted(built.loops, 'loop')}{left}{short}"
 
 
 _MADE_ODOMETRY = "Odometry is made: true poses with errors (odometry.KEY of the configuration)."

@@ -13,10 +13,11 @@ from fusionslam.cli import options as opt
 from fusionslam.cli.console import OPENING, progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.cli.recordings import build_recording, open_data
-from fusionslam.errors import ConfigError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
+    from fusionslam.datasets import Dataset
     from fusionslam.pipelines.recording import Recording
 
 
@@ -58,7 +59,7 @@ def localize(
                 )
         whole = merged(config, {"fusion": site.fusion.model_dump()})
         step(OPENING, 0, 1)
-        dataset, _ = open_data(build_recording(), whole)
+        dataset = _open(build_recording(), whole)
         step(OPENING, 1, 1)
         poses = odometry_of(dataset, "recorded") if has_odometry(dataset) else None
         found = [
@@ -77,3 +78,28 @@ def localize(
     print(f"{fixes} of {len(found)} frames found", end="")
     print(*(f"; {count} not: {code}" for code, count in reasons.most_common()), sep="")
     print(output)
+
+
+def _open(recording: "Recording", whole: Any) -> "Dataset":
+    """Open a recording for a map; of one that a camera coloured, scans may have their own colours.
+
+    Raises:
+        DataError: as ``open_data``, or the scans have no colours (code "missing-sensor").
+    """
+    from fusionslam.config import merged
+    from fusionslam.pipelines.recording import has_colors
+
+    try:
+        return open_data(recording, whole)[0]
+    except DataError as error:
+        if error.code != "missing-sensor" or whole.fusion.source != "lidar":
+            raise
+        dataset, _ = open_data(recording, merged(whole, {"fusion": {"source": "cloud"}}))
+        if has_colors(dataset):
+            return dataset
+        raise DataError(
+            f"{error}: clouds of this map are coloured: expected images of a camera with its "
+            "calibration, or scans with colours",
+            code=error.code,
+            fields=error.fields,
+        ) from error

@@ -6,16 +6,22 @@ import csv
 import re
 import shutil
 import sqlite3
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 
 from artefacts import artefact, copy_artefact
 from cli import error_of, run, succeeds
-from fusionslam import DataError, PlaceMap, datasets
+from fusionslam import Cloud, DataError, FusionConfig, PlaceMap, datasets
+from fusionslam.cli.maps.build import describe_growth
+from fusionslam.datasets.cloud_files import write_cloud
+from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
+from fusionslam.pipelines.place_maps import Built, odometry_of
 from fusionslam.pipelines.recording import FrameError
 from rows import rows
 from streets import RETURN, WAY, error, write_street
@@ -60,6 +66,54 @@ def test_a_recording_becomes_a_map(built: Path) -> None:
     with PlaceMap.open(built, read_only=True) as site:
         assert [each.name for each in site.sessions] == ["street"]
         assert error(site.trajectory("street")[1], WAY) < 0.25 < error(site.odometry("street"), WAY)
+
+
+def test_scans_with_colours_are_found_on_a_map_that_a_camera_coloured(
+    street: Path, tmp_path: Path
+) -> None:
+    plain = datasets.open_dataset(street).only(range(2))
+    for frame in plain:
+        grey = np.full((len(frame.points), 3), 99, np.uint8)
+        write_cloud(tmp_path / f"rgbd/clouds/{frame.number}.ply", Cloud(frame.points, grey))
+        write_cloud(tmp_path / f"plain/clouds/{frame.number}.ply", Cloud(frame.points))
+    path, output = tmp_path / "site.fsmap", tmp_path / "found.csv"
+    with PlaceMap.open(path, "monday", descriptor="m2dp", fusion=FusionConfig()) as site:
+        for frame, moved in zip(datasets.open_dataset(tmp_path / "rgbd"), WAY, strict=False):
+            site.add(frame, odometry=moved)
+    words = ("--map", path, "-o", output)
+    assert "2 of 2 frames" in succeeds("map", "localize", tmp_path / "rgbd", *words).stdout
+    assert error_of(1, "map", "localize", tmp_path / "plain", *words).code == "missing-sensor"
+
+
+def in_millimetres(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    scaled = poses.copy()
+    scaled[:, :3, 3] *= 1000
+    return scaled
+
+
+@rows("change, word", [(np.array, ""), (np.linalg.inv, "inverse"), (in_millimetres, "millimetres")])
+def test_odometry_that_is_inverse_or_in_millimetres_is_told(
+    street: Path,
+    change: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    word: str,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    data = datasets.open_dataset(street)
+    odometry = odometry_of(data, "recorded")
+    assert odometry is not None
+    warn_of_wrong_odometry(data, change(odometry))
+    assert [word in each for each in caplog.messages] == [True] * bool(word)
+
+
+@rows(
+    "keyframes, loops, window, told",
+    [(29, 0, 20, 7), (29, 1, 20, 0), (41, 0, 20, 0), (3, 0, 20, 0)],
+)
+def test_a_window_that_leaves_little_to_compare_is_told(
+    keyframes: int, loops: int, window: int, told: int
+) -> None:
+    said = describe_growth(Built(200, keyframes, loops, {}), window)
+    assert (f"loop_closure.window={told}" in said) == bool(told) == ("window" in said)
 
 
 def test_a_page_beside_the_map_shows_it(built: Path) -> None:

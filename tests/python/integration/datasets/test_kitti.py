@@ -362,6 +362,17 @@ def test_wrong_poses_and_times_are_named(
     assert str(sequence / file) in str(error.value)
 
 
+@rows("step, unit", [(0.1, ""), (9.0, ""), (100, "milliseconds"), (1e5, "micro"), (5e7, "nano")])
+def test_times_in_another_unit_than_seconds_are_told(
+    tmp_path: Path, step: float, unit: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    sequence = odometry(tmp_path)
+    put_text(sequence / "times.txt", "".join(f"{n * step}\n" for n in range(6)))
+    assert np.ptp(open_dataset(sequence).stamps_ns) == 5 * round(step * 1e9)
+    said = [each for each in caplog.messages if str(sequence / "times.txt") in each]
+    assert [unit in each for each in said] == [True] * bool(unit)
+
+
 def test_images_of_another_size_than_the_calibration_or_the_left_are_refused(
     tmp_path: Path,
 ) -> None:

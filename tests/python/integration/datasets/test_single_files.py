@@ -71,6 +71,21 @@ def test_pcd_files_of_every_encoding_are_read(tmp_path: Path, encoding: str) -> 
     assert np.allclose(cloud.intensities, POINTS[:, 0], atol=1e-6)
 
 
+@rows("suffix", [".npy", ".npz", ".ply", ".pcd"])
+def test_a_bin_file_that_is_of_another_kind_is_called_so(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / "cloud.bin"
+    other = path.with_suffix(suffix)
+    if suffix == ".npy":
+        np.save(other, POINTS)
+    elif suffix == ".npz":
+        np.savez(other, points=POINTS)
+    else:
+        write_cloud(other, Cloud(POINTS))
+    other.rename(path)
+    with pytest.raises(DataError, match=rf"{suffix}\)", check=has_code("bad-header")):
+        read_cloud(path)
+
+
 def test_a_bin_file_keeps_intensities(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     intensities = np.random.default_rng(8).uniform(0, 1, len(POINTS)).astype(np.float32)

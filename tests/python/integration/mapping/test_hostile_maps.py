@@ -26,6 +26,7 @@ from fusionslam import ConfigError, DataError, FusionConfig, ShapeError
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.pipelines.place_maps import export_map
 from fusionslam.sensors.frame import Frame
 from map_fixtures import FRAMES, STORED, build
 from map_rows import restore_crcs
@@ -237,6 +238,23 @@ def test_clouds_of_another_frame_or_unit_change_nothing(
             with refuses(code):
                 ask(seen)
         assert len(site) == STORED and [each.name for each in site.sessions] == ["monday"]
+
+
+def test_a_map_of_an_optical_frame_is_told_when_built_and_exported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with PlaceMap.open(tmp_path / "site.fsmap", "monday", **OPTIONS) as site:
+        for frame in FRAMES[:3]:
+            assert frame.points is not None
+            ahead = frame.points[frame.points[:, 0] > 2 * np.abs(frame.points[:, 1:]).max(axis=1)]
+            turned = ahead @ OPTICAL[:3, :3]
+            site.add(Frame(index=frame.index, points=turned, odometry=frame.odometry))
+        assert len(caplog.messages) >= 3 and all("optical" in each for each in caplog.messages)
+        caplog.clear()
+        export_map(site, tmp_path / "export")
+        count = len(site)
+    (message,) = caplog.messages
+    assert f"{count} of {count} keyframes" in message and "optical" in message
 
 
 def test_a_robot_whose_scanner_is_mounted_otherwise_is_found_where_it_is(short: Path) -> None:

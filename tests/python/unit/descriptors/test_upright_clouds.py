@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scan Context by name: its options, the frames that it allows, and its metric everywhere."""
 
-import logging
 import math
 
 import numpy as np
@@ -109,18 +108,6 @@ def test_scans_whose_calibration_says_that_z_is_not_up_are_refused() -> None:
         fusionslam.LoopDetector(UP, fusion=cloud).add(frame)
     robot = FusionConfig(source="cloud", frame="robot")
     fusionslam.LoopDetector(UP, fusion=robot).add(tilted)
-
-
-def test_a_cloud_that_is_taller_than_wide_gets_a_warning(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.WARNING)
-    fusionslam.describe(street(1), UP)
-    assert not caplog.records
-    tall = Cloud(np.random.default_rng(1).normal(0, [1, 1, 5], (500, 3)).astype(np.float32))
-    fusionslam.describe(tall, "m2dp")
-    assert not caplog.records
-    for count, name in enumerate((UP, "m2dp:upright"), start=1):
-        fusionslam.describe(tall, name)
-        assert len(caplog.records) == count
 
 
 def test_turned_views_are_matched_by_their_metric_alone() -> None:

@@ -200,6 +200,12 @@ def test_an_incomplete_camera_is_left_out_and_logged(
     assert "image-size" in getattr(record, PER_FRAME)
 
 
+def test_a_frame_without_images_keeps_the_colours_of_its_scan() -> None:
+    points, colors = np.eye(3, dtype=np.float32), np.arange(9, dtype=np.uint8).reshape(3, 3)
+    cloud = fusionslam.fuse(Frame(points=points, colors=colors), FusionConfig(source="lidar"))
+    assert np.array_equal(cloud.points, points) and np.array_equal(cloud.colors, colors)
+
+
 def test_only_a_frame_without_any_usable_camera_is_an_error() -> None:
     for given, config, *error in (
         (frame(images={}), FusionConfig(), "missing-sensor", "left"),

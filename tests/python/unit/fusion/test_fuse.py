@@ -18,7 +18,8 @@ from error_codes import has_code
 from fusionslam import Camera, DataError, Frame, FusionConfig, ShapeError
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
-from fusionslam.fusion import plane_of, segments_of
+from fusionslam.fusion import plane_of, require_up, segments_of
+from fusionslam.help_texts import PER_FRAME
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
 from fusionslam.storage.arrays import Matrix
@@ -46,6 +47,43 @@ def test_fuse_colours_the_scan_of_a_frame_from_the_place_of_the_scanner(place: M
     made = fusionslam.fuse(given)
     points, colors, _ = fusionslam.colorize(given.points, given.images["left"], PROJECTION @ place)
     assert np.array_equal(made.points, points) and np.array_equal(made.colors, colors)
+
+
+OPTICAL = Rotation.from_matrix([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+"""Turns x ahead and z up to x right, y down and z ahead."""
+
+
+def corridor(seed: int = 5) -> NDArray[np.float64]:
+    """What a depth camera 1.2 m above the floor sees of a corridor: ahead, within 45 degrees."""
+    random = np.random.default_rng(seed)
+    x, y, z = random.uniform((1, -1, -1.2), (15, 1, 1.2), (2000, 3)).T
+    side = random.integers(4, size=len(x))
+    y = np.where(side < 2, np.sign(y), y)
+    points = np.column_stack([x, y, np.where(side < 2, z, np.sign(z) * 1.2)])
+    return points[np.abs(points[:, 1:]).max(axis=1) < x]
+
+
+@rows(
+    "turn, told",
+    [
+        (OPTICAL, True),
+        (Rotation.from_euler("x", 20, degrees=True) * OPTICAL, True),
+        (Rotation.identity(), False),
+        (Rotation.from_euler("y", -25, degrees=True), False),  # up a ramp
+        (Rotation.from_euler("y", 90, degrees=True), False),  # down, as from a drone
+    ],
+)
+def test_clouds_of_an_optical_frame_are_told_frame_by_frame(
+    turn: Rotation, told: bool, caplog: Logs
+) -> None:
+    points = turn.apply(corridor()).astype(np.float32)
+    for number in (3, 4):
+        require_up(CLOUD, Frame(index=number, points=points))
+    require_up(CLOUD, Frame(points=points, robot_from_points=np.eye(4)))  # who says so knows
+    messages = [each.getMessage() for each in caplog.records]
+    assert len(set(messages)) == len(messages) == 2 * told
+    assert len({getattr(each, PER_FRAME) for each in caplog.records}) == told
+    assert all("calib.yaml" in each for each in messages)
 
 
 def test_points_too_far_for_a_lidar_are_refused_and_dropouts_are_not(caplog: Logs) -> None:
