@@ -18,6 +18,7 @@ from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import edge_of_pose
+from fusionslam.descriptors import own_files
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.fusion import load_sensors
@@ -123,7 +124,7 @@ def load_verified_run(
     left = ~np.isin(dataset.numbers, list(run.skipped))
     newest = float("inf")
     with suppress(OSError):  # a missing file is reported when it is read
-        files = (Path(str(_core.__file__)), *dataset.files())
+        files = (Path(str(_core.__file__)), *dataset.files(), *own_files([name]))
         newest = max(file.stat().st_mtime for file in files)
     if (
         run.dataset == dataset.name

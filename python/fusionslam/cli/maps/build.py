@@ -68,6 +68,7 @@ def build(
     if not no_report:
         needs_extra("report", unless="--no-report")
     from fusionslam.config import merged
+    from fusionslam.descriptors import load_descriptor
     from fusionslam.mapping import PlaceMap
     from fusionslam.pipelines.place_maps import build_map, check_odometry, odometry_of
 
@@ -81,6 +82,8 @@ def build(
     if not is_map_file(output):
         opt.check_output(output, build_recording, read_config)
     kind = cast("MapOdometry", opt.check_choice("odometry", odometry, ODOMETRY))
+    if descriptor is not None:
+        load_descriptor(descriptor)
     whole = read_config()
     recording = build_recording()
     if source is not None:
