@@ -48,7 +48,12 @@ def build(
     ] = None,
     descriptor: Annotated[
         str | None,
-        typer.Option("--descriptor", "-d", metavar="NAME", help="Of a new map: cm2dp by default."),
+        typer.Option(
+            "--descriptor",
+            "-d",
+            metavar="NAME",
+            help="Of a new map: by default cm2dp, or m2dp where clouds have no colours.",
+        ),
     ] = None,
     odometry: Odometry = "recorded",
     source: opt.Source = None,
@@ -70,6 +75,8 @@ def build(
     from fusionslam.config import merged
     from fusionslam.descriptors import load_descriptor
     from fusionslam.mapping import PlaceMap
+    from fusionslam.mapping.place_map import DEFAULT_DESCRIPTOR
+    from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.place_maps import build_map, check_odometry, odometry_of
 
     if output.suffix == ".html":
@@ -98,6 +105,9 @@ def build(
         name = session or Path(recording.path).stem
         given = whole.loop_closure.model_fields_set
         loops = merged(whole.loop_closure, {} if "window" in given else {"window": 20})
+        if descriptor is None and not output.exists():
+            usual = [DEFAULT_DESCRIPTOR]
+            (descriptor,) = describable(dataset, usual, whole, "skip", replace=True)
         site = PlaceMap.open(
             output,
             name,

@@ -200,6 +200,14 @@ def test_a_frame_is_not_blamed_for_a_full_disk(
     monkeypatch.setattr(PlaceMap, "add", add)
     words = ("map", "build", street, "-o", tmp_path / "a.fsmap", *OPTIONS, "--skip-bad-frames")
     assert error_of(1, *words) is full
+    assert [*tmp_path.iterdir()] == []  # a map that an error left without keyframes
+
+
+def test_a_new_map_of_clouds_without_colours_is_one_of_m2dp(street: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.fsmap"
+    succeeds("map", "build", street, "-o", path, "--no-report", "--set", "fusion.voxel=2")
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.settings.descriptor == "m2dp" and len(site) == len(WAY)
 
 
 def test_what_is_no_map_is_refused(street: Path, tmp_path: Path) -> None:
