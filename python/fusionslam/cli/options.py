@@ -222,7 +222,7 @@ Verify = Annotated[
         "--verify",
         names=VERIFY,
         help="Whose loops are proven: those that each descriptor alone proposes, by the same "
-        "verifier, those of one descriptor with its voters, or none.",
+        "verifier, those of one descriptor with its voters, or none. It takes most of the time.",
     ),
 ]
 Seeds = Annotated[

@@ -85,7 +85,7 @@ def describe_recording(
             config=config,
             jobs=jobs,
             bad_frames=bad_frames,
-            progress=label_progress(step, f"describing {source} clouds"),
+            progress=label_progress(step, f"describing clouds, source {source}"),
         )
         runs |= dict(zip(missing, made, strict=True))
     poses = dataset.true_poses

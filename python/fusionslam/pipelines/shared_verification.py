@@ -234,7 +234,7 @@ def _verify_together(
         first.frames.tolist(),
         config,
         jobs,
-        label_progress(step, f"preparing {source} clouds"),
+        label_progress(step, f"preparing clouds, source {source}"),
     )
 
     def prove(row: int) -> list[tuple[Verified, float]]:
@@ -245,7 +245,7 @@ def _verify_together(
             found.append((verified, pairs.seconds - before))
         return found
 
-    progress = label_progress(step, f"proving loops of {source} clouds")
+    progress = label_progress(step, f"proving loops, source {source}")
     with ordered_results(prove, range(len(first)), jobs) as proven:
         for row, each in enumerate(proven):
             for proposer, (found, seconds) in zip(proposers, each, strict=True):

@@ -96,7 +96,7 @@ def verify_recording(
     stored = load_verified_run(path, dataset, name, config, bad_frames)
     if stored is None:
         delete_page(folder, "report")
-        progress = label_progress(step, f"proving loops of {source} clouds")
+        progress = label_progress(step, f"proving loops, source {source}")
         stored = _verify(dataset, name, config, jobs, bad_frames, progress)
         stored.save(path)
     poses = dataset.true_poses

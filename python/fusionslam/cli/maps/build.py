@@ -57,6 +57,10 @@ def build(
     ] = None,
     odometry: Odometry = "recorded",
     source: opt.Source = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option("--trajectory", metavar="FILE", help="Also write each frame's pose (TUM)."),
+    ] = None,
     *,
     build_recording: "Callable[[], Recording]",
     read_config: "Callable[[], Any]",
@@ -73,11 +77,17 @@ def build(
     if not no_report:
         needs_extra("report", unless="--no-report")
     from fusionslam.config import merged
+    from fusionslam.datasets import write_poses_tum
     from fusionslam.descriptors import load_descriptor
     from fusionslam.mapping import PlaceMap
     from fusionslam.mapping.place_map import DEFAULT_DESCRIPTOR
     from fusionslam.pipelines.describe import describable
-    from fusionslam.pipelines.place_maps import build_map, check_odometry, odometry_of
+    from fusionslam.pipelines.place_maps import (
+        build_map,
+        check_odometry,
+        frame_trajectory,
+        odometry_of,
+    )
 
     if output.suffix == ".html":
         raise ConfigError(
@@ -88,6 +98,8 @@ def build(
         )
     if not is_map_file(output):
         opt.check_output(output, build_recording, read_config)
+    if trajectory is not None:
+        opt.check_output(trajectory, output, build_recording, read_config)
     kind = cast("MapOdometry", opt.check_choice("odometry", odometry, ODOMETRY))
     if descriptor is not None:
         load_descriptor(descriptor)
@@ -137,10 +149,12 @@ def build(
                 progress=label_progress(step, "mapping"),
             )
             warning = site.reason
+            if trajectory is not None:
+                write_poses_tum(trajectory, *frame_trajectory(site, name, dataset, poses))
         page = None if no_report else output.with_suffix(".html")
         lines = finish_map(output, name, dataset, kind, page, step, warning)
     print(f"{name}: {_describe_growth(built)}")
-    for line in [*lines, str(output), *([str(page)] if page else [])]:
+    for line in [*lines, *map(str, filter(None, (output, page, trajectory)))]:
         print(line)
 
 
