@@ -201,6 +201,8 @@ def _settings_of(error: Any) -> list[str]:
 
     name = error.option_name.lstrip("-").replace("-", "_")
     keys = [key for key, _, _ in walk(SystemConfig()) if key.rpartition(".")[2] == name]
+    if any("--map" in each.opts for each in error.ctx.command.params):
+        keys = [key for key in keys if not key.startswith("fusion.")]  # the map has its own
     return [f"--set {key}=VALUE" for key in keys]
 
 

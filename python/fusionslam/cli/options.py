@@ -192,7 +192,8 @@ Names = Annotated[
         "--descriptors",
         "-d",
         names=(*descriptors.NAMES, *descriptors.GROUPS),
-        help="Names of descriptors, with commas, each with a preset if wanted (cm2dp:author); "
+        help="Names of descriptors, with commas, each with a preset if wanted (cm2dp:author), or "
+        "module:function of one of your own; "
         f"usual: {', '.join(descriptors.USUAL)}; or all.",
     ),
 ]
@@ -221,7 +222,7 @@ Verify = Annotated[
         "--verify",
         names=VERIFY,
         help="Whose loops are proven: those that each descriptor alone proposes, by the same "
-        "verifier, those of one descriptor with its voters, or none.",
+        "verifier, those of one descriptor with its voters, or none. It takes most of the time.",
     ),
 ]
 Seeds = Annotated[
@@ -393,11 +394,11 @@ def parse_names(text: str, default_preset: str = "robust") -> list[str]:
     Raises:
         ConfigError: an unknown descriptor or preset.
     """
-    from fusionslam.descriptors import find_descriptor
+    from fusionslam.descriptors import load_descriptor
 
     names = descriptors.GROUPS.get(text) or [name.strip() for name in text.split(",")]
     for name in names:
-        find_descriptor(name)
+        load_descriptor(name)
     return list(dict.fromkeys(name.removesuffix(f":{default_preset}") for name in names))
 
 

@@ -24,19 +24,24 @@ if TYPE_CHECKING:
     from fusionslam.descriptors.computation import for_sequence as for_sequence
     from fusionslam.descriptors.computation import in_file_names as in_file_names
     from fusionslam.descriptors.computation import length_of as length_of
+    from fusionslam.descriptors.computation import load_descriptor as load_descriptor
     from fusionslam.descriptors.computation import missing_data as missing_data
     from fusionslam.descriptors.computation import needs_up as needs_up
     from fusionslam.descriptors.computation import with_preset as with_preset
     from fusionslam.descriptors.computation import without_colors as without_colors
     from fusionslam.descriptors.config import DescriptorConfig as DescriptorConfig
+    from fusionslam.descriptors.own import find_own as find_own
+    from fusionslam.descriptors.own import is_own as is_own
+    from fusionslam.descriptors.own import own_files as own_files
 
 
 _HOMES = {
     "computation": (
         "describe find_descriptor for_clouds for_preset for_sequence in_file_names length_of "
-        "missing_data needs_up with_preset without_colors"
+        "load_descriptor missing_data needs_up with_preset without_colors"
     ),
     "config": "DescriptorConfig",
+    "own": "find_own is_own own_files",
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names.split()}
 

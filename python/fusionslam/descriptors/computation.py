@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from fusionslam._core import cloud_resolution
 from fusionslam.config import Section, explain_choice, merged, split_preset
 from fusionslam.descriptors.config import DescriptorConfig, core_class
+from fusionslam.descriptors.own import VARIABLE, check_name_length, find_own, is_own, let_count
 from fusionslam.descriptors.registry import DESCRIPTORS, POINT_DATA, Descriptor
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fusion import FusionConfig, require_up
 from fusionslam.sensors.frame import Cloud, Frame, require_cloud
 
@@ -27,7 +28,8 @@ def describe(
         ConfigError: unknown name or preset.
         ShapeError: not a cloud.
         DataError: colours (code "no-colors") or intensities (code "no-intensities") are needed
-            and missing, or the cloud cannot be described (empty, NaN, all points equal, ...).
+            and missing, the cloud cannot be described (empty, NaN, all points equal, ...), or a
+            descriptor of the user's own raises or returns something else (code "own-descriptor").
     """
     kind = find_descriptor(name)
     require_cloud(cloud)
@@ -36,9 +38,41 @@ def describe(
         raise problem
     settings = for_preset(config or DescriptorConfig(), name)
     per_point = (cloud.points, *(getattr(cloud, need) for need in kind.point_data))
+    if kind.function is not None:
+        return _describe_by_own(kind, *per_point)
     function = getattr(import_module(kind.module), kind.name)
     result: NDArray[np.float32] = function(*per_point, **_arguments(kind, settings))
     return result
+
+
+def _describe_by_own(kind: Descriptor, *per_point: NDArray[Any]) -> NDArray[np.float32]:
+    """Call a user's function, which may do anything. Raises DataError."""
+    assert kind.function is not None
+    try:
+        with np.errstate(over="ignore"):
+            result = np.asarray(kind.function(*per_point), np.float32)
+    except FusionSlamError:
+        raise
+    except Exception as error:
+        raise _error_of_own(kind, f"raised {type(error).__name__}: {error}") from error
+    if result.ndim != 1 or not len(result):
+        raise _error_of_own(kind, f"returned shape {result.shape}, expected (D,)")
+    if not np.isfinite(result).all():
+        raise _error_of_own(kind, "returned values that are not finite")
+    if len(result) != (length := _OWN_LENGTHS.setdefault(kind.name, len(result))):
+        raise _error_of_own(
+            kind,
+            f"returned {len(result)} values, and {length} of another cloud: expected as many",
+        )
+    return result
+
+
+_OWN_LENGTHS: dict[str, int] = {}
+"""Lengths of users' descriptors, which their first clouds tell."""
+
+
+def _error_of_own(kind: Descriptor, problem: str) -> DataError:
+    return DataError(f"{kind.name} {problem}", code="own-descriptor", fields=(kind.name,))
 
 
 def _arguments(kind: Descriptor, config: DescriptorConfig) -> dict[str, Any]:
@@ -87,8 +121,9 @@ def missing_data(cloud: Cloud, name: str) -> DataError | None:
 
 def without_colors(name: str) -> str:
     """Return the descriptor that a coloured one extends, with the same preset; others as given."""
-    first, preset = split_preset(name)
-    plain = find_descriptor(first).extends or first
+    kind = find_descriptor(name)
+    plain = kind.extends or kind.name
+    preset = split_preset(name)[1] if kind.presets else None
     return plain if preset is None else f"{plain}:{preset}"
 
 
@@ -96,14 +131,20 @@ def find_descriptor(name: str) -> Descriptor:
     """Look up a kind of descriptor; the name may end with a preset.
 
     Raises:
-        ConfigError: an unknown name or preset; the message lists the known ones.
+        ConfigError: an unknown name or preset; the message lists the known ones. Or a user's own
+            that cannot be imported (code "own-descriptor").
     """
     first, preset = split_preset(name)
     if first not in DESCRIPTORS:
+        check_name_length(name)
+        if (given := find_own(name)) is not None:
+            return given
+        own = f"{VARIABLE}={name} imports your own; else " if is_own(name) else ""
+        unknown = name if own else first
         raise ConfigError(
-            f"unknown descriptor {first!r}: {explain_choice(first, DESCRIPTORS)}",
+            f"unknown descriptor {unknown!r}: {own}{explain_choice(first, DESCRIPTORS)}",
             code="unknown-name",
-            fields=("descriptors", first),
+            fields=("descriptors", unknown),
         )
     kind = DESCRIPTORS[first]
     if preset is not None and preset not in kind.presets:
@@ -112,6 +153,24 @@ def find_descriptor(name: str) -> Descriptor:
             f"preset of {name!r}: {problem}", code="choice", fields=("descriptors", name)
         )
     return kind
+
+
+def load_descriptor(name: str) -> Descriptor:
+    """``find_descriptor``, which imports users' own as well: their names count from now on.
+
+    Processes that this one starts know them, too (``FUSIONSLAM_DESCRIPTORS``).
+
+    Args:
+        name: "module:function", of a function (points) -> float32 (D,), or of a ``Descriptor`` that
+            has one. Modules in the working folder are found. Any other name is looked up.
+
+    Raises:
+        ConfigError: an unknown name, or a module that cannot be imported (code "own-descriptor").
+    """
+    check_name_length(name)
+    if is_own(name):
+        let_count(name)
+    return find_descriptor(name)
 
 
 def needs_up(name: str, config: DescriptorConfig) -> bool:
@@ -130,7 +189,7 @@ def needs_up(name: str, config: DescriptorConfig) -> bool:
 
 def for_preset(config: DescriptorConfig, name: str) -> DescriptorConfig:
     """Return the configuration with the preset that a descriptor's name ends with, if it does."""
-    _, preset = split_preset(name)
+    preset = split_preset(name)[1] if find_descriptor(name).presets else None
     return config if preset is None else merged(config, {"preset": preset})
 
 

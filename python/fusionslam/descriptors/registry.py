@@ -6,9 +6,9 @@ A descriptor is one function, of the core or of a Python module, and one entry h
 imports nothing heavy: the command line reads its names.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 Need = Literal["colors", "intensities", "normals", "up"]
 Invariance = Literal["rotation", "yaw", "translation", "mirror"]
@@ -41,6 +41,8 @@ class Descriptor:
             the robot's frame, which is taken to lie on the ground.
         threads: whether its function takes a number of threads.
         module: that holds its function, of the same name.
+        function: of a user's own descriptor, in place of ``module``; it takes points, float32
+            (N, 3), the ``point_data`` that it needs, and returns float32 (D,).
     """
 
     name: str
@@ -56,6 +58,7 @@ class Descriptor:
     in_robot_frame: Mapping[str, float] = field(default_factory=dict)
     threads: bool = False
     module: str = "fusionslam._core"
+    function: Callable[..., Any] | None = None
 
     @property
     def keys(self) -> tuple[str, ...]:

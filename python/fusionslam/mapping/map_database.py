@@ -14,7 +14,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
-from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.mapping.map_schema import (
     APPLICATION_ID,
     KEYS,
@@ -504,6 +504,11 @@ class MapDatabase:
         except DataError as error:
             if str(self.path) in str(error):
                 raise
+            raise self._damaged(str(error)) from error
+        except ConfigError as error:
+            if error.code in ("unknown-name", "own-descriptor"):  # a descriptor that is not here
+                named = f"{self.path}: {error}"
+                raise DataError(named, code=error.code, fields=error.fields) from error
             raise self._damaged(str(error)) from error
         except (FusionSlamError, ValueError, TypeError, LookupError, OverflowError) as error:
             raise self._damaged(str(error)) from error

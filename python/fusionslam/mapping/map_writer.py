@@ -311,8 +311,7 @@ def _odometry_of(frame: Frame, odometry: Matrix | None) -> Matrix:
         raise DataError(
             f"frame {frame.number} has no odometry, which a map needs: record it, or take "
             "that of its scans (fusionslam odometry)",
-            code="no-odometry",
-            fields=(str(frame.number),),
+            code="no-odometry",  # without fields: it is one cause, whichever frame lacks it
         )
     return check_pose("odometry", pose)
 

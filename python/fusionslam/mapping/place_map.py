@@ -191,8 +191,10 @@ class PlaceMap:
     def __enter__(self) -> "PlaceMap":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close the file; delete one that was made here, if an error left it without keyframes."""
+        with self._lock:
+            self._file.close(failed=kind is not None and not len(self))
 
     def __len__(self) -> int:
         """Number of keyframes."""

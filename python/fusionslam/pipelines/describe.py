@@ -31,6 +31,7 @@ from fusionslam.descriptors import (
     in_file_names,
     length_of,
     needs_up,
+    own_files,
     without_colors,
 )
 from fusionslam.descriptors.registry import POINT_DATA, Need
@@ -268,7 +269,7 @@ class _Work:
             _core.__version__,
             str(self.dataset.root),
             self.dataset.name,
-            [_state(path) for path in self.dataset.files()],
+            [_state(path) for path in (*self.dataset.files(), *own_files(self.names))],
             self.dataset.stamps_ns.tolist(),
             self.config.fusion.model_dump(),
             self.config.descriptors.model_dump(),

@@ -30,7 +30,7 @@ from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.registration import Refusal
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Floats, Matrix
+from fusionslam.storage.arrays import Floats, Integers, Matrix
 from fusionslam.storage.files import PathLike, atomic_path
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
@@ -188,6 +188,31 @@ def build_map(
     return Built(len(dataset) - begin, keyframes, loops, skipped)
 
 
+def frame_trajectory(
+    site: PlaceMap, session: str, dataset: Dataset, odometry: Floats | None = None
+) -> tuple[Integers, Floats]:
+    """Return stamps, int64 (n,), and map_from_robot, float64 (n, 4, 4), of a session's frames.
+
+    Each follows by odometry from the last keyframe before it; frames before the first keyframe, and
+    those without odometry, are left out.
+
+    Args:
+        site: the map.
+        session: name of the session.
+        dataset: its recording.
+        odometry: as ``odometry_of`` returns.
+    """
+    places = site.trajectory(session)[1] @ np.linalg.inv(site.odometry(session))
+    rows = np.searchsorted(site.frames(session), dataset.numbers, side="right") - 1
+    stamps, poses = [], []
+    for index in np.flatnonzero(rows >= 0).tolist():
+        moved = dataset[index].odometry if odometry is None else odometry[index]
+        if moved is not None and np.isfinite(moved).all():
+            stamps.append(int(dataset.stamps_ns[index]))
+            poses.append(places[rows[index]] @ moved)
+    return np.array(stamps, np.int64), np.array(poses).reshape(-1, 4, 4)
+
+
 def true_keyframes(site: PlaceMap, session: str, dataset: Dataset) -> Floats | None:
     """Return true poses of the robot at a session's keyframes, float64 (n, 4, 4).
 
@@ -274,7 +299,7 @@ def export_map(
     """Write a map for other programs; returns the files.
 
     ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
-    ``graph.g2o``; ``SESSION.tum``, the trajectory of each session (``trajectory_files``); with
+    ``graph.g2o``; ``SESSION.tum``, the keyframes of each session (``trajectory_files``); with
     ``origin`` ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's first
     part.
 

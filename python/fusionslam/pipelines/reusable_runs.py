@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from fusionslam import _core
 from fusionslam.config import flatten
-from fusionslam.descriptors import DESCRIPTORS
+from fusionslam.descriptors import find_descriptor, own_files
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import (
@@ -86,7 +85,7 @@ def describe_recording(
             config=config,
             jobs=jobs,
             bad_frames=bad_frames,
-            progress=label_progress(step, f"describing {source} clouds"),
+            progress=label_progress(step, f"describing clouds, source {source}"),
         )
         runs |= dict(zip(missing, made, strict=True))
     poses = dataset.true_poses
@@ -142,7 +141,7 @@ class _StoredRuns:
             yield f"it lacks {len(run.skipped)} frames that cannot be described"
         elif not self._has_all_frames(run):
             yield f"it was made of {len(run)} frames, now there are others"
-        elif path.stat().st_mtime < self._newest:
+        elif path.stat().st_mtime < self._newest(run.descriptor):
             yield "the recording or the program is newer"
 
     def _has_all_frames(self, run: DescriptorRun) -> bool:
@@ -151,13 +150,11 @@ class _StoredRuns:
             run.stamps_ns, self.dataset.stamps_ns[left]
         )
 
-    @cached_property
-    def _newest(self) -> float:
-        """Time of the last change of the recording or the compiled core."""
+    def _newest(self, name: str) -> float:
+        """Time of the last change of the recording or of what describes it."""
+        files = (Path(str(_core.__file__)), *self.dataset.files(), *own_files([name]))
         with suppress(OSError):  # a missing file is reported when it is read
-            return max(
-                path.stat().st_mtime for path in (Path(str(_core.__file__)), *self.dataset.files())
-            )
+            return max(path.stat().st_mtime for path in files)
         return float("inf")
 
 
@@ -170,7 +167,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[s
 
 def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the values of a configuration that affect a descriptor, by dotted key."""
-    options = DESCRIPTORS[name].keys
+    options = find_descriptor(name).keys
     described = {k: v for k, v in config.get("descriptors", {}).items() if k in options}
     return flatten({"fusion": config.get("fusion", {}), "descriptors": described})
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from fusionslam._core import DescriptorIndex
 from fusionslam.config import merged
-from fusionslam.descriptors import DESCRIPTORS
+from fusionslam.descriptors import find_descriptor
 from fusionslam.evaluation import DescriptorRun, VerifiedRun
 from fusionslam.fusion import FusionConfig, fuse, load_sensors
 from fusionslam.loop_closure import LoopConfig, fusion_of_scans
@@ -124,7 +124,7 @@ def _with_same_frames(runs: Sequence[DescriptorRun]) -> list[DescriptorRun]:
 def _config_of(run: DescriptorRun, config: PipelineConfig) -> PipelineConfig:
     """The configuration with the values of a descriptor that its run was made with."""
     described = run.config.get("descriptors", {})
-    keys = DESCRIPTORS[run.descriptor].keys
+    keys = find_descriptor(run.descriptor).keys
     own = {key: described[key] for key in keys if key in described}
     return merged(config, {"descriptors": own})
 
@@ -234,7 +234,7 @@ def _verify_together(
         first.frames.tolist(),
         config,
         jobs,
-        label_progress(step, f"preparing {source} clouds"),
+        label_progress(step, f"preparing clouds, source {source}"),
     )
 
     def prove(row: int) -> list[tuple[Verified, float]]:
@@ -245,7 +245,7 @@ def _verify_together(
             found.append((verified, pairs.seconds - before))
         return found
 
-    progress = label_progress(step, f"proving loops of {source} clouds")
+    progress = label_progress(step, f"proving loops, source {source}")
     with ordered_results(prove, range(len(first)), jobs) as proven:
         for row, each in enumerate(proven):
             for proposer, (found, seconds) in zip(proposers, each, strict=True):

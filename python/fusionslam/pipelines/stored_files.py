@@ -73,6 +73,8 @@ def _map_rows(path: Path) -> list[tuple[str, str]]:
         for name, number in file.sessions().items():
             rows.append((f"session {name}", counted(keyframes[number], "keyframe")))
         loops = Counter(each.state for each in file.edges() if each.kind != "odometry")
+    if not keyframes:
+        return [*rows, ("keyframes", "none yet: map build adds them")]
     measured = ", ".join(f"{count} {state}" for state, count in sorted(loops.items()))
     return [*rows, ("registered pairs", measured or "none")]
 

@@ -18,6 +18,7 @@ from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import edge_of_pose
+from fusionslam.descriptors import own_files
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.fusion import load_sensors
@@ -95,7 +96,7 @@ def verify_recording(
     stored = load_verified_run(path, dataset, name, config, bad_frames)
     if stored is None:
         delete_page(folder, "report")
-        progress = label_progress(step, f"proving loops of {source} clouds")
+        progress = label_progress(step, f"proving loops, source {source}")
         stored = _verify(dataset, name, config, jobs, bad_frames, progress)
         stored.save(path)
     poses = dataset.true_poses
@@ -123,7 +124,7 @@ def load_verified_run(
     left = ~np.isin(dataset.numbers, list(run.skipped))
     newest = float("inf")
     with suppress(OSError):  # a missing file is reported when it is read
-        files = (Path(str(_core.__file__)), *dataset.files())
+        files = (Path(str(_core.__file__)), *dataset.files(), *own_files([name]))
         newest = max(file.stat().st_mtime for file in files)
     if (
         run.dataset == dataset.name

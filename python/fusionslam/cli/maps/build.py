@@ -48,10 +48,19 @@ def build(
     ] = None,
     descriptor: Annotated[
         str | None,
-        typer.Option("--descriptor", "-d", metavar="NAME", help="Of a new map: cm2dp by default."),
+        typer.Option(
+            "--descriptor",
+            "-d",
+            metavar="NAME",
+            help="Of a new map: by default cm2dp, or m2dp where clouds have no colours.",
+        ),
     ] = None,
     odometry: Odometry = "recorded",
     source: opt.Source = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option("--trajectory", metavar="FILE", help="Also write each frame's pose (TUM)."),
+    ] = None,
     *,
     build_recording: "Callable[[], Recording]",
     read_config: "Callable[[], Any]",
@@ -68,8 +77,17 @@ def build(
     if not no_report:
         needs_extra("report", unless="--no-report")
     from fusionslam.config import merged
+    from fusionslam.datasets import write_poses_tum
+    from fusionslam.descriptors import load_descriptor
     from fusionslam.mapping import PlaceMap
-    from fusionslam.pipelines.place_maps import build_map, check_odometry, odometry_of
+    from fusionslam.mapping.place_map import DEFAULT_DESCRIPTOR
+    from fusionslam.pipelines.describe import describable
+    from fusionslam.pipelines.place_maps import (
+        build_map,
+        check_odometry,
+        frame_trajectory,
+        odometry_of,
+    )
 
     if output.suffix == ".html":
         raise ConfigError(
@@ -80,7 +98,11 @@ def build(
         )
     if not is_map_file(output):
         opt.check_output(output, build_recording, read_config)
+    if trajectory is not None:
+        opt.check_output(trajectory, output, build_recording, read_config)
     kind = cast("MapOdometry", opt.check_choice("odometry", odometry, ODOMETRY))
+    if descriptor is not None:
+        load_descriptor(descriptor)
     whole = read_config()
     recording = build_recording()
     if source is not None:
@@ -95,6 +117,9 @@ def build(
         name = session or Path(recording.path).stem
         given = whole.loop_closure.model_fields_set
         loops = merged(whole.loop_closure, {} if "window" in given else {"window": 20})
+        if descriptor is None and not output.exists():
+            usual = [DEFAULT_DESCRIPTOR]
+            (descriptor,) = describable(dataset, usual, whole, "skip", replace=True)
         site = PlaceMap.open(
             output,
             name,
@@ -124,10 +149,12 @@ def build(
                 progress=label_progress(step, "mapping"),
             )
             warning, window = site.reason, site.settings.loops.window
+            if trajectory is not None:
+                write_poses_tum(trajectory, *frame_trajectory(site, name, dataset, poses))
         page = None if no_report else output.with_suffix(".html")
         lines = finish_map(output, name, dataset, kind, page, step, warning)
     print(f"{name}: {describe_growth(built, window)}")
-    for line in [*lines, str(output), *([str(page)] if page else [])]:
+    for line in [*lines, *map(str, filter(None, (output, page, trajectory)))]:
         print(line)
 
 

@@ -93,11 +93,16 @@ class DescriptorRun:
 
     @property
     def metric(self) -> str:
-        """How two of the descriptors are compared: "l2", or their kind's metric."""
-        from fusionslam.descriptors import DESCRIPTORS
+        """How two of the descriptors are compared: "l2", or their kind's metric.
 
-        kind = DESCRIPTORS.get(self.descriptor)
-        return kind.metric if kind else "l2"
+        Raises:
+            ConfigError: a user's own descriptor that this program was not told of.
+        """
+        from fusionslam.descriptors import DESCRIPTORS, find_descriptor, find_own, is_own
+
+        name = self.descriptor
+        known = name in DESCRIPTORS or is_own(name) or find_own(name) is not None
+        return find_descriptor(name).metric if known else "l2"
 
     @property
     def name(self) -> str:

@@ -286,21 +286,33 @@ def _mark(
     cost = make + (point["compare ms"] or 0.0)
     area = 12 + 6 * np.sqrt((point["bytes"] or 0.0) / 256)
     axis.scatter(cost, value, s=area, color=_color(place), alpha=0.75, zorder=2, lw=0)
-    axis.annotate(label, (cost, value), (3, 3), textcoords="offset points", fontsize=6.5, zorder=3)
+    line = {"arrowstyle": "-", "color": "#999999", "lw": 0.4, "shrinkA": 0, "shrinkB": 2}
+    axis.annotate(
+        label,
+        (cost, value),
+        (3, 3),
+        textcoords="offset points",
+        fontsize=6.5,
+        zorder=3,
+        arrowprops=line,
+    )
 
 
-_PLACES: Sequence[tuple[tuple[float, float], Literal["left", "right"]]] = (
-    ((3, 3), "left"),
-    ((3, -8), "left"),
-    ((-3, 3), "right"),
-    ((-3, -8), "right"),
+_CORNERS: Sequence[tuple[float, float, int, Literal["left", "right"]]] = (
+    (3, 3, 1, "left"),
+    (3, -8, -1, "left"),
+    (-3, 3, 1, "right"),
+    (-3, -8, -1, "right"),
+)
+_PLACES = tuple(
+    ((x, y + shift * up), end) for shift in range(0, 61, 6) for x, y, up, end in _CORNERS
 )
 """Of a label beside its mark, in points, and its end that is there; the best one first."""
 
 
 def _separate_labels(axis: "Axes") -> None:
     """Move labels to a side of their marks where they cover no other one, if there is one."""
-    from matplotlib.text import Annotation
+    from matplotlib.text import Annotation, Text
 
     labels = [each for each in axis.texts if isinstance(each, Annotation)]
     placed: list[Any] = []
@@ -308,7 +320,7 @@ def _separate_labels(axis: "Axes") -> None:
         for offset, end in (*_PLACES, _PLACES[0]):
             label.set_position(offset)
             label.set_horizontalalignment(end)
-            extent = label.get_window_extent()
+            extent = Text.get_window_extent(label)  # without its line
             if not any(extent.overlaps(other) for other in placed):
                 break
         placed.append(extent)

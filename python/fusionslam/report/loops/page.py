@@ -98,7 +98,7 @@ def write_report(
         sources = [source_part(context, name, group) for name, group in groups.items()]
         compared = pair_up(evaluations)
         costs = draw_costs([compared], protocol) if len(compared) > 1 else None
-        picture = keep(target, "accuracy_cost", costs, COSTS_CAPTION)
+        picture = keep(target, "accuracy_cost", costs, COSTS_CAPTION, vector=True)
     write_figures(target / "metrics.json", about, [metrics_of(e) for e in evaluations])
     matches = (row for e in evaluations for row in list_matches(e, protocol))
     write_csv(target / "matches.csv", MATCH_COLUMNS, matches)

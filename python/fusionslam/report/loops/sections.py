@@ -77,7 +77,7 @@ def _draw_curves(
         "Precision over recall as the threshold grows from left to right; up and right is better. "
         "Square: recall at 100 % precision. Dot: maximal F1. Grey: lines of equal F1."
     )
-    return keep(context.folder, f"pr_{source}", draw_curves(defined), caption)
+    return keep(context.folder, f"pr_{source}", draw_curves(defined), caption, vector=True)
 
 
 def _descriptor_part(context: Context, evaluation: Evaluation, *, best: bool) -> dict[str, Any]:

@@ -47,7 +47,13 @@ class Picture:
 
 
 def keep(
-    folder: Path, name: str, figure: "Figure | None", caption: str, *, photo: bool = False
+    folder: Path,
+    name: str,
+    figure: "Figure | None",
+    caption: str,
+    *,
+    photo: bool = False,
+    vector: bool = False,
 ) -> Picture | None:
     """Render a figure, write it to the folder and return it; None without a figure.
 
@@ -57,6 +63,7 @@ def keep(
         figure: figure to render.
         caption: what the picture shows.
         photo: True for camera images or clouds, stored as JPEG; drawings are stored as PNG.
+        vector: whether to write the figure as SVG and PDF as well, for papers.
 
     Raises:
         DataError: the folder cannot be written.
@@ -65,6 +72,10 @@ def keep(
         return None
     picture = draw_picture(name, figure, caption, photo=photo)
     _write(folder / picture.name, picture.data)
+    if vector:
+        for kind, date in (("svg", "Date"), ("pdf", "CreationDate")):
+            with atomic_path((folder / picture.name).with_suffix(f".{kind}")) as temporary:
+                figure.savefig(temporary, format=kind, metadata={date: None})
     return picture
 
 

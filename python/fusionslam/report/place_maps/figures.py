@@ -45,6 +45,8 @@ def draw_trajectories(drives: Sequence[Drive], loops: Sequence[Edge], part: int)
         )
     )
     figure = _two_panels([before, after])
+    moved = np.linalg.norm(after - before, axis=1).max(initial=0.0)
+    titles = ("odometry alone", f"corrected, by up to {moved:.2f} m")
     for axis, corrected in zip(figure.axes, (False, True), strict=True):
         places: dict[int, Floats] = {}
         for order, drive in enumerate(shown):
@@ -54,7 +56,7 @@ def draw_trajectories(drives: Sequence[Drive], loops: Sequence[Edge], part: int)
             places |= dict(zip(drive.numbers[rows].tolist(), poses[rows, :2, 3], strict=True))
         _draw_loops(axis, loops, places)
         axis.set_aspect("equal", adjustable="datalim")
-        axis.set(xlabel="x (m)", title="corrected" if corrected else "odometry alone")
+        axis.set(xlabel="x (m)", title=titles[corrected])
     figure.axes[0].set_ylabel("y (m)")
     handles, labels = figure.axes[1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4)

@@ -224,6 +224,13 @@ def test_a_map_is_shown_and_described(built: Path, tmp_path: Path) -> None:
     assert "session street" in described and f"{len(WAY)} keyframes" in described
 
 
+def test_an_empty_map_is_described(tmp_path: Path) -> None:
+    with PlaceMap.open(tmp_path / "a.fsmap", "monday"):
+        pass
+    described = succeeds("info", tmp_path / "a.fsmap").stdout
+    assert "map, by map build" in described and "none yet" in described
+
+
 def test_a_damaged_map_is_found(site: Path) -> None:
     succeeds("map", "check", site)
     data = bytearray(site.read_bytes())
@@ -254,6 +261,22 @@ def test_a_frame_is_not_blamed_for_a_full_disk(
     monkeypatch.setattr(PlaceMap, "add", add)
     words = ("map", "build", street, "-o", tmp_path / "a.fsmap", *OPTIONS, "--skip-bad-frames")
     assert error_of(1, *words) is full
+    assert [*tmp_path.iterdir()] == []  # a map that an error left without keyframes
+
+
+def test_a_new_map_of_clouds_without_colours_is_one_of_m2dp(street: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.fsmap"
+    few = ("--set", "mapping.keyframe_distance=9")
+    every = tmp_path / "every.tum"
+    succeeds("map", "build", street, "-o", path, "--no-report", "--trajectory", every, *few)
+    stamps, poses = datasets.read_poses(every)
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.settings.descriptor == "m2dp" and len(site) < len(WAY)
+        known, keyframes = site.trajectory("street")
+        np.testing.assert_allclose(poses[np.isin(stamps, known)], keyframes, atol=1e-6)
+    assert len(poses) == len(WAY)
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert (steps < 8).all()  # of 6 m, by odometry that is a little too long
 
 
 def test_what_is_no_map_is_refused(street: Path, tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ REPLACING = (
     [
         (("info", "DATA", "--bogus"), "No such option: --bogus"),
         (("--bogus",), "No such option: --bogus"),
+        (("map", "localize", "DATA", "--source", "cloud"), "Possible options: --sequence"),
         (("loops", "DATA", "--window", "5"), "--set loop_closure.window="),
         (("fuse", "DATA", "--ground-height=1"), "--set fusion.ground_height="),
         (("inof", "DATA"), "No such command 'inof'"),

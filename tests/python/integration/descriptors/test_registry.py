@@ -2,17 +2,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """The registry says of each descriptor what is so, and the documentation repeats it."""
 
+import os
 import re
+import sys
 from functools import cache
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import fusionslam
-from fusionslam import Cloud, DataError, DescriptorConfig, DescriptorIndex
-from fusionslam.descriptors import DESCRIPTORS, USUAL, Descriptor, describe, length_of
+from descriptor_runs import descriptor_run
+from error_codes import has_code
+from fusionslam import (
+    Cloud,
+    ConfigError,
+    DataError,
+    DescriptorConfig,
+    DescriptorIndex,
+    LoopDetector,
+)
+from fusionslam.descriptors import (
+    DESCRIPTORS,
+    USUAL,
+    Descriptor,
+    describe,
+    length_of,
+    load_descriptor,
+)
+from fusionslam.descriptors.own import GROUP, VARIABLE
 from fusionslam.descriptors.registry import POINT_DATA
 from project import PROJECT
+from refusals import refuses
 from rows import rows
 
 PAGE = PROJECT / "docs" / "stages" / "descriptors.md"
@@ -102,3 +125,98 @@ def test_clouds_that_are_empty_or_nan_or_lack_what_is_needed_are_refused(kind: D
 def test_usual_descriptors_are_known() -> None:
     assert set(USUAL) <= set(DESCRIPTORS)
     assert all(hasattr(fusionslam, name) for name in USUAL)
+
+
+def ranges(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.histogram(np.linalg.norm(points, axis=1), 20, (0, 60))[0].astype(np.float32)
+
+
+def reds(points: NDArray[np.float32], colors: NDArray[np.uint8]) -> list[float]:
+    return [float(len(points)), float(colors[:, 0].mean())]
+
+
+@pytest.fixture
+def own_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """A user's module of the name ``mine``, of which nobody has heard yet."""
+    module = ModuleType("mine")
+    vars(module).update(ranges=ranges, numbers=[1.0])
+    vars(module).update(
+        reds=Descriptor(name="reds", length="2", source="", needs=("colors",), function=reds),
+        raises=lambda points: points["x"],
+        flat=lambda points: points,
+        empty=lambda points: [],
+        nan=lambda points: [np.nan],
+        large=lambda points: [1e300],
+        growing=lambda points: np.ones(len(points)),
+        lacking=Descriptor(name="lacking", length="2", source=""),
+    )
+    monkeypatch.setitem(sys.modules, "mine", module)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setenv(VARIABLE, "")
+    return module
+
+
+def test_a_descriptor_of_a_users_module_is_one_like_any_other(own_module: ModuleType) -> None:
+    assert load_descriptor("mine:ranges").metric == "l2"
+    np.testing.assert_array_equal(describe(courtyard(), "mine:ranges"), ranges(courtyard().points))
+    assert length_of("mine:ranges", DescriptorConfig()) == 20
+    load_descriptor("mine:reds")
+    assert os.environ[VARIABLE] == "mine:ranges,mine:reds"  # for processes that this one starts
+    assert describe(courtyard(), "mine:reds")[0] == len(courtyard())
+    with refuses("no-colors"):
+        describe(Cloud(courtyard().points), "mine:reds")
+    detector = LoopDetector("mine:ranges", verify=False, threshold=1.0, window=1)
+    found = [detector.add(courtyard(seed)) for seed in (1, 2, 1)]
+    assert [loop and loop.match for loop in found] == [None, None, 0]
+
+
+@rows(
+    "name, code",
+    [
+        ("mine:unknown", "own-descriptor"),
+        ("mine:numbers", "own-descriptor"),
+        ("mine:lacking", "own-descriptor"),
+        ("no_such_module:ranges", "own-descriptor"),
+        ("mine.py:ranges", "own-descriptor"),
+        ("mine:no function", "unknown-name"),
+        ("mine", "unknown-name"),
+        ("m" * 1_000_000, "unknown-name"),
+        ("m" * 100 + ":" + "m" * 100, "unknown-name"),
+    ],
+)
+def test_names_of_no_function_are_refused(own_module: ModuleType, name: str, code: str) -> None:
+    with pytest.raises(ConfigError, check=has_code(code)) as caught:
+        load_descriptor(name)
+    assert len(str(caught.value)) < 1000
+
+
+@rows("function", ["raises", "flat", "empty", "nan", "large", "growing"])
+def test_what_a_users_function_must_not_do_is_refused(
+    own_module: ModuleType, function: str
+) -> None:
+    load_descriptor(f"mine:{function}")
+    with refuses("own-descriptor", f"mine:{function}"):
+        for points in (courtyard().points, courtyard().points[:-1]):
+            describe(Cloud(points), f"mine:{function}")
+
+
+def test_a_name_in_a_file_imports_nothing(own_module: ModuleType) -> None:
+    with refuses("unknown-name", "descriptors", "mine:ranges", error=ConfigError):
+        LoopDetector("mine:ranges")
+    run = descriptor_run(np.ones((3, 20)), descriptor="mine:ranges")
+    with refuses("unknown-name", error=ConfigError):
+        _ = run.metric
+    load_descriptor("mine:ranges")
+    assert run.metric == "l2"
+
+
+def test_installed_packages_declare_descriptors(
+    own_module: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    package = tmp_path / "mine-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(f"[{GROUP}]\nmy_ranges = mine:ranges\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert len(describe(courtyard(), "my_ranges")) == 20
+    assert LoopDetector("my_ranges", verify=False, threshold=1.0).descriptor == "my_ranges"

@@ -4,7 +4,9 @@
 
 import re
 import sqlite3
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from error_codes import has_code
 from fusionslam import Cloud, ConfigError, DataError, FusionConfig, LoopConfig, LoopDetector
+from fusionslam.descriptors.own import VARIABLE
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import exp, log
 from fusionslam.mapping.config import MapConfig
@@ -549,3 +552,18 @@ def test_the_programs_of_the_page_read_a_map(short: Path, monkeypatch: pytest.Mo
         first = FRAMES[0].points
     assert first is not None and len(shown) >= len(names["points"]) > 100
     np.testing.assert_allclose(np.ptp(names["points"], axis=0), np.ptp(first, axis=0), atol=0.3)
+
+
+def test_a_map_of_a_users_descriptor_says_what_it_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = ModuleType("mine")
+    vars(module)["ranges"] = lambda points: np.histogram(np.hypot(*points[:, :2].T), 20, (0, 60))[0]
+    monkeypatch.setitem(sys.modules, "mine", module)
+    monkeypatch.setenv(VARIABLE, "mine:ranges")
+    build(tmp_path / "a", FRAMES[:3], "a", descriptor="mine:ranges")
+    with PlaceMap.open(tmp_path / "a", read_only=True) as site:
+        assert site.localize(Cloud(scan_blocks(WAY[1], 77))).keyframe == 1
+    monkeypatch.setenv(VARIABLE, "")
+    with refuses("unknown-name", "descriptors", "mine:ranges"):
+        PlaceMap.open(tmp_path / "a", read_only=True)

@@ -5,6 +5,7 @@
 import csv
 import json
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, verified_path
 from fusionslam.registration import PreparedCloud, RegistrationConfig
 from fusionslam.report import write_report
+from fusionslam.report.loops.comparison import Compared, draw_costs
 from fusionslam.report.loops.frame_pairs import ScanReader, draw_overlay
 from fusionslam.report.loops.outcomes import judge_queries, telling_loops, telling_pairs
 from fusionslam.report.loops.plots import draw_curves
@@ -127,11 +129,27 @@ def test_pictures_lie_beside_the_page_and_decode(written: Written) -> None:
     expected |= {f"{kind}_{run}.png" for kind in ("trajectory", "distances") for run in runs}
     expected |= {f"pairs_{run}_{kind}.jpg" for run in runs for kind in ("best", "worst", "missed")}
     assert names == expected
+    for name in ("accuracy_cost", "pr_lidar", "pr_stereo"):  # for papers
+        starts = [(written[0] / f"{name}.{kind}").read_bytes()[:4] for kind in ("svg", "pdf")]
+        assert starts == [b"<?xm", b"%PDF"]
     for name in names:
         with image.open(written[0] / name) as picture:
             picture.load()
             assert picture.format == {"p": "PNG", "j": "JPEG"}[name[-3]] and min(picture.size) > 200
     assert len(written[1].addresses) == len(names)
+
+
+def test_names_of_descriptors_alike_in_cost_and_accuracy_do_not_overlap() -> None:
+    text = pytest.importorskip("matplotlib.text").Text
+    alike = evaluate(some_run(count=60), window=20)
+    names = [f"descriptor_{number}" for number in range(12)]
+    compared = [Compared(replace(alike, run=replace(alike.run, descriptor=n))) for n in names]
+    figure = draw_costs([compared], "revisit")
+    assert figure is not None
+    for axis in figure.axes:
+        extents = [text.get_window_extent(each) for each in axis.texts]
+        assert len(extents) == len(names)
+        assert not any(one.overlaps(other) for one, other in combinations(extents, 2))
 
 
 def test_the_metrics_are_those_of_the_curves(written: Written, evaluations: Evaluations) -> None:
