@@ -278,6 +278,7 @@ class LoopDetector:
                 return self._store(seen)
         return self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
 
+    @checked
     def add_observation(
         self,
         observation: Observation,
@@ -399,6 +400,7 @@ class LoopDetector:
                 return []
             return self._memory.candidates(k)
 
+    @checked
     def resume(
         self,
         kept: MutableMapping[int, Kept],
@@ -422,6 +424,7 @@ class LoopDetector:
                 self._added = int(numbers[-1]) + 1
                 self._observer = replace(self._observer, fits_lengths=False)
 
+    @checked
     def nearest_frames(self, vectors: Vectors) -> dict[int, float]:
         """Return the candidates of a frame that is not added, and their distances.
 
