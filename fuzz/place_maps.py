@@ -32,7 +32,7 @@ _VALUES: tuple[Any, ...] = (
 
 def place_map_targets() -> Iterator[Target]:
     """A damaged and a forged map."""
-    yield Target("damaged/place_map", lambda: [_valid_map()], _use_damaged)
+    yield Target("damaged/place_map", lambda: [valid_map()], _use_damaged)
     yield Target("forged/place_map", random_bytes, _Forged(), largest=512)
 
 
@@ -42,7 +42,8 @@ def _frames() -> list[Frame]:
 
 
 @cache
-def _valid_map() -> bytes:
+def valid_map() -> bytes:
+    """The file of a map of a few frames."""
     path = scratch() / "valid.fsmap"
     with PlaceMap.open(path, "monday", **OPTIONS) as site:
         for frame in (*_frames()[:3], *_frames()[-3:]):
@@ -80,7 +81,7 @@ class _Forged(Forged):
     """A map in which some values were replaced."""
 
     def _prepare(self) -> Callable[[bytes], bytes | None]:
-        valid = _valid_map()
+        valid = valid_map()
 
         @GENERATE
         @given(st.data())

@@ -63,12 +63,14 @@ class Format:
         read: reads a file.
         use: uses what was read, as a program would.
         again: writes what was read; the bytes tell whether its content is the same.
+        check: reads all of the file, where readers read parts. Raises DataError if it is damaged.
     """
 
     write: Callable[[Path], object]
     read: Callable[[Path], Any]
     use: Callable[[Any], object] = lambda value: None
     again: Callable[[Any, Path], object] = lambda value, path: value.save(path)
+    check: Callable[[Path], object] | None = None
 
 
 def _descriptor_run(path: Path) -> None:
@@ -118,12 +120,14 @@ def _view_run(path: Path) -> None:
     ).save(path)
 
 
-def _matcher(**options: Any) -> Callable[[Path], None]:
+def matcher(**options: Any) -> Callable[[Path], None]:
+    """Writes a view matcher with such options."""
+
     def write(path: Path) -> None:
-        matcher = ViewMatcher(ViewMatcherConfig(**options))
+        made = ViewMatcher(ViewMatcherConfig(**options))
         for visit, number in enumerate(scenes.LAPS):
-            matcher.process(scenes.place(number, visit))
-        matcher.save(path)
+            made.process(scenes.place(number, visit))
+        made.save(path)
 
     return write
 
@@ -218,9 +222,9 @@ FORMATS: dict[str, Format] = {
     "view_curve": Format(_view_curve, ViewCurve.load),
     "map_report": Format(lambda path: judge_map(maps.square_run()).save(path), MapReport.load, str),
     "scene_set": Format(lambda path: scenes.drive(scenes.LAPS).save(path), SceneSet.load),
-    "view_matcher_alignment": Format(_matcher(), ViewMatcher.load, _match),
-    "view_matcher_objects": Format(_matcher(method="objects"), ViewMatcher.load, _match),
-    "view_matcher_cm2dp": Format(_matcher(method="cm2dp"), ViewMatcher.load, _match),
+    "view_matcher_alignment": Format(matcher(), ViewMatcher.load, _match),
+    "view_matcher_objects": Format(matcher(method="objects"), ViewMatcher.load, _match),
+    "view_matcher_cm2dp": Format(matcher(method="cm2dp"), ViewMatcher.load, _match),
     "visual_templates": Format(_templates, VisualTemplates.load, _look),
     "rat_slam": Format(_rat_slam, RatSlam.load, _drive_on),
 }

@@ -115,9 +115,14 @@ def make_places(folder: Path, count: int) -> None:
         print(database.index)
 
 
+def some_vectors(count: int) -> Floats32:
+    """Vectors of places that were made as those of ``make_places``."""
+    return next(iter(blocks_of(made(1), count)))[1]
+
+
 def kinds_of(key: str) -> list[Kind]:
     """Return kinds of requests: a good one first, then wrong ones."""
-    vectors = next(iter(blocks_of(made(1), _QUERIES)))[1]
+    vectors = some_vectors(_QUERIES)
     length = vectors.shape[1]
     query = "/v1/query?k=10"
 
@@ -166,10 +171,12 @@ def _npy(array: Floats32) -> bytes:
 
 
 @contextmanager
-def serving(folder: Path, keys: Path) -> Iterator[tuple["subprocess.Popen[str]", int]]:
-    """Yield the process of the service and its port."""
+def serving(
+    folder: Path, keys: Path, **more: object
+) -> Iterator[tuple["subprocess.Popen[str]", int]]:
+    """Yield the process of the service, with more settings, and its port."""
     words = ["serve", str(folder), "--port", "0", "--api-keys", str(keys)]
-    limits = {"requests_per_minute": 0, "max_request_mb": _LIMIT_MB}
+    limits = {"requests_per_minute": 0, "max_request_mb": _LIMIT_MB} | more
     settings = [f"--set=service.{name}={value}" for name, value in limits.items()]
     command = [sys.executable, "-m", "fusionslam", *words, *settings]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

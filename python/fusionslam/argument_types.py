@@ -110,6 +110,8 @@ def _types(hint: Any) -> _Types | None:
         return tuple({type(value) for value in get_args(hint)})
     if not isinstance(origin, type) or origin in (Any, np.ndarray, object, inspect.Parameter.empty):
         return None
-    if getattr(origin, "_is_protocol", False):
-        return None
+    if getattr(origin, "_is_protocol", False) and not getattr(
+        origin, "_is_runtime_protocol", False
+    ):
+        return None  # what is runtime_checkable is judged by its attributes
     return (origin, *_ALSO.get(origin, ()))

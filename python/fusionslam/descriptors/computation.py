@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import cloud_resolution
+from fusionslam.argument_types import checked
 from fusionslam.config import Section, explain_choice, merged, split_preset
 from fusionslam.descriptors.config import DescriptorConfig, core_class
 from fusionslam.descriptors.own import VARIABLE, check_name_length, find_own, is_own, let_count
@@ -19,8 +20,11 @@ from fusionslam.fusion import FusionConfig, require_up
 from fusionslam.sensors.frame import Cloud, Frame, require_cloud
 
 
+@checked
 def describe(
-    cloud: Cloud, name: str, config: DescriptorConfig | None = None
+    cloud: "Cloud",  # by name, since require_cloud says more of what is none
+    name: str,
+    config: DescriptorConfig | None = None,
 ) -> NDArray[np.float32]:
     """Compute the named descriptor of a cloud, float32 (D,).
 

@@ -50,6 +50,12 @@ class Segment:
                 raise ValueError("it, or its vectors, was changed after it was written")
             self._index = faiss.read_index(str(path), faiss.IO_FLAG_MMAP_IFC)
             self.vectors: Floats32 = np.load(path.with_suffix(_VECTORS), mmap_mode="r")
+            rows, length = self.vectors.shape
+            if self._index.ntotal > rows or self._index.d != length:
+                raise ValueError(
+                    f"it says {self._index.ntotal} rows of {self._index.d} numbers, expected at "
+                    f"most {rows} of {length}, as its vectors"
+                )
         except Exception as error:  # headers that others made, digest and all, raise anything
             why = getattr(error, "strerror", None) or str(error).rpartition("\n")[2]
             raise DataError(

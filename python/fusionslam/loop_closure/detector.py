@@ -283,6 +283,7 @@ class LoopDetector:
             self._motion.warn("the recording")
         return pending
 
+    @checked
     def add_observation(
         self,
         observation: Observation,
@@ -407,6 +408,7 @@ class LoopDetector:
                 return []
             return self._memory.candidates(k)
 
+    @checked
     def resume(
         self,
         kept: MutableMapping[int, Kept],
@@ -430,6 +432,7 @@ class LoopDetector:
                 self._added = int(numbers[-1]) + 1
                 self._observer = replace(self._observer, fits_lengths=False)
 
+    @checked
     def nearest_frames(self, vectors: Vectors) -> dict[int, float]:
         """Return the candidates of a frame that is not added, and their distances.
 

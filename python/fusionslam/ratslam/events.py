@@ -6,6 +6,8 @@ import operator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Odometry, Picture
@@ -58,7 +60,7 @@ class Sighting:
     @property
     def measures_place(self) -> bool:
         """Whether the source measures positions: without, the robot is taken to be at the view."""
-        return self.relative_place != (0.0, 0.0)
+        return bool(np.any(self.relative_place))
 
 
 # Stamps are stored as int64; their differences must fit, too.

@@ -239,6 +239,7 @@ class ExperienceMap:
         """
         return Relaxation(*self._map.relax(whole))
 
+    @checked
     def path(self, a: int, b: int) -> Route:
         """The fastest route from one node to another along links, in either direction.
 
@@ -294,6 +295,7 @@ def quickest_route(links: NDArray[np.void], count: int, a: int, b: int) -> Route
             raise DataError(
                 f"path from node {a} to node {b}: there are {count} nodes", code="unknown-node"
             )
+    a, b = int(a), int(b)  # True would be a mask of the rows below
     ends = np.sort(np.stack([links["source"], links["target"]], axis=1), axis=1)
     # Keep only the fastest link of a pair: a sparse matrix would add up duplicates.
     order = np.lexsort((links["duration"], ends[:, 1], ends[:, 0]))

@@ -14,7 +14,7 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,7 @@ _SILENT_NS = 2_000_000_000
 """A robot whose last odometry is older than this may be anywhere."""
 
 
+@runtime_checkable
 class ViewSource(Protocol):
     """Recognises places for one ``RatSlam``, which calls it from one thread at a time.
 

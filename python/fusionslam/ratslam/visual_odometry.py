@@ -172,6 +172,7 @@ class VisualOdometry:
         """
         return self.compare(self.sight(image), stamp_ns)
 
+    @checked
     def compare(self, sight: Sight, stamp_ns: int) -> VisualSpeed | None:
         """``process`` for a result of ``sight``. Returns and raises the same."""
         now, before = _LastImage(int(stamp_ns), sight), self._before

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares the colours of clouds that were registered, as evidence for or against the pose."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.argument_types import checked
 from fusionslam.storage.arrays import Floats, Image
 
 FEWEST_COLORS = 20
@@ -20,7 +21,9 @@ _DARK = 1e-3
 """Linear light that keeps the gain of black points finite."""
 
 
-class ColorDifference(NamedTuple):
+@checked
+@dataclass(frozen=True)
+class ColorDifference:
     """How the colours of points differ that a pose puts on each other.
 
     Attributes:

@@ -5,7 +5,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,7 @@ class Candidate:
     rejected: bool = False
 
 
+@runtime_checkable
 class Comparison(Protocol):
     """Compares views with stored ones. Slots index the views stored now, oldest first.
 

@@ -77,7 +77,7 @@ def map_figure(
     """
     names = [run.views for run in runs] if titles is None else list(titles)
     known = [judge_map(run) for run in runs] if reports is None else list(reports)
-    if not runs or not len(names) == len(known) == len(runs):
+    if not len(runs) or not len(names) == len(known) == len(runs):
         given = f"{len(runs)} runs, {len(known)} reports and {len(names)} titles"
         problem = f"picture of maps: {given}, expected one of each, and one run at least"
         raise DataError(problem, code="counts-differ")

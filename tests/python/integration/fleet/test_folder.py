@@ -37,6 +37,7 @@ from fusionslam.fleet.recordings import find_recordings
 from fusionslam.fleet.work import PLAN, Failure, Plan, load_failures
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.write_lock import lock_folder
+from fuzz.crafted_files import KEYS
 from refusals import refuses
 from rows import rows
 from streets import WAY
@@ -163,33 +164,7 @@ def interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-@rows(
-    "key",
-    [
-        *(
-            "{outside}",
-            "../victim",
-            "../../victim",
-            "chunks/../../victim",
-            "a/b",
-            "/",
-            "",
-            ".",
-            "..",
-        ),
-        *(
-            "0" * 31,
-            "0" * 33,
-            "G" * 32,
-            "0" * 32 + "\n",
-            "0" * 31 + "\0",
-            "\u0660" * 32,
-            None,
-            7,
-            [],
-        ),
-    ],
-)
+@rows("key", KEYS)
 def test_a_key_that_is_no_name_of_ours_is_refused_and_nothing_is_deleted(
     fleet: Path, with_database: Path, tmp_path: Path, key: Any
 ) -> None:

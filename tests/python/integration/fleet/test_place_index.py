@@ -32,6 +32,7 @@ from fusionslam.fleet.row_search import Search
 from fusionslam.fleet.segment import Segment, delete_segments, digest_of, size_of
 from fusionslam.storage.archive import dump_sealed
 from fusionslam.storage.arrays import Floats32
+from fuzz.crafted_files import HEADERS, with_header
 from rows import rows
 
 pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -272,18 +273,13 @@ def test_a_flipped_bit_of_a_segment_is_found_before_it_is_parsed(
     assert len(Segment(path, digest)) == SEGMENT_ROWS
 
 
-@rows(
-    "header",
-    [b"{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4),", b"(" * 60, b"\0", b"{}", b"\\"],
-)
+@rows("header", HEADERS)
 def test_headers_that_fit_a_forged_digest_are_refused_by_type(
     tmp_path: Path, header: bytes
 ) -> None:
     path = made_segment(tmp_path)
-    content = path.with_suffix(".npy").read_bytes()
-    length = len(header)
-    forged = content[:8] + length.to_bytes(2, "little") + header + content[128:]
-    path.with_suffix(".npy").write_bytes(forged)
+    file = path.with_suffix(".npy")
+    file.write_bytes(with_header(file.read_bytes(), header))
     with pytest.raises(DataError, check=has_code("damaged", path)):
         Segment(path, digest_of(path))
 

@@ -3,7 +3,6 @@
 """Weights and ONNX: both hold the same network, and files that do not fit are named."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.model import SecondStage
 from fusionslam.views.second_stage.network_files import About, Calibration
+from fuzz.crafted_files import NETWORKS, write_graph
 from learning import TINY, TINY_COLORED, TINY_COMPARISON, cloud
 from refusals import refuses
 from rows import rows
@@ -184,85 +184,16 @@ def test_a_graph_that_takes_other_rows_than_it_says_is_refused(tmp_path: Path) -
         SecondStage(tmp_path / "odd.onnx")
 
 
-def crafted(nodes: Sequence[tuple[str, ...]], **stored: Any) -> Any:
-    """A graph from "points" (N, 3) to "features"; nodes are operators, inputs and an output."""
-    make, values = onnx.helper, onnx.numpy_helper
-    graph = make.make_graph(
-        [make.make_node(operator, inputs, [output]) for operator, *inputs, output in nodes],
-        "crafted",
-        [make.make_tensor_value_info("points", onnx.TensorProto.FLOAT, ["N", 3])],
-        [make.make_tensor_value_info("features", onnx.TensorProto.FLOAT, None)],
-        [values.from_array(np.array(value), name) for name, value in stored.items()],
-    )
-    return make.make_model(graph, opset_imports=[make.make_opsetid("", 17)], ir_version=8)
-
-
-LONG, TALL = np.ones((1, 9000), np.float32), np.ones((3, 1), np.float32)
-
-
-@rows(
-    "nodes, stored",
-    [
-        ([("ConstantOfShape", "size", "features")], {"size": [10**9]}),
-        ([("Loop", "count", "yes", "points", "features")], {"count": 10**12, "yes": True}),
-        ([("Expand", "points", "size", "features")], {"size": [10**9, 3]}),
-        ([("Tile", "points", "size", "features")], {"size": [10**9, 3]}),
-        ([("MatMul", "tall", "long", "features")], {"tall": LONG.T, "long": LONG}),
-        ([("Add", "points", "tall", "features")], {"tall": TALL}),
-        ([("MatMul", "points", "deep", "features")], {"deep": np.ones((99, 3, 3), np.float32)}),
-        ([("Concat", "points", "points", f"v{i}") for i in range(40)], {}),
-        (
-            [
-                ("Reshape", "points", "tall", "a"),
-                ("Reshape", "points", "long", "b"),
-                ("MatMul", "a", "b", "features"),
-            ],
-            {"tall": [-1, 1], "long": [1, -1]},
-        ),
-        ([("Relu", "points", f"v{i}") for i in range(2000)], {}),
-    ],
-)
-def test_a_graph_that_computes_what_no_network_of_ours_does_is_refused(
-    nodes: Any, stored: Any, tmp_path: Path
-) -> None:
-    model = crafted(nodes, **stored)
-    onnx.helper.set_model_props(model, About("pointnet", TINY, CALIBRATED).metadata())
-    onnx.save(model, tmp_path / "odd.onnx")
+@rows("name", NETWORKS)
+def test_a_network_that_is_more_than_a_graph_of_ours_is_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.onnx"
+    NETWORKS[name](path)
     with refuses("other-operators"):
-        SecondStage(tmp_path / "odd.onnx")
-
-
-def add_function(model: Any) -> None:
-    model.functions.add(name="Relu", domain="own")
-
-
-def add_sparse_tensor(model: Any) -> None:
-    model.graph.sparse_initializer.add(dims=[10**9])
-
-
-def store_elsewhere(model: Any) -> None:
-    model.graph.initializer[-1].external_data.add(key="location", value="/etc/passwd")
-
-
-def use_another_domain(model: Any) -> None:
-    model.graph.node[0].domain = "com.microsoft"
-
-
-@rows("change", [add_function, add_sparse_tensor, store_elsewhere, use_another_domain])
-def test_a_network_that_is_more_than_a_graph_of_ours_is_refused(
-    change: Any, networks: Path, tmp_path: Path
-) -> None:
-    model = onnx.load(networks / "features.onnx")
-    change(model)
-    onnx.save(model, tmp_path / "odd.onnx")
-    with refuses("other-operators"):
-        SecondStage(tmp_path / "odd.onnx")
+        SecondStage(path)
 
 
 def test_a_graph_that_gives_no_features_is_refused(tmp_path: Path) -> None:
-    model = crafted([("Relu", "points", "features")])
-    onnx.helper.set_model_props(model, About("pointnet", TINY, CALIBRATED).metadata())
-    onnx.save(model, tmp_path / "odd.onnx")
+    write_graph(tmp_path / "odd.onnx", [("Relu", "points", "features")])
     with pytest.raises(DataError, match=r"\(2, 3\).*\(1, "):
         SecondStage(tmp_path / "odd.onnx")
 

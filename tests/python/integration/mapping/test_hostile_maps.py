@@ -2,17 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps answer bad input by typed errors, and lose nothing."""
 
-import io
 import os
 import pickle
 import shutil
 import signal
 import sqlite3
-import struct
 import time
-import zipfile
-import zlib
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -28,6 +23,7 @@ from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.pipelines.place_maps import export_map
 from fusionslam.sensors.frame import Frame
+from fuzz.crafted_files import ENDLESS, MAPS
 from map_fixtures import FRAMES, STORED, build
 from map_rows import restore_crcs
 from refusals import refuses
@@ -375,137 +371,12 @@ def test_a_reader_of_a_forgotten_session_is_told_so(short: Path) -> None:
 
 
 FLIPS = int(os.environ.get("FUSIONSLAM_FLIPS", "40").replace("all", "3000"))
-ENDLESS = "WITH RECURSIVE n (id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)"
-BOMB = {"points": np.zeros((3 << 20, 3), np.int16)}  # 18 MB
-Change = Callable[[sqlite3.Connection], object]
 
 
-def change_points(packed: bytes) -> Change:
-    return change_row("cloud", "points", packed)
-
-
-def change_row(table: str, column: str, value: Any) -> Change:
-    def change(database: sqlite3.Connection) -> None:
-        database.execute(f"UPDATE {table} SET {column} = ?", (value,))
-        restore_crcs(database)
-
-    return change
-
-
-def change_schema(statement: str) -> Change:
-    def change(database: sqlite3.Connection) -> None:
-        database.execute("PRAGMA writable_schema = ON")
-        database.execute(statement)
-
-    return change
-
-
-def npz(*, packed: bool) -> bytes:
-    stream = io.BytesIO()
-    (np.savez_compressed if packed else np.savez)(stream, **BOMB)
-    return stream.getvalue()
-
-
-def npz_of_header(shape: str) -> bytes:
-    stream = io.BytesIO()
-    header = f"{{'descr': '<i2', 'fortran_order': False, 'shape': {shape}}}\n".encode()
-    with zipfile.ZipFile(stream, "w") as archive:
-        text = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header
-        archive.writestr("points.npy", text)
-    return stream.getvalue()
-
-
-def lead_in_rings(path: Path) -> None:
-    """Make pages of table keyframe that lead to one leaf in a billion ways."""
-    with closing(sqlite3.connect(path)) as database:
-        (root,) = database.execute(
-            "SELECT rootpage FROM sqlite_master WHERE name = 'keyframe'"
-        ).fetchone()
-    whole, page = bytearray(path.read_bytes()), 65536
-    count = len(whole) // page
-    leaf = bytes(whole[(root - 1) * page : root * page])
-
-    def inner(child: int) -> bytes:
-        cells = 30_000  # one cell, and as many pointers to it
-        head = struct.pack(">BHHHBI", 5, 0, cells, page - 8, 0, child)
-        pointers = struct.pack(">H", page - 8) * cells
-        return (head + pointers).ljust(page - 8, b"\0") + struct.pack(">IBxxx", child, 1)
-
-    whole[(root - 1) * page : root * page] = inner(count + 1)
-    whole += inner(count + 2) + leaf
-    whole[28:32] = struct.pack(">I", count + 2)
-    path.write_bytes(whole)
-
-
-def change_header(place: int, byte: int) -> Callable[[Path], object]:
-    def change(path: Path) -> None:
-        whole = bytearray(path.read_bytes())
-        whole[place] = byte
-        path.write_bytes(whole)
-
-    return change
-
-
-CRAFTED: dict[str, str | Callable[[], Change]] = {
-    "a view that never ends": "DROP TABLE session; CREATE VIEW session (id, name, crc) AS "
-    f"{ENDLESS} SELECT id, 'a', 0 FROM n",
-    "a view of settings": "ALTER TABLE setting RENAME TO old; CREATE VIEW setting AS "
-    "SELECT * FROM old",
-    "another view": f"CREATE VIEW v AS {ENDLESS} SELECT id FROM n",
-    "a trigger": "CREATE TRIGGER t AFTER INSERT ON keyframe BEGIN DELETE FROM cloud; END",
-    "a trigger in place of": "DROP TABLE edge; CREATE VIEW edge AS SELECT 1 AS id; CREATE TRIGGER "
-    "t INSTEAD OF INSERT ON edge BEGIN DELETE FROM cloud; END",
-    "another table": "CREATE TABLE t (x)",
-    "another index": "CREATE INDEX i ON edge (abs(a))",
-    "a table without its index": "DROP INDEX edge_a",
-    "a missing table": "DROP TABLE solution",
-    "a missing state": "DELETE FROM state",
-    "a column more": "ALTER TABLE session ADD COLUMN more TEXT DEFAULT 'x'",
-    "a computed column": "ALTER TABLE session ADD COLUMN more AS (upper(name))",
-    "a check": lambda: change_schema(
-        "UPDATE sqlite_master SET sql = replace(sql, 'frame INTEGER', "
-        "'frame INTEGER CHECK (randomblob(1e9) > 0)') WHERE name = 'keyframe'"
-    ),
-    "an index twice": lambda: change_schema(
-        "INSERT INTO sqlite_master SELECT type, name, tbl_name, rootpage, sql "
-        "FROM sqlite_master WHERE name = 'edge_b'"
-    ),
-    "tables that share pages": lambda: change_schema(
-        "UPDATE sqlite_master SET rootpage = (SELECT rootpage FROM sqlite_master WHERE name = "
-        "'cloud') WHERE name = 'edge'"
-    ),
-    "a bomb": lambda: change_points(zlib.compress(npz(packed=False), level=1)),
-    "a bomb in a bomb": lambda: change_points(zlib.compress(npz(packed=True))),
-    "a vast array": lambda: change_points(zlib.compress(npz_of_header("(99999999999, 3)"))),
-    "a point of no axes": lambda: change_points(zlib.compress(npz_of_header("(0,)"))),
-    "settings that are no text": "UPDATE setting SET value = CAST(x'ff' || value AS TEXT)",
-    "settings of brackets": lambda: change_row("setting", "value", "[" * 100_000),
-    "a number of many digits": lambda: change_row("setting", "value", "9" * 100_000),
-    "a long name": lambda: change_row("session", "name", "x" * 2_000_000),
-    "a name of lines": lambda: change_row("session", "name", "a\nb"),
-    "a change of words": lambda: change_row("state", "number", "x"),
-}
-ON_BYTES: dict[str, Callable[[Path], object]] = {
-    "rings of pages": lead_in_rings,
-    "pages that move": change_header(55, 1),
-    "texts of two bytes": change_header(59, 2),
-    "one page": lambda path: path.write_bytes(path.read_bytes()[:65536]),
-}
-
-
-@rows("name", [*CRAFTED, *ON_BYTES])
+@rows("name", MAPS)
 def test_a_crafted_map_is_refused_at_once(first_part: Path, tmp_path: Path, name: str) -> None:
     path = copy_artefact(first_part, tmp_path / "site.fsmap")
-    if name in ON_BYTES:
-        ON_BYTES[name](path)
-    else:
-        change = CRAFTED[name]
-        with closing(sqlite3.connect(path)) as database:
-            if isinstance(change, str):
-                database.executescript(change)
-            else:
-                change()(database)
-            database.commit()
+    MAPS[name](path)
     before, began = path.read_bytes(), time.process_time()
     check_damage(path)
     assert time.process_time() - began < 1.0

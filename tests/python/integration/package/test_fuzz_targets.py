@@ -12,6 +12,7 @@ import typer
 from fuzz import supervisor
 from fuzz.__main__ import main
 from fuzz.any_arguments import calls, check
+from fuzz.crafted_files import CRAFTED, read_in_a_process
 from fuzz.short_run import FORMER_FINDINGS, short_run
 from fuzz.targets import all_targets
 from fuzz.worker_counts import Counts
@@ -76,3 +77,12 @@ def test_a_resumed_run_counts_the_inputs_of_targets_without_findings(
     assert fuzz(15, resume=True) == dict.fromkeys(targets, 5)
     assert fuzz(15, resume=True) == {}
     assert fuzz(15, resume=False) == dict.fromkeys(targets, 15)
+
+
+@pytest.mark.parametrize("step", [9, pytest.param(1, marks=pytest.mark.nightly)])
+def test_crafted_files_are_refused_in_little_time_and_memory(step: int) -> None:
+    pytest.importorskip("onnx", reason="writes networks")
+    pytest.importorskip("faiss", reason="reads segments")
+    names = [*[*CRAFTED][::step], ".faiss: vast rows"]
+    ends = {name: read_in_a_process(CRAFTED[name]) for name in names}
+    assert {name: end for name, end in ends.items() if not end.is_good} == {}

@@ -176,6 +176,10 @@ class Stones:
     def __init__(self) -> None:
         self.seen: list[int] = []
 
+    @property
+    def known(self) -> int:
+        return len(self.seen)
+
     def look(self, item: int, stamp_ns: int) -> Sighting:
         self.seen = list(dict.fromkeys([*self.seen, item]))
         return Sighting(stamp_ns, self.seen.index(item))

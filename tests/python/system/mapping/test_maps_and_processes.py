@@ -17,6 +17,7 @@ from fusionslam import DataError
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
+from fuzz.changed_files import HOWS, change_at_random_moments
 from fuzz.killed_writers import (
     ACKNOWLEDGED,
     WRITERS,
@@ -301,3 +302,10 @@ def test_a_child_process_leaves_the_map_of_its_parent_alone(tmp_path: Path) -> N
         with MapFile(path, read_only=True) as reader:
             assert reader.setting("a") == 2
     assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("rounds", [1, pytest.param(20, marks=pytest.mark.nightly)])
+def test_files_that_change_at_random_moments_lose_nothing_without_a_word(rounds: int) -> None:
+    ends = change_at_random_moments(rounds * len(HOWS))
+    assert ends.total() == rounds * len(HOWS)
+    assert {end for _, end in ends} <= {"kept", "told"}, ends

@@ -4,16 +4,17 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import pytest
 
 import fusionslam
-from fusionslam import evaluation, mapping, registration
+from fusionslam import evaluation, mapping, ratslam, registration, report, views
 from fusionslam.argument_types import checked
 from fusionslam.datasets import open_bag, open_dataset, write_poses_kitti, write_poses_tum
 from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.ratslam.experience_map import quickest_route
 from fusionslam.storage.files import PathLike
 from refusals import refuses
 from rows import rows
@@ -71,6 +72,11 @@ OTHERS: list[Callable[[], Any]] = [
     lambda: evaluation.evaluate_verified(1, [2]),
     lambda: mapping.export_graph("x", 1, 2),
     lambda: fusionslam.fuse("frame"),
+    lambda: views.ViewMatcher(comparison=cast(Any, "cm2dp")),
+    lambda: ratslam.RatSlam(views=cast(Any, np.eye(3))),
+    lambda: ratslam.VisualOdometry().compare(cast(Any, 3), 0),
+    lambda: registration.ColorDifference(cast(Any, np.eye(3)), 1.0, 3),
+    lambda: fusionslam.LoopDetector("m2dp").resume({}, cast(Any, 3), *[np.arange(3)] * 2),
 ]
 
 
@@ -91,3 +97,12 @@ def test_baselines_and_errors_of_trajectories_refuse_what_has_no_answer() -> Non
         evaluation.always_new(2**31)
     with pytest.raises(ConfigError):
         evaluation.every_kth(3, np.nan)
+
+
+def test_values_of_odd_types_have_an_answer() -> None:
+    links = np.zeros(1, [("source", int), ("target", int), ("duration", float)])
+    links["target"] = links["duration"] = 1
+    assert quickest_route(links, 2, cast(Any, True), 0).ids == [1, 0]
+    assert ratslam.Sighting(0, 1, relative_place=cast(Any, np.eye(2))).measures_place
+    with pytest.raises(DataError):
+        report.map_figure(cast(Any, np.zeros(0)))
