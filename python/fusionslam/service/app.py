@@ -22,6 +22,8 @@ from fusionslam.service.routes import pages, searches, sites, status
 from fusionslam.service.state import State, check_framing
 from fusionslam.service.workers import Room, Workers
 
+_NICENESS = 5
+"""Of threads that describe: a third of the time of a core that others want as well."""
 _ABOUT = (
     "Describes clouds and finds the places of a fleet that look like them. Errors are JSON with "
     "code, message and fields."
@@ -43,12 +45,14 @@ def create_app(
     """
     config = config or ServiceConfig()
     places, workers = ServedPlaces(folder), Workers(config.workers)
+    describers = Workers(config.workers, _NICENESS)
     shared = State(
         config,
         places,
         keys or ApiKeys(),
         Rates(config.requests_per_minute),
         workers,
+        describers,
         Room(config.max_waiting, config.max_waiting_of_one),
         Room(config.max_connections, config.max_bodies_of_one),
         QueryBatches(places, workers),
@@ -60,6 +64,7 @@ def create_app(
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         yield
         workers.close()
+        describers.close()
         shared.count.close()
         places.close()
 

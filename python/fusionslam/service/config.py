@@ -18,7 +18,9 @@ class ServiceConfig(Section):
     max_vectors: int = option(256, "most vectors of one query", ge=1)
     max_k: int = option(100, "most candidates for each of them", ge=1)
     max_positions: int = option(20_000, "most positions of a site that are sent", ge=1)
-    workers: int = option(0, "threads that describe and search; 0 is one a core", ge=0, le=1024)
+    workers: int = option(
+        0, "threads that search, and as many that describe; 0 is one a core", ge=0, le=1024
+    )
     max_waiting: int = option(
         128, "requests that are worked on or wait for it; further ones are turned away", ge=1
     )

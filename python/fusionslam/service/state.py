@@ -26,6 +26,9 @@ class State:
     """What the routes of one application share.
 
     Attributes:
+        workers: search, and read what is small.
+        describers: describe clouds and prove where they are, which takes far longer: searches and
+            other clients go before them.
         waiting: room of requests that are worked on or wait for it, their bodies received.
         bodies: room of requests with a body, until they are answered.
     """
@@ -35,6 +38,7 @@ class State:
     keys: ApiKeys
     rates: Rates
     workers: Workers
+    describers: Workers
     waiting: Room
     bodies: Room
     batches: QueryBatches

@@ -3,6 +3,7 @@
 """Threads for what takes long, so that the event loop stays free."""
 
 import asyncio
+import os
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -68,14 +69,17 @@ class Workers:
 
     Args:
         threads: number of them; 0 is one a core.
+        niceness: by which all other threads go before them on busy cores, 0 to 19 (nice(7)).
 
     Attributes:
         threads: number of them.
     """
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, threads: int, niceness: int = 0) -> None:
         self.threads = threads or available_cores()
-        self._pool = ThreadPoolExecutor(self.threads, "fusionslam-service")
+        self._pool = ThreadPoolExecutor(
+            self.threads, "fusionslam-service", initializer=_be_nice, initargs=(niceness,)
+        )
         self._free = self.threads
         self._turns: dict[str, deque[asyncio.Future[None]]] = {}
 
@@ -118,3 +122,9 @@ class Workers:
                 turn.set_result(None)
                 return
         self._free += 1
+
+
+def _be_nice(niceness: int) -> None:
+    """Let other threads go before this one; Linux has a niceness of threads, not of processes."""
+    if niceness:
+        os.setpriority(os.PRIO_PROCESS, 0, os.getpriority(os.PRIO_PROCESS, 0) + niceness)

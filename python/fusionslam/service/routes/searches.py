@@ -131,7 +131,7 @@ async def _received(request: Request, state: State, client: str, form: str) -> A
 
 async def _work_on(path: Path, state: State, client: str, work: Callable[[Cloud], T]) -> T:
     """Read a cloud and work on it in a thread."""
-    return await state.workers.run(lambda: work(load_cloud(path, state.config)), client)
+    return await state.describers.run(lambda: work(load_cloud(path, state.config)), client)
 
 
 async def _receive_vectors(request: Request, state: State, client: str) -> bytes:

@@ -5,6 +5,7 @@
 import asyncio
 import hashlib
 import json
+import os
 import struct
 import threading
 import time
@@ -476,6 +477,33 @@ def test_health_answers_while_workers_are_busy(
         finally:
             let_go.set()
         assert busy.result().status_code == 200
+
+
+def test_queries_are_answered_while_clouds_are_described(
+    twenty: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, let_go = threading.Event(), threading.Event()
+    niceness: list[int] = []
+
+    def wait(*args: Any) -> Any:
+        niceness.append(os.getpriority(os.PRIO_PROCESS, 0))
+        begun.set()
+        let_go.wait()
+        return np.zeros(LENGTH, np.float32)
+
+    monkeypatch.setattr(ServedPlaces, "describe", wait)
+    with serving(twenty, workers=1) as client, ThreadPoolExecutor() as pool:
+        try:
+            described = "/v1/describe?format=bin"
+            busy = [pool.submit(client.post, described, content=BIN.tobytes()) for _ in range(2)]
+            begun.wait()
+            assert client.post("/v1/query", json=VECTOR).status_code == 200
+            assert not any(each.done() for each in busy)
+        finally:
+            let_go.set()
+        assert [each.result().status_code for each in busy] == [200, 200]
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    assert niceness == [min(own + 5, 19)] * 2
 
 
 def test_places_are_counted_once_for_all_who_ask_meanwhile() -> None:
