@@ -6,7 +6,6 @@ A small motion is x, y, z in metres, then a rotation about x, y, z in radians.
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fusionslam.storage.arrays import Floats
 
@@ -23,6 +22,8 @@ def inverse(poses: Floats) -> Floats:
 
 def exp(motions: Floats) -> Floats:
     """Poses (..., 4, 4) of small motions (..., 6): the exponential map of SE(3)."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     motions = np.asarray(motions, np.float64)
     rows = motions.reshape(-1, 6)
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
@@ -33,6 +34,8 @@ def exp(motions: Floats) -> Floats:
 
 def log(poses: Floats) -> Floats:
     """Small motions (..., 6) of poses (..., 4, 4): the inverse of ``exp``."""
+    from scipy.spatial.transform import Rotation
+
     flat = poses.reshape(-1, 4, 4)
     turns = Rotation.from_matrix(flat[:, :3, :3]).as_rotvec()
     places = np.linalg.solve(_left_jacobian(turns), flat[:, :3, 3, None])[..., 0]

@@ -194,7 +194,10 @@ class PlaceMap:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the file; delete one that was made here, if an error left it without keyframes."""
         with self._lock:
-            self._file.close(failed=kind is not None and not len(self))
+            if kind is not None and not len(self):
+                self._file.close(failed=True)
+            else:
+                self.close()
 
     def __len__(self) -> int:
         """Number of keyframes."""
