@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,13 +69,17 @@ def besiege_service(seconds: float, places: int = PLACES) -> Siege:
     """Ask alone for some time, and as long during a siege by another process."""
     limit = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(8000, limit), limit))
-    good, bad = secrets.token_hex(16), secrets.token_hex(16)
+    good = [secrets.token_hex(16) for _ in range(GOOD)]
+    bad = secrets.token_hex(16)
     haproxy = shutil.which("haproxy")
     with tempfile.TemporaryDirectory() as name:
         folder, keys = Path(name) / "places", Path(name) / "keys"
         make_places(folder, places)
-        keys.write_text(f"good {good}\nbad {bad}\n")
-        more = {"behind_proxy": "true"} if haproxy else {}
+        named = [*((f"good{number}", key) for number, key in enumerate(good)), ("bad", bad)]
+        keys.write_text("".join(f"{name} {key}\n" for name, key in named))
+        more: dict[str, object] = {"requests_per_minute": 600}
+        if haproxy:
+            more["behind_proxy"] = "true"
         with serving(folder, keys, **more) as (_, own), _in_front(haproxy, own) as port:
             asyncio.run(_ask_for(2.0, port, good))  # warms it up
             alone = asyncio.run(_ask_for(seconds, port, good))
@@ -111,15 +115,15 @@ def _in_front(haproxy: str | None, port: int) -> Iterator[int]:
         process.wait()
 
 
-async def _ask_for(seconds: float, port: int, key: str) -> list[_Answer]:
+async def _ask_for(seconds: float, port: int, keys: Sequence[str]) -> list[_Answer]:
     """Let the good clients ask one after another; return all answers."""
     vector = some_vectors(1)[0].tolist()
     body = json.dumps({"vector": vector}).encode()
-    request = request_of("POST", "/v1/query?k=3", body, key=key, kind="application/json")
     answers: list[_Answer] = []
     end = time.perf_counter() + seconds
 
-    async def client(number: int) -> None:
+    async def client(number: int, key: str) -> None:
+        request = request_of("POST", "/v1/query?k=3", body, key=key, kind="application/json")
         await asyncio.sleep(_PAUSE_S * number / GOOD)
         while (began := time.perf_counter()) < end:
             try:
@@ -129,7 +133,7 @@ async def _ask_for(seconds: float, port: int, key: str) -> list[_Answer]:
             answers.append(_Answer(time.perf_counter() - began, status, content))
             await asyncio.sleep(_PAUSE_S)
 
-    await asyncio.gather(*(client(number) for number in range(GOOD)))
+    await asyncio.gather(*(client(number, key) for number, key in enumerate(keys)))
     return answers
 
 

@@ -51,7 +51,7 @@ _REMEDIES: dict[str, Callable[[Floats], Floats]] = {
 def warn_of_wrong_odometry(dataset: "Dataset", odometry: Floats | None = None) -> None:
     """Warn if scans fit together better by the inverse of odometry, or by it in millimetres.
 
-    Reads at most 24 frames.
+    Reads the clouds of at most 24 frames, and the odometry of all.
 
     Args:
         dataset: the recording; nothing is said of one without scans.
@@ -78,7 +78,7 @@ def warn_of_wrong_odometry(dataset: "Dataset", odometry: Floats | None = None) -
 
 
 def _known(dataset: "Dataset") -> Floats:
-    """Odometry of all frames, float64 (N, 4, 4), NaN where unknown."""
+    """The odometry of all frames, float64 (N, 4, 4), NaN where unknown."""
     poses = np.full((len(dataset), 4, 4), np.nan)
     for index, pose in enumerate(poses):
         with suppress(FusionSlamError):  # of its calibration, which is refused where it is used

@@ -139,6 +139,22 @@ def test_the_same_shift_weighs_less_far_away_than_near() -> None:
     assert found[0] + 0.1 < found[1] < 1
 
 
+def test_distances_shrink_with_the_range_of_the_nearer_object() -> None:
+    config = SimilarityConfig(
+        color_weight=0, volume_weight=0, ratio_weight=0, extent_weight=0, distance_weight=1
+    )
+    x0, a = config.distance_x0, config.distance_a
+    for near, far in ((4.0, 4.3), (6.0, 5.4), (0.0, 0.5)):
+        pair = []
+        for x in (near, far):
+            objects = random_scene(1, 1).objects.copy()
+            objects["center"] = [[0.6 * x, 0.8 * x, 1]]
+            pair.append(Scene(objects))
+        distance = abs(far - near) / (1 + config.range_slack * min(near, far))
+        expected = (1 + np.exp(-a * x0)) / (1 + np.exp(a * (distance - x0)))
+        assert scene_similarity(*pair, config=config) == pytest.approx(expected, rel=1e-6)
+
+
 def test_weights_that_are_all_0_are_refused() -> None:
     config = SimilarityConfig(color_weight=0, distance_weight=0, extent_weight=0)
     for use in (
