@@ -13,7 +13,7 @@ packages=(
   python3 python3-dev python3-venv
   libpcl-dev libopencv-dev libeigen3-dev libqhull-dev
 )
-[ "$wanted" = demo ] || packages+=(doctest-dev)
+[ "$wanted" = demo ] || packages+=(doctest-dev haproxy)
 
 scripts/debian.sh "${packages[@]}"
 

@@ -36,6 +36,7 @@ def describe_frames(
 
     ``only_describable`` drops unsuitable descriptors.
     """
+    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.recording import warn_of_turns
     from fusionslam.pipelines.reusable_runs import describe_recording
@@ -60,6 +61,7 @@ def describe_frames(
             inside=inside,
         )
     warn_of_turns(dataset)
+    warn_of_wrong_calibration(dataset, config.fusion.source)
     return dict(zip(names, runs, strict=True))
 
 

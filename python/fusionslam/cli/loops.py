@@ -34,6 +34,7 @@ def prove_loops(
     jobs: opt.Jobs = None,
 ) -> None:
     """Prove the loops of each descriptor, and write and print them."""
+    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.loops import loops_path
     from fusionslam.pipelines.recording import warn_of_turns
@@ -71,6 +72,7 @@ def prove_loops(
         print(f"{title}{describe_loops(run)}{left_out(run)}")
         print(path)
     warn_of_turns(dataset)
+    warn_of_wrong_calibration(dataset, config.fusion.source)
 
 
 @opt.options_of(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
@@ -94,6 +95,7 @@ def write_cloud_bag(
                 progress(done, len(dataset))
     log_empty(dataset, empty)
     warn_of_turns(dataset)
+    warn_of_wrong_calibration(dataset, config.source)
     return len(dataset)
 
 

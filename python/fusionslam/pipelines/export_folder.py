@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
@@ -104,6 +105,7 @@ def write_clouds(
                 progress(done, len(dataset))
     log_empty(dataset, empty)
     warn_of_turns(dataset)
+    warn_of_wrong_calibration(dataset, config.source)
     return len(dataset)
 
 

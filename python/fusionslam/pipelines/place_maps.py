@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.cloud_files import write_cloud
 from fusionslam.datasets.pose_files import interpolate_poses, write_poses_tum
@@ -167,6 +168,7 @@ def build_map(
     skipped: dict[int, str] = {}
     if last is None:
         warn_of_wrong_odometry(dataset, odometry)
+        warn_of_wrong_calibration(dataset, site.settings.fusion.source)
     with ordered_results(_reader(dataset), range(begin, len(dataset)), jobs) as frames:
         for index, frame in enumerate(frames, start=begin):
             try:

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ _CLOCK_S = 0.01
 _POLL_S = 0.1
 _QUEUE = 1000
 _CLOSING_S = 60.0
+_PATIENCE_S = 60.0
+"""For nodes of ours that have not subscribed; a topic may be of a type that they do not take."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +41,9 @@ class Playing:
         rate: speed, relative to the recording.
         start, stop: seconds since the bag's beginning; None for its end.
         clock: whether the time of the recording is published on /clock.
-        wait: nodes whose subscriptions are waited for before the first message; once there is one,
-            it begins this many seconds after the last one came.
+        wait: whether subscriptions are waited for before the first message, those of all nodes of
+            fusionslam among them; once there is one, it begins this many seconds after the last
+            one came. 0 waits for none.
         arguments: for ROS, as ``--ros-args -r /points:=/velodyne_points``.
         until_idle: whether it ends only once all nodes of fusionslam have processed everything.
     """
@@ -137,14 +141,37 @@ class _Player:
     def _wait_for_subscribers(self, progress: Callable[[str, int, int], None]) -> None:
         """Wait until the set of subscriptions has been the same for a while."""
         found, since, wait = -1, time.monotonic(), self._how.wait
-        while wait and not self._is_ending.is_set():
-            count = sum(each.get_subscription_count() for each in self._publishers.values())
-            if count != found:
-                found, since = count, time.monotonic()
-            elif count and time.monotonic() - since > wait:
-                return
-            progress("waiting for subscribers", min(count, 1), 1)
-            time.sleep(_POLL_S)
+        with self._taking_reports() as reports:
+            while wait and not self._is_ending.is_set():
+                count = sum(each.get_subscription_count() for each in self._publishers.values())
+                waited = time.monotonic() - since
+                if count != found:
+                    found, since = count, time.monotonic()
+                elif count and waited > wait and self._are_heard(reports):
+                    return
+                elif count and waited > wait + _PATIENCE_S:
+                    logger.warning("some nodes of fusionslam have not subscribed to what they take")
+                    return
+                progress("waiting for subscribers", min(count, 1), 1)
+                self._spin()
+
+    def _are_heard(self, reports: NodeReports) -> bool:
+        """Tell whether each node of ours has subscribed to what it takes of the bag."""
+        played = {each.topic_name for each in self._publishers.values()}
+        for node in self._nodes():
+            topics = reports.topics(node)
+            if topics is None or not all(node in self._subscribers(t) for t in topics & played):
+                return False
+        return True
+
+    def _subscribers(self, topic: str) -> set[str]:
+        found = self._node.get_subscriptions_info_by_topic(topic)
+        return {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
+
+    def _spin(self) -> None:
+        import rclpy
+
+        rclpy.spin_once(self._node, timeout_sec=_POLL_S)
 
     def _wait_for_receipt(self) -> None:
         from rclpy.duration import Duration
@@ -160,15 +187,22 @@ class _Player:
 
     def _wait_for_nodes(self, progress: Callable[[str, int, int], None]) -> None:
         """Wait until all of our nodes say that they have nothing left to do."""
-        import rclpy
+        with self._taking_reports() as reports:
+            while not self._is_ending.is_set() and not reports.are_quiet(self._nodes()):
+                progress("waiting for nodes", 0, 1)
+                self._spin()
 
+    @contextmanager
+    def _taking_reports(self) -> Iterator[NodeReports]:
+        """Yield the reports that nodes make during the block."""
         from fusionslam.ros.messages.library import message_class
 
-        reports = NodeReports()
-        self._node.create_subscription(message_class(DIAGNOSTICS), REPORTS, reports.take, _QUEUE)
-        while not self._is_ending.is_set() and not reports.are_quiet(self._nodes()):
-            progress("waiting for nodes", 0, 1)
-            rclpy.spin_once(self._node, timeout_sec=_POLL_S)
+        reports, kind = NodeReports(), message_class(DIAGNOSTICS)
+        subscription = self._node.create_subscription(kind, REPORTS, reports.take, _QUEUE)
+        try:
+            yield reports
+        finally:
+            self._node.destroy_subscription(subscription)
 
     def _nodes(self) -> set[str]:
         found = self._node.get_node_names_and_namespaces()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fusionslam.ros.messages.library import make, message_class
 from fusionslam.ros.messages.types import DIAGNOSTICS, header
+from fusionslam.ros.runtime.reports import LISTENS_TO
 
 if TYPE_CHECKING:
     from fusionslam.ros.runtime.worker import Worker
@@ -33,6 +34,7 @@ def diagnostics(worker: "Worker", node: str, now_ns: int) -> Any:
 def list_values(worker: "Worker") -> Iterator[tuple[str, str]]:
     """Yield all counts and measurements as (label, value) pairs."""
     taken = worker.queue.taken
+    yield LISTENS_TO, " ".join(worker.topics.values())
     for topic in worker.inputs:
         yield f"received {topic}", str(taken[topic])
     yield "waiting", str(worker.queue.waiting)

@@ -14,6 +14,8 @@ _OWN_TIME = ("processor time", "latency")
 _OF_MESSAGES = ("received ", "dropped ", "refused ")
 """Values of a report that count messages, not results."""
 _IDLE = ("idle", "yes")
+LISTENS_TO = "listens to"
+"""Value of a report that holds full names of topics."""
 
 
 class NodeReports:
@@ -32,6 +34,12 @@ class NodeReports:
             else:
                 self._last[status.hardware_id] = values
                 self.forget()
+
+    def topics(self, node: str) -> set[str] | None:
+        """Full names of the topics that a node takes; None if it has not reported."""
+        if node not in self._last:
+            return None
+        return set(dict(self._last[node]).get(LISTENS_TO, "").split())
 
     def have(self, nodes: Collection[str]) -> bool:
         """Tell whether all nodes have reported."""

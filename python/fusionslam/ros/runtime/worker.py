@@ -37,6 +37,7 @@ class Worker:
 
     Attributes:
         inputs: the node's inputs by topic.
+        topics: full names of these topics, after remapping.
         queue: the waiting messages.
         problems: the node's problem log.
         watch: latencies, from the arrival of messages until what they led to is published.
@@ -51,9 +52,10 @@ class Worker:
         is_there: Callable[[str, str], bool] = lambda topic, publisher: True,
         sent: Callable[[], int] = lambda: 0,
     ) -> None:
-        self.node, self._full_name, self._now_ns = node, full_name, now_ns
+        self.node, self._now_ns = node, now_ns
         self._common = node.config.node
         self.inputs = {each.topic: each for each in node.inputs}
+        self.topics = {topic: full_name(topic) for topic in self.inputs}
         self.queue = MessageQueue(self._common.queue, self._common.only_one, is_there)
         self.problems, self.watch, self._sent = node.problems, Stopwatch(), sent
         self.is_idle = True
@@ -133,7 +135,7 @@ class Worker:
             logger.warning(
                 "nothing has arrived on %s: is it published, as %s, or must it be remapped "
                 "(%s:=/its/name)?",
-                self._full_name(entry.topic),
+                self.topics[entry.topic],
                 " or ".join(map(shown_type, entry.types)),
                 entry.topic,
                 extra={"cause": ("silent", entry.topic)},

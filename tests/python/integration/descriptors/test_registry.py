@@ -5,6 +5,7 @@
 import os
 import re
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -28,9 +29,11 @@ from fusionslam.descriptors import (
     DESCRIPTORS,
     USUAL,
     Descriptor,
+    computation,
     describe,
     length_of,
     load_descriptor,
+    own,
 )
 from fusionslam.descriptors.own import GROUP, VARIABLE
 from fusionslam.descriptors.registry import POINT_DATA
@@ -136,8 +139,10 @@ def reds(points: NDArray[np.float32], colors: NDArray[np.uint8]) -> list[float]:
 
 
 @pytest.fixture
-def own_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """A user's module of the name ``mine``, of which nobody has heard yet."""
+def own_module(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """A user's module of the name ``mine``, of which nobody has heard yet; a page has another."""
+    monkeypatch.setattr(computation, "_OWN_LENGTHS", {})
+    _forget_own()
     module = ModuleType("mine")
     vars(module).update(ranges=ranges, numbers=[1.0])
     vars(module).update(
@@ -153,7 +158,13 @@ def own_module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.setitem(sys.modules, "mine", module)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setenv(VARIABLE, "")
-    return module
+    yield module
+    _forget_own()
+
+
+def _forget_own() -> None:
+    for cached in (own._import, own._installed, computation._length_of):
+        cached.cache_clear()
 
 
 def test_a_descriptor_of_a_users_module_is_one_like_any_other(own_module: ModuleType) -> None:
