@@ -10,7 +10,7 @@ core's own tables, so their values are defined only once too.
 import difflib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, TypeVar, cast, get_args, get_origin
+from typing import Any, Literal, Protocol, TypeVar, cast, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -32,12 +32,7 @@ class Section(BaseModel):
 
     Raises:
         ConfigError: unknown key (the message names the nearest), wrong type or out of range.
-
-    Attributes:
-        former_keys: by key of an earlier version, what replaced it; for error messages.
     """
-
-    former_keys: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, validate_default=True)
 
@@ -320,18 +315,8 @@ def split_preset(name: str) -> tuple[str, str | None]:
     return first, preset if colon else None
 
 
-def explain_choice(
-    value: str, choices: Collection[str], renamed: Mapping[str, str] | None = None
-) -> str:
-    """Explain why a value is not a valid choice: its new name, or the choices and the nearest one.
-
-    Args:
-        value: not among the choices.
-        choices: valid values.
-        renamed: new names by old name.
-    """
-    if renamed and value in renamed:
-        return f"called {renamed[value]} now"
+def explain_choice(value: str, choices: Collection[str]) -> str:
+    """Explain why a value is not a valid choice: the choices, and the one nearest to it."""
     return f"expected one of {', '.join(choices)}{suggest(value, choices)}"
 
 
@@ -357,9 +342,7 @@ def _check_key(kind: type[Section], key: str, where: str = "") -> None:
     if key in known:
         return
     reason = "; there is nothing to configure"
-    if key in kind.former_keys:
-        reason = f": {kind.former_keys[key]}"
-    elif known:
+    if known:
         reason = f"; {_hint(key, known)}known: {', '.join(known)}"
     raise ConfigError(
         f"unknown configuration key {path!r}{reason}", code="unknown-key", fields=(path,)

@@ -27,6 +27,7 @@ from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.places import ABOUT
 from fusionslam.fleet.recordings import FleetRecording
 from fusionslam.fusion import fuse, load_sensors, robot_from_cloud
+from fusionslam.geometry.keyframes import is_keyframe
 from fusionslam.loop_closure.observation import fusion_of_scans, prepare_cloud
 from fusionslam.pipelines.place_maps import odometry_of
 from fusionslam.sensors.frame import Cloud, Frame
@@ -187,9 +188,7 @@ def _is_near(last: Matrix | None, pose: Matrix, fleet: FleetConfig) -> bool:
     if not (np.isfinite(last).all() and np.isfinite(pose).all()):
         return False
     step = np.linalg.inv(last) @ pose
-    cosine = np.clip((np.trace(step[:3, :3]) - 1) / 2, -1, 1)
-    is_close = np.linalg.norm(step[:3, 3]) < fleet.keyframe_distance
-    return bool(is_close and np.degrees(np.arccos(cosine)) < fleet.keyframe_turn)
+    return not is_keyframe(step, fleet.keyframe_distance, fleet.keyframe_turn)
 
 
 class _Described(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse
+from fusionslam.geometry.keyframes import is_keyframe
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
@@ -267,16 +268,11 @@ class MapWriter:
         return Refusal(code, abs(seconds), text)
 
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
-        from scipy.spatial.transform import Rotation
-
-        moved = np.linalg.inv(_odom_from_robot(last)) @ robot
-        turn = np.degrees(Rotation.from_matrix(moved[:3, :3]).magnitude())
         distance = self.settings.map.keyframe_distance
         if distance is None:
             distance = 4 * self._detector.registration_config.voxel
-        return bool(
-            np.linalg.norm(moved[:3, 3]) >= distance or turn >= self.settings.map.keyframe_turn
-        )
+        step = np.linalg.inv(_odom_from_robot(last)) @ robot
+        return is_keyframe(step, distance, self.settings.map.keyframe_turn)
 
     def _predict(self, robot: Matrix, last: StoredKeyframe) -> Matrix:
         """map_from_robot by the last keyframe and odometry since."""

@@ -25,7 +25,7 @@ from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.progress import Progress, Step, label_progress
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
+from fusionslam.views.recognisers import RECOGNISERS, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 _FIRST_STAGE: Mapping[FrameName, str] = {
@@ -317,16 +317,6 @@ METHODS: dict[str, Method] = {
 BASELINES = ("always_new", "every_2nd", "every_3rd")
 """Names of the methods that use no sensor."""
 
-RENAMED_METHODS: Mapping[str, str] = {
-    **RENAMED,
-    "first_stage": "objects:author",
-    "both_stages": "two_stages:author",
-    "templates_at_scans": "visual_templates:at_scans",
-    "robust": "objects",
-    "robust_two_stages": "two_stages",
-}
-"""Current names of methods by their former names."""
-
 
 def method_names() -> tuple[str, ...]:
     """Return the names of all methods: those of ``METHODS``, then every other recogniser."""
@@ -343,7 +333,7 @@ def find_method(name: str, key: str = "method") -> Method:
         return METHODS[name]
     recogniser, preset = split_preset(name)
     if recogniser not in RECOGNISERS or RECOGNISERS[recogniser].build is None:
-        problem = explain_choice(name, method_names(), RENAMED_METHODS)
+        problem = explain_choice(name, method_names())
         raise ConfigError(f"{key} is {name!r}, {problem}")
     if recogniser in DESCRIPTORS:
         find_descriptor(name)  # refuses presets that it has not

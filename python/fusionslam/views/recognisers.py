@@ -7,9 +7,9 @@ parameter ``source`` take these names. docs/development/recognisers.md shows how
 """
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import field_validator, model_validator
 
@@ -48,8 +48,6 @@ ALIGNMENT_THRESHOLD = 0.96
 
 class ViewMatcherConfig(Section):
     """How places are recognised, which views are stored, and when two match."""
-
-    former_keys: ClassVar = {"descriptor": "a descriptor is a method now, such as method=cm2dp"}
 
     method: str | None = option(
         None,
@@ -120,7 +118,7 @@ class ViewMatcherConfig(Section):
     @classmethod
     def _check_method(cls, name: str | None) -> str | None:
         if name is not None and name not in RECOGNISERS:
-            raise ValueError(explain_choice(name, RECOGNISERS, RENAMED))
+            raise ValueError(explain_choice(name, RECOGNISERS))
         return name
 
     @model_validator(mode="after")
@@ -179,20 +177,11 @@ RECOGNISERS: dict[str, Recogniser] = {
 PLAIN = "m2dp"
 """Recognises clouds without colours, which the default needs."""
 
-RENAMED: Mapping[str, str] = {
-    "scenes": "objects",
-    "descriptor": ", ".join(DESCRIPTORS),
-    "two-stage": "two_stages",
-    "visual": "visual_templates",
-    "templates": "visual_templates",
-}
-"""Current names by former name."""
-
 
 def find_recogniser(name: str, key: str = "views") -> Recogniser:
     """Find a recogniser by name. Raises ConfigError, which begins with ``key``, if unknown."""
     if name not in RECOGNISERS:
-        raise ConfigError(f"{key} is {name!r}, {explain_choice(name, RECOGNISERS, RENAMED)}")
+        raise ConfigError(f"{key} is {name!r}, {explain_choice(name, RECOGNISERS)}")
     return RECOGNISERS[name]
 
 

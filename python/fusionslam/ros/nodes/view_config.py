@@ -18,7 +18,7 @@ from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Scan
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.recognisers import RECOGNISERS, RENAMED, ViewMatcherConfig
+from fusionslam.views.recognisers import RECOGNISERS, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplatesConfig
 
 
@@ -38,7 +38,7 @@ class ViewsConfig(CommonConfig):
     @classmethod
     def _check_source(cls, name: str) -> str:
         if name not in RECOGNISERS:
-            raise ValueError(explain_choice(name, RECOGNISERS, RENAMED))
+            raise ValueError(explain_choice(name, RECOGNISERS))
         return name
 
 

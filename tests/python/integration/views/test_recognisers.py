@@ -3,7 +3,6 @@
 """The registry of recognisers: one name each, and one line for a new one."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,12 +12,11 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError
 from fusionslam.evaluation import RatSlamRun
-from fusionslam.pipelines.methods import METHODS, RENAMED_METHODS, find_method, method_names
-from fusionslam.ratslam.view_sources import build_view_source
+from fusionslam.pipelines.methods import METHODS, find_method, method_names
 from fusionslam.ros.nodes.view_config import ViewsConfig
 from fusionslam.views.descriptor_comparison import DescriptorComparison
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.recognisers import RECOGNISERS, RENAMED, Recogniser, ViewMatcherConfig
+from fusionslam.views.recognisers import RECOGNISERS, Recogniser, ViewMatcherConfig
 from recordings import write_drive
 from rows import rows
 from scenes import matcher, place
@@ -72,21 +70,7 @@ def test_every_method_is_a_recogniser_with_a_preset_or_a_baseline() -> None:
     assert find_method("objects:paper").title == "objects, paper"
 
 
-@rows("former, name", RENAMED_METHODS.items())
-def test_a_former_name_is_refused_with_the_name_of_today(former: str, name: str) -> None:
-    uses: list[Callable[[], object]] = []
-    if former not in RECOGNISERS:
-        uses.append(lambda: find_method(former))
-    if former in RENAMED:
-        uses.append(lambda: merged(ViewMatcherConfig(), {"method": former}))
-        uses.append(lambda: build_view_source(former))
-        uses.append(lambda: merged(ViewsConfig(), {"source": former}))
-    for use in uses:
-        with pytest.raises(ConfigError, match=name):
-            use()
-
-
-# Version 0.1 called it "m2dp, paper" and computed robust.
+# A name with a preset computes that one, not the robust one.
 @rows("name, preset", [("m2dp", "robust"), ("m2dp:paper", "paper"), ("cm2dp:author", "author")])
 def test_the_preset_of_a_descriptor_is_the_one_that_is_compared(name: str, preset: str) -> None:
     build = find_method(name).matcher
@@ -106,7 +90,7 @@ def test_unknown_presets_are_refused(name: str) -> None:
         ("alignment", ("ratslam", "DATA", "-o", "OUT", "--views", "smell")),
         ("objects:author", ("bench", "views", "-o", "OUT", "-m", "first_stage")),
         ("objects", ("config", "--set", "views.method=scenes")),
-        ("method=cm2dp", ("config", "--set", "views.descriptor=shot")),
+        ("known: method", ("config", "--set", "views.descriptor=shot")),
     ],
 )
 def test_commands_refuse_wrong_names(right: str, command: tuple[str, ...], tmp_path: Path) -> None:

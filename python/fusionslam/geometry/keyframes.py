@@ -1,0 +1,19 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""When a robot has moved so far that what it sees is worth keeping."""
+
+import numpy as np
+
+from fusionslam.storage.arrays import Matrix
+
+
+def is_keyframe(step: Matrix, distance: float, turn: float) -> bool:
+    """Tell whether a frame is a keyframe: the robot moved or turned so far since the last one.
+
+    Args:
+        step: float64 (4, 4), last_from_robot, metres.
+        distance: least motion, metres.
+        turn: least turn, degrees.
+    """
+    cosine = np.clip((np.trace(step[:3, :3]) - 1) / 2, -1, 1)
+    return bool(np.linalg.norm(step[:3, 3]) >= distance or np.degrees(np.arccos(cosine)) >= turn)
