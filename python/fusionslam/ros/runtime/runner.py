@@ -18,6 +18,7 @@ from fusionslam.ros.runtime.transport import Transport
 from fusionslam.ros.runtime.worker import Worker
 
 _POLL_S = 0.1
+_CLOSING_S = 5.0
 _REPORTS_QUEUE = 10
 
 
@@ -86,8 +87,15 @@ class NodeRunner:
 
     def run(self) -> None:
         """Process messages until the middleware shuts down, then let the node save its state."""
-        for timer in self._worker.node.timers:
-            threading.Thread(target=self._beat, args=[timer], name=timer.name, daemon=True).start()
+        has_ended = threading.Event()
+        beats = [
+            threading.Thread(
+                target=self._beat, args=[timer, has_ended], name=timer.name, daemon=True
+            )
+            for timer in self._worker.node.timers
+        ]
+        for each in beats:
+            each.start()
         try:
             while not self._transport.is_shut_down():
                 # By what this process waited: a machine that holds it up is no silence.
@@ -95,7 +103,12 @@ class NodeRunner:
                 self._silence_s = self._silence_s + _POLL_S if is_silent else 0.0
                 self._look_at_clock(time.monotonic())
         finally:
+            has_ended.set()
+            for each in beats:  # which publish, and the middleware's publishers go soon
+                each.join(_CLOSING_S)
             self._worker.cancel_calls()
+            for _ in range(self._worker.queue.waiting):  # what came before the end, and no more
+                self._worker.work(0.0)
             self._worker.run_guarded("closing", self._worker.node.close)
 
     def _look_at_clock(self, now: float) -> None:
@@ -114,7 +127,6 @@ class NodeRunner:
         transport = self._transport
         self._reports.publish(diagnostics(self._worker, transport.name, transport.now_ns()))
 
-    def _beat(self, timer: Timer) -> None:
-        while not self._transport.is_shut_down():
-            time.sleep(timer.period)
+    def _beat(self, timer: Timer, has_ended: threading.Event) -> None:
+        while not has_ended.wait(timer.period) and not self._transport.is_shut_down():
             self._worker.run_guarded(timer.name, lambda: timer.fire(self._transport.now_ns()))

@@ -2,17 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """At the end of a bag nothing is lost, however slowly the last messages come through the nodes."""
 
+import threading
 import time
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import pytest
 
 from fusionslam.ratslam import GivenView, Look, Motion, StampOrder
+from fusionslam.ros.messages.types import VIEW_DESCRIPTION
 from fusionslam.ros.runtime import runner
 from fusionslam.ros.runtime.config import CommonConfig
-from fusionslam.ros.runtime.node import Node
+from fusionslam.ros.runtime.node import Input, Node, Timer
 from fusionslam.ros.runtime.reports import NodeReports
+from fusionslam.ros.runtime.transport import Delivery
 from fusionslam.sensors.synchronizer import Synchronizer
 from rows import rows
 
@@ -159,3 +163,87 @@ def test_a_silence_is_what_a_node_waited_and_not_what_its_machine_held_it_up(
     machine: Any = HeldUp([True, *[False] * looks], monkeypatch)
     runner.NodeRunner(Quiet, machine).run()
     assert len(silences) == count
+
+
+class Beating(Quiet):
+    """Beats until it is closed."""
+
+    def __init__(self, config: CommonConfig, outlet: Any) -> None:
+        super().__init__(config, outlet)
+        self.closed, self.beats = False, list[bool]()
+        nodes.append(self)
+
+    @property
+    def timers(self) -> list[Timer]:
+        return [Timer("beat", 0.001, lambda now_ns: self.beats.append(self.closed))]
+
+    def close(self) -> None:
+        self.closed = True
+
+
+nodes: list[Any] = []
+
+
+class Ending:
+    """A middleware that shuts down once the node has beaten."""
+
+    parameters: ClassVar = {"node": {"report": 1e9, "patience": 1e9}}
+
+    def is_shut_down(self) -> bool:
+        return bool(nodes[-1].beats)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *given, **named: 0
+
+
+def test_nothing_beats_once_a_node_is_closed() -> None:
+    machine: Any = Ending()
+    runner.NodeRunner(Beating, machine).run()
+    assert nodes[-1].closed and not any(nodes[-1].beats)
+    assert "beat" not in [each.name for each in threading.enumerate()]
+
+
+class Taking(Quiet):
+    """Keeps what it takes until it is closed."""
+
+    def __init__(self, config: CommonConfig, outlet: Any) -> None:
+        super().__init__(config, outlet)
+        self.taken, self.kept = list[Any](), list[Any]()
+        nodes.append(self)
+
+    @property
+    def inputs(self) -> list[Input]:  # type: ignore[override]
+        return [Input("numbers", [VIEW_DESCRIPTION], self.taken.append)]
+
+    def close(self) -> None:
+        self.kept = [each.header.stamp.sec for each in self.taken]
+
+
+class Flooding:
+    """A middleware that shuts down with messages on their way, and goes on delivering them."""
+
+    parameters: ClassVar = {"node": {"report": 1e9, "patience": 1e9}}
+
+    def subscribe(self, entry: Input, take: Callable[[Delivery], None], *, queue: int) -> None:
+        def deliver(number: int) -> None:
+            def read(*_: object) -> Any:
+                deliver(number + 100)
+                stamp = SimpleNamespace(sec=number, nanosec=0)
+                return SimpleNamespace(header=SimpleNamespace(stamp=stamp))
+
+            take(Delivery(VIEW_DESCRIPTION, "/somebody", 1, read))
+
+        for number in (1, 2, 3):
+            deliver(number)
+
+    def is_shut_down(self) -> bool:
+        return True
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *given, **named: 0
+
+
+def test_what_waits_when_a_node_is_interrupted_is_taken_and_no_more() -> None:
+    machine: Any = Flooding()
+    runner.NodeRunner(Taking, machine).run()
+    assert nodes[-1].kept == [1, 2, 3]
