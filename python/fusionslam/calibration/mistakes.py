@@ -10,11 +10,13 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fusionslam.calibration.search import CalibrationCheckConfig, Search, Site
+from fusionslam.calibration.edges import EdgeView, depth_edges, edge_map, in_view
+from fusionslam.calibration.search import CalibrationCheckConfig, Trial, sensor_data
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import inverse
 from fusionslam.sensors.frame import Camera
@@ -67,13 +69,18 @@ def warn_of_wrong_calibration(dataset: "Dataset", source: str) -> None:
     """
     if source != "lidar":
         return
+    config = CalibrationCheckConfig()
     count = min(_FRAMES, len(dataset))
-    rows = np.unique(np.linspace(0, max(len(dataset) - 1, 0), count).astype(int)).tolist()
-    present, _ = _score(dataset, rows, lambda camera: camera)
+    seen = []
+    for row in np.unique(np.linspace(0, max(len(dataset) - 1, 0), count).astype(int)).tolist():
+        with suppress(FusionSlamError, ValueError):  # who uses the frame says what is wrong
+            points, image, camera = sensor_data(dataset, row, dataset[row])
+            seen.append(_Seen(points, edge_map(image, config.reach), camera))
+    present, _ = _score(seen, lambda camera: camera, config)
     if present >= _MEETS:
         return
     for words, remedy in _REMEDIES.items():
-        score, errors = _score(dataset, rows, remedy)
+        score, errors = _score(seen, remedy, config)
         if score >= _MEETS and errors >= _SURE and present < _BY_CHANCE * score:
             logger.warning(
                 "%s: its calibration does not fit: edges of its scans meet edges of its images no "
@@ -83,17 +90,27 @@ def warn_of_wrong_calibration(dataset: "Dataset", source: str) -> None:
             return
 
 
+class _Seen(NamedTuple):
+    points: NDArray[np.float32]
+    edges: NDArray[np.float32]
+    """Of the image: ``edge_map``."""
+    camera: Camera
+
+
 def _score(
-    dataset: "Dataset", rows: list[int], change: Callable[[Camera], Camera]
+    seen: list[_Seen], change: Callable[[Camera], Camera], config: CalibrationCheckConfig
 ) -> tuple[float, float]:
     """Score, -1 to 1, of a changed calibration, and by how many standard errors it exceeds 0."""
-    config = CalibrationCheckConfig()
-    sites = []
-    for row in rows:
-        with suppress(FusionSlamError, ValueError):  # who uses the frame says what is wrong
-            sites.append(Site(dataset, row, config, change))
-    if sum(len(site.view.points) for site in sites) < _FEWEST:
+    views = []
+    for points, edges, present in seen:
+        with suppress(FusionSlamError):  # extrinsics whose inverse is farther away than may be
+            camera = change(present)
+            inside = in_view(points, camera, edges.shape[1:])
+            found = depth_edges(inside, -camera.rectified_from_points[1, :3], config.jump)
+            views.append(EdgeView.of(*found, edges, camera, config.points))
+    if sum(len(view.points) for view in views) < _FEWEST:
         return 0.0, 0.0
-    present = Search(sites, config).present
-    chance = np.zeros(present.parts.shape[1])
-    return float(present.scores[0]), -float(present.errors(chance)[0])
+    parts = [view.scores(view.camera.rectified_from_points[None]) for view in views]
+    weight = sum(float(view.weights.sum()) for view in views)
+    trial = Trial(np.zeros(1), np.concatenate(parts, axis=1), weight)
+    return float(trial.scores[0]), -float(trial.errors(np.zeros(trial.parts.shape[1]))[0])

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores many calibrations of a recording: rotations, translations and delays of its camera."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -66,22 +66,12 @@ class CalibrationCheckConfig(Section):
 
 
 class Site:
-    """One frame, prepared for scoring with other calibrations and delays.
+    """One frame, prepared for scoring with other calibrations and delays."""
 
-    ``change`` makes the calibration that counts as the present one of the frame's.
-    """
-
-    def __init__(
-        self,
-        recording: Recording,
-        index: int,
-        config: CalibrationCheckConfig,
-        change: Callable[[Camera], Camera] = lambda camera: camera,
-    ) -> None:
+    def __init__(self, recording: Recording, index: int, config: CalibrationCheckConfig) -> None:
         self._recording, self._index, self._config = recording, index, config
         self._frame = recording[index]
-        points, image, camera = sensor_data(recording, index, self._frame)
-        self.camera = change(camera)
+        points, image, self.camera = sensor_data(recording, index, self._frame)
         points = in_view(points, self.camera, image.shape)
         self._edges = depth_edges(points, -self.camera.rectified_from_points[1, :3], config.jump)
         self.view = self._view(image)

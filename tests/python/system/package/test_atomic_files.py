@@ -158,6 +158,7 @@ def test_kills_of_a_writer_that_is_not_atomic_lose_and_leave_files(
     assert kill_writer(Writer(save, check), tmp_path, kills=3) == KillCount(3, lost=3, left=3)
 
 
+@pytest.mark.slow
 def test_a_killed_fuse_leaves_whole_clouds_and_the_next_completes_them(tmp_path: Path) -> None:
     sequence = write_sequence(tmp_path, [0, 1, 2, 3] * 5, [4000] * 20, metres=3, width=64)
     recording = Recording.at(sequence)
