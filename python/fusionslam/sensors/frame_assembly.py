@@ -12,9 +12,10 @@ from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
+from fusionslam.sensors.point_times import point_seconds
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
-from fusionslam.storage.arrays import Matrix
+from fusionslam.storage.arrays import Floats, Matrix
 
 _PAIR = ("left", "right")
 
@@ -64,6 +65,7 @@ def frame_from_pair(
         points=None if cloud is None else cloud.points,
         colors=None if cloud is None else cloud.colors,
         intensities=None if cloud is None else cloud.intensities,
+        point_seconds=None if scan is None else partial(_seconds_of_returns, scan),
         pose=pose,
         images={
             name: partial(rectify, picture, infos[name], name) if name in cameras else picture.image
@@ -73,6 +75,11 @@ def frame_from_pair(
         odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
         robot_from_points=_robot_from_points(scan, pictures, infos, frames, still),
     )
+
+
+def _seconds_of_returns(scan: Scan) -> Floats | None:
+    seconds = point_seconds(scan)
+    return None if seconds is None else seconds[np.isfinite(scan.points).all(axis=1)]
 
 
 def _select_returns(scan: Scan | None) -> Cloud | None:

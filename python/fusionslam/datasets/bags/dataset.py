@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import Matched, match, open_indexed_bag, with_poses
-from fusionslam.datasets.bags.point_times import point_seconds
 from fusionslam.datasets.bags.topics import INFO_ROLES, further_cameras, info_role
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
@@ -27,6 +26,7 @@ from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
+from fusionslam.sensors.point_times import point_seconds
 from fusionslam.sensors.transforms import TransformError
 
 logger = logging.getLogger(__name__)

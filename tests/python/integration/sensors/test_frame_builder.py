@@ -303,6 +303,21 @@ def test_a_calibration_that_means_nothing_is_an_error_of_the_data(
         use(*given, "/image")
 
 
+def test_points_keep_the_times_that_their_driver_gives() -> None:
+    def timed(message: Message) -> Message:
+        if not isinstance(message, Scan):
+            return message
+        points = np.vstack([message.points, message.points])  # one ray of two returns
+        return replace(
+            message, points=points, fields={"time": np.array([0, 0.1, 0.2, 0.3], np.float32)}
+        )
+
+    frames = run(FrameBuilder(), map(timed, drive()))
+    for frame in frames:
+        np.testing.assert_allclose(frame.point_seconds, [0, 0.2], atol=1e-6)
+    assert all(frame.point_seconds is None for frame in run(FrameBuilder(), drive()))
+
+
 def test_only_distorted_images_are_changed() -> None:
     image = np.random.default_rng(0).integers(0, 255, (48, 64), dtype=np.uint8)
     taken = Picture(stamp_ns=0, frame_id="camera", image=image)

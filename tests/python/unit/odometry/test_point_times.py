@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.datasets.bags.point_times import point_seconds
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Scan
+from fusionslam.sensors.point_times import point_seconds
 from rows import rows
 
 STAMP_NS = 1_700_000_000_250_000_000
