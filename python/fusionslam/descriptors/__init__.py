@@ -18,6 +18,7 @@ from fusionslam.descriptors.registry import Descriptor as Descriptor
 
 if TYPE_CHECKING:
     from fusionslam.descriptors.computation import describe as describe
+    from fusionslam.descriptors.computation import describe_or_zeros as describe_or_zeros
     from fusionslam.descriptors.computation import find_descriptor as find_descriptor
     from fusionslam.descriptors.computation import for_clouds as for_clouds
     from fusionslam.descriptors.computation import for_preset as for_preset
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "computation": (
-        "describe find_descriptor for_clouds for_preset for_sequence in_file_names length_of "
-        "load_descriptor missing_data needs_up with_preset without_colors"
+        "describe describe_or_zeros find_descriptor for_clouds for_preset for_sequence in_file_names "
+        "length_of load_descriptor missing_data needs_up with_preset without_colors"
     ),
     "config": "DescriptorConfig",
     "own": "find_own is_own own_files",

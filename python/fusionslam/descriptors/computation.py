@@ -49,6 +49,20 @@ def describe(
     return result
 
 
+def describe_or_zeros(
+    cloud: Cloud, name: str, config: DescriptorConfig
+) -> tuple[NDArray[np.float32], DataError | None]:
+    """Return a cloud's descriptor, or zeros, which are like nothing, and why it has none.
+
+    Raises:
+        ConfigError: unknown name or preset.
+    """
+    try:
+        return describe(cloud, name, config), None
+    except DataError as error:
+        return np.zeros(length_of(name, config), np.float32), error
+
+
 def _describe_by_own(kind: Descriptor, *per_point: NDArray[Any]) -> NDArray[np.float32]:
     """Call a user's function, which may do anything. Raises DataError."""
     assert kind.function is not None

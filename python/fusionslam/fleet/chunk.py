@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CAMERA_FROM_ROBOT_AXES
-from fusionslam.descriptors import describe, for_clouds, length_of
+from fusionslam.descriptors import describe_or_zeros, for_clouds
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.places import ABOUT
 from fusionslam.fleet.recordings import FleetRecording
 from fusionslam.fusion import fuse, load_sensors, robot_from_cloud
 from fusionslam.geometry.keyframes import is_keyframe
-from fusionslam.loop_closure.observation import fusion_of_scans, prepare_cloud
+from fusionslam.loop_closure.observation import prepare_cloud, whole_scan
 from fusionslam.pipelines.place_maps import odometry_of
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.archive import load_archive, save_archive
@@ -248,16 +248,13 @@ def _describe_cloud(
     cloud: Cloud, frame: Frame, settings: FleetSettings
 ) -> dict[str, NDArray[np.float32]]:
     """Describe a cloud by each descriptor; zeros by those that cannot, unless none can."""
-    vectors, problem = {}, None
+    vectors, problems = {}, []
     for name in settings.names:
         config = for_clouds(settings.descriptors, name, settings.fusion, frame)
-        try:
-            vectors[name] = describe(cloud, name, config)
-        except DataError as error:
-            problem = error
-            vectors[name] = np.zeros(length_of(name, config), np.float32)
-    if problem is not None and not any(vector.any() for vector in vectors.values()):
-        raise problem
+        vectors[name], problem = describe_or_zeros(cloud, name, config)
+        problems += [] if problem is None else [problem]
+    if problems and not any(vector.any() for vector in vectors.values()):
+        raise problems[-1]
     return vectors
 
 
@@ -265,9 +262,8 @@ def _keep_cloud(
     found: _Described, frame: Frame, cloud: Cloud, settings: FleetSettings
 ) -> _Described:
     """Add the cloud as registration takes it."""
-    scans = fusion_of_scans(settings.fusion, settings.registration)
-    whole = cloud if scans == settings.fusion else fuse(frame, scans)
-    kept = prepare_cloud(whole, cloud, settings.registration, fits_lengths=False, is_first=False)
+    whole = whole_scan(frame, cloud, settings.fusion, settings.registration)
+    kept = prepare_cloud(whole, cloud, settings.registration)
     image = kept.search_image if kept.has_search_image else None
     return found._replace(
         cloud=kept.to_bytes(),

@@ -19,7 +19,7 @@ from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.fusion import fuse, robot_from_cloud
 from fusionslam.geometry.se3 import adjoint
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.observation import fusion_of_scans, prepare_cloud
+from fusionslam.loop_closure.observation import prepare_cloud, whole_scan
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.sensors.frame import Cloud, Frame
@@ -250,10 +250,9 @@ class FleetLocator:
         return found, problem
 
     def _prepare(self, seen: _Seen) -> PreparedCloud:
-        registration = self._settings.registration
-        scans = fusion_of_scans(self._settings.fusion, registration)
-        whole = seen.cloud if scans == self._settings.fusion else fuse(seen.frame, scans)
-        return prepare_cloud(whole, seen.cloud, registration, fits_lengths=False, is_first=False)
+        fusion, registration = self._settings.fusion, self._settings.registration
+        whole = whole_scan(seen.frame, seen.cloud, fusion, registration)
+        return prepare_cloud(whole, seen.cloud, registration)
 
     def _prove(
         self,

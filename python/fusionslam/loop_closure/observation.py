@@ -15,12 +15,12 @@ from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
+    describe_or_zeros,
     find_descriptor,
     for_clouds,
     for_sequence,
-    length_of,
 )
-from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
+from fusionslam.errors import ConfigError, FusionSlamError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.memory import Evidence, Vectors
@@ -66,18 +66,29 @@ def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> F
     return merged(fusion, {"source": "cloud", "ground": "none"})
 
 
+def whole_scan(
+    frame: Frame | None, cloud: Cloud, fusion: FusionConfig, registration: RegistrationConfig
+) -> Cloud:
+    """Return the cloud of a frame that is registered, where ``cloud`` is the one described.
+
+    That is the same one where the camera sees all of the scan, or there is no frame.
+    """
+    of_scans = fusion_of_scans(fusion, registration)
+    return cloud if frame is None or of_scans == fusion else fuse(frame, of_scans)
+
+
 def prepare_cloud(
     whole: Cloud,
     colored: Cloud,
     registration: RegistrationConfig,
     *,
-    fits_lengths: bool,
-    is_first: bool,
+    fits_lengths: bool = False,
+    is_first: bool = False,
 ) -> PreparedCloud:
     """Prepare a cloud for registration.
 
     Args:
-        whole: the cloud (``fusion_of_scans``).
+        whole: the cloud (``whole_scan``).
         colored: the part of it that is described, which may have colours.
         registration: how clouds are registered.
         fits_lengths: whether lengths are fitted to this cloud.
@@ -163,9 +174,7 @@ class FrameObserver:
         vectors: dict[str, NDArray[np.float32]] = {kind.name: describe(cloud, self.name, config)}
         if not self.verifies:
             return Observation(vectors, stamp_ns, None, radius, len(cloud))
-        whole = cloud
-        if frame is not None and self._has_whole_scans:
-            whole = fuse(frame, fusion_of_scans(self.fusion, self.registration))
+        whole = whole_scan(frame, cloud, self.fusion, self.registration)
         for name in self.voters:
             vectors[name_voter(name)] = self._vote(whole, name, frame)
         prepared = prepare_cloud(
@@ -184,11 +193,11 @@ class FrameObserver:
 
     def _vote(self, cloud: Cloud, name: str, frame: Frame | None) -> NDArray[np.float32]:
         """Describe a cloud for a further descriptor; zeros if it cannot be."""
-        try:
-            return describe(cloud, name, for_clouds(self.describe, name, self.fusion, frame))
-        except DataError as error:
-            logger.debug("no candidates by %s: %s", name, error)
-            return np.zeros(length_of(name, self.describe), np.float32)
+        config = for_clouds(self.describe, name, self.fusion, frame)
+        vector, problem = describe_or_zeros(cloud, name, config)
+        if problem is not None:
+            logger.debug("no candidates by %s: %s", name, problem)
+        return vector
 
     def _can_vote(self, name: str) -> bool:
         kind = find_descriptor(name)

@@ -24,12 +24,12 @@ from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import (
     DescriptorConfig,
     describe,
+    describe_or_zeros,
     find_descriptor,
     for_clouds,
     for_preset,
     for_sequence,
     in_file_names,
-    length_of,
     needs_up,
     own_files,
     without_colors,
@@ -352,14 +352,12 @@ class _Work:
         problems: dict[str, DataError] = {}
         for name in self.names:
             config = self._config_of(name, frame)
-            try:
-                with watch.measure(name):
-                    vectors[name] = describe(cloud, name, config)
-            except DataError as error:
+            with watch.measure(name):
+                vectors[name], found = describe_or_zeros(cloud, name, config)
+            if found is not None:
                 if self.bad_frames == "error":
-                    raise
-                problems[name] = error
-                vectors[name] = np.zeros(length_of(name, config), np.float32)
+                    raise found
+                problems[name] = found
         if len(problems) == len(self.names):
             raise problems[self.names[0]]
         for name, problem in problems.items():

@@ -22,8 +22,8 @@ from fusionslam.config import merged
 from fusionslam.descriptors import find_descriptor
 from fusionslam.evaluation import DescriptorRun, VerifiedRun
 from fusionslam.fusion import FusionConfig, fuse, load_sensors
-from fusionslam.loop_closure import LoopConfig, fusion_of_scans
-from fusionslam.loop_closure.observation import odometry_of, prepare_cloud
+from fusionslam.loop_closure import LoopConfig
+from fusionslam.loop_closure.observation import odometry_of, prepare_cloud, whole_scan
 from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.loop_closure.verification import (
     PairComparisons,
@@ -306,10 +306,8 @@ def _pack(
     load_sensors(frame, fusion)
     loaded = time.perf_counter()
     cloud = fuse(frame, fusion)
-    of_scans = fusion_of_scans(fusion, lengths)
-    whole = cloud if of_scans == fusion else fuse(frame, of_scans)
     prepared = prepare_cloud(
-        whole,
+        whole_scan(frame, cloud, fusion, lengths),
         cloud,
         lengths,
         fits_lengths=is_first and not has_lengths(lengths),
