@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "computation": (
-        "describe describe_or_zeros find_descriptor for_clouds for_preset for_sequence in_file_names "
-        "length_of load_descriptor missing_data needs_up with_preset without_colors"
+        "describe describe_or_zeros find_descriptor for_clouds for_preset for_sequence "
+        "in_file_names length_of load_descriptor missing_data needs_up with_preset without_colors"
     ),
     "config": "DescriptorConfig",
     "own": "find_own is_own own_files",

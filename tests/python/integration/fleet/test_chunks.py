@@ -185,14 +185,15 @@ def test_zeros_are_no_place(
     own_fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan, settings = plan_of(own_fleet, tmp_path / "a", keyframe_distance=100.0)
-    original = chunks.describe
+    original = chunks.describe_or_zeros
     seen: list[int] = []
 
     def none_for_the_first(cloud: Cloud, name: str, config: DescriptorConfig) -> object:
         seen.append(len(cloud))
-        return original(cloud, name, config) * (len(seen) > 1)
+        vector, problem = original(cloud, name, config)
+        return vector * (len(seen) > 1), problem
 
-    monkeypatch.setattr(chunks, "describe", none_for_the_first)
+    monkeypatch.setattr(chunks, "describe_or_zeros", none_for_the_first)
     each = plan.recordings[0].chunks(4)[0]
     describe_chunk(each, settings, tmp_path / "a")
     places = ChunkStore(tmp_path / "a", settings).places(each.key)
