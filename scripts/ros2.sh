@@ -48,7 +48,7 @@ if is_stale "$venv/.messages" ros/msg ros/srv ros2/fusionslam_msgs ros2/tf2_msgs
   # The wheels name Python's folders as they were where the wheels were built.
   include=$($python -c 'import sysconfig; print(sysconfig.get_path("include"))')
   packages=$venv/lib/python3.11/site-packages
-  grep -rl /opt/python/cp311-cp311 "$venv/share" --include '*.cmake' | xargs -r sed -i \
+  { grep -rl /opt/python/cp311-cp311 "$venv/share" --include '*.cmake' || true; } | xargs -r sed -i \
     -e "s#/opt/python/cp311-cp311/include/python3.11#$include#g" \
     -e "s#/opt/python/cp311-cp311/lib/python3.11/site-packages#$packages#g"
   source scripts/ccache.sh

@@ -31,6 +31,12 @@ CONNECTIONS = {
     "ratslam": "/LocalView/Template",
 }
 """Of whom nodes hear that turn clouds into a map."""
+PATIENT_PAIRING = {"wait": 600.0, "history": 600.0, "sync": {"buffer": 1000}}
+"""``online`` of nodes that pair messages however far a topic is behind others.
+
+DDS sends a message that was lost again with its next heartbeat, up to 3 s later; those after it
+wait. In a bag that is played five times as fast that is more than is kept by default.
+"""
 OUTPUTS = (
     "/rgb_cloud",
     "/LocalView/Template",

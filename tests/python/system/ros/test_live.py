@@ -12,7 +12,7 @@ import yaml
 
 from fusionslam.ratslam import OnlineRatSlam
 from fusionslam.ros.ros1.files import launch_environment, package_folder
-from live_results import OUTPUTS, Offline, assert_same_results, run_offline
+from live_results import OUTPUTS, PATIENT_PAIRING, Offline, assert_same_results, run_offline
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 from rows import rows
 
@@ -36,7 +36,7 @@ def patient_parameters() -> str:
     common = {"queue": 1000, "idle": 3.0}
     names = ("data_fusion", "lv_builder", "lv_matching", "ratslam")
     nodes = {name: {"node": common, "order": {"wait": 600.0}} for name in names}
-    nodes["data_fusion"] = {"node": common, "online": {"wait": 600.0}}
+    nodes["data_fusion"] = {"node": common, "online": PATIENT_PAIRING}
     nodes["lv_builder"] = {"node": common}
     return yaml.safe_dump(nodes)
 

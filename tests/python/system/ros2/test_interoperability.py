@@ -88,7 +88,7 @@ def test_another_distribution_reads_the_clouds(played_bag: PlayedBag, tmp_path: 
     with Ros2World(tmp_path) as world:
         own, peer = Ros2Listener(world, ("/rgb_cloud",)), PeerListener(world, ("/rgb_cloud",))
         world.node("data_fusion", *played_bag.sensors, "_node.queue:=1000")
-        world.play(played_bag.path, "--rate", "5")
+        world.play(played_bag.path, "--rate", "1")
         own.settle()
         clouds = [each for each in own.contents() if each[0] == "/rgb_cloud"]
         wait_until(lambda: peer.count() >= len(clouds), "all clouds at the other distribution")

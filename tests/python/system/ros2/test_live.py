@@ -8,9 +8,11 @@ import pytest
 
 from benchmarks.ros.ros2_world import Ros2World, lacking
 from cli import succeeds
+from fusionslam.config import flatten
 from live_results import (
     CONNECTIONS,
     OUTPUTS,
+    PATIENT_PAIRING,
     Offline,
     assert_same_loops,
     assert_same_results,
@@ -25,7 +27,8 @@ BUILD = ("--no-report", "--topic", "points=/velodyne_points")
 IDLE_S = 3.0
 # A machine may be so busy that messages are many seconds of a fast bag behind others.
 PATIENT = ("_node.queue:=1000", f"_node.idle:={IDLE_S}")
-FUSION, ORDER = "_online.wait:=600.0", "_order.wait:=600.0"
+PAIRING = [f"_online.{name}:={value}" for name, value in flatten(PATIENT_PAIRING).items()]
+ORDER = "_order.wait:=600.0"
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,7 @@ def test_clouds_ids_and_map_are_those_of_the_commands(
         for name in ("ratslam", "lv_matching"):
             world.node(name, *PATIENT, ORDER)
         world.node("lv_builder", *PATIENT)
-        world.node("data_fusion", *offline.bag.sensors, *PATIENT, FUSION)
+        world.node("data_fusion", *offline.bag.sensors, *PATIENT, *PAIRING)
         world.connect(listener, **CONNECTIONS)
         world.play(offline.bag.path, "--rate", str(rate), "--until-idle")
         listener.settle(1.0)
@@ -73,7 +76,7 @@ def test_a_map_is_that_of_the_command(played_bag: PlayedBag, tmp_path: Path) -> 
     succeeds("map", "build", played_bag.path, "-o", other, "--session", "monday", *BUILD)
     with Ros2World(tmp_path) as world:
         listener = world.listen("/mapper/cloud", "/mapper/grid", "/mapper/path", "/odom")
-        parameters = ("_map.file:=site.fsmap", "_map.session:=monday", FUSION)
+        parameters = ("_map.file:=site.fsmap", "_map.session:=monday", *PAIRING)
         node = world.node("mapper", *played_bag.sensors, *parameters, *PATIENT)
         listener.wait_for("/mapper/cloud", "/mapper/grid", "/mapper/path")
         world.play(played_bag.path, "--rate", "5")
