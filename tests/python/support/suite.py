@@ -44,6 +44,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # So that what fails in them shows its values.
+    modules = {each.stem for each in Path(__file__).parent.glob("*.py")}
+    pytest.register_assert_rewrite(*(modules - {*sys.modules}))
     if config.option.basetemp:
         _allowed.append(os.path.abspath(config.option.basetemp))
     _imports.watch()
