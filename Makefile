@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-.PHONY: demo test test-ros fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize sanitize-quick lint tidy docs nightly wheel release format stub setup ros ros2 fleet clean
+.PHONY: demo test test-ros fuzz bench bench-quick bench-ros reproduce reproduce-quick sanitize sanitize-quick lint tidy docs nightly wheel release format setup ros ros2 fleet clean
 
 # Another Python: make test PYTHON=python3.13 VENV=.venv-3.13
 export PYTHON ?= python3
@@ -51,7 +51,6 @@ lint: setup
 	$(BIN)/mypy
 	PYTHONPATH=python $(BIN)/lint-imports
 	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
-	scripts/stub.sh --check
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
@@ -86,9 +85,6 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i $(SOURCES)
-
-stub: setup
-	scripts/stub.sh
 
 setup:
 	@mkdir -p build

@@ -39,7 +39,8 @@ pip=("$venv/bin/python" -m pip install --disable-pip-version-check)
 [ -t 1 ] || pip+=(--quiet)  # nobody sees how far downloads are
 if [ "$installed" != "$wanted" ] || [ pyproject.toml -nt "$stamp" ]; then
   # Build tools stay there, so that a second build compiles only what changed.
-  tools=("scikit-build-core==1.1.2" "pybind11==3.1.0" "hatch-fancy-pypi-readme==25.1.0")
+  tools=("scikit-build-core==1.1.2" "pybind11==3.1.0" "hatch-fancy-pypi-readme==25.1.0"
+    "numpy>=2.0" "pybind11-stubgen==3.0.0")
   if [ "$wanted" = demo ]; then
     extras=".[sim,report,map]"
     echo "Installing Python packages into $venv: 140 MB of downloads"
@@ -59,3 +60,6 @@ if [ ! -e "$stamp" ] || lacks_messages ||
   "${pip[@]}" --no-build-isolation "${extras:-.}"
   mv "$stamp.new" "$stamp"
 fi
+# For type checkers, which look for it beside the sources.
+stub=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/fusionslam/_core.pyi
+ln -sf "$stub" python/fusionslam/_core.pyi

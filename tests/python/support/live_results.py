@@ -31,7 +31,7 @@ CONNECTIONS = {
     "ratslam": "/LocalView/Template",
 }
 """Of whom nodes hear that turn clouds into a map."""
-PATIENT_PAIRING = {"wait": 600.0, "history": 600.0, "sync": {"buffer": 1000}}
+PATIENT_PAIRING: dict[str, Any] = {"wait": 600.0, "history": 600.0, "sync": {"buffer": 1000}}
 """``online`` of nodes that pair messages however far a topic is behind others.
 
 DDS sends a message that was lost again with its next heartbeat, up to 3 s later; those after it
