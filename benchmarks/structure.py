@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the package hangs together: import graph, and the files that one recording passes through.
+"""How the package hangs together: import graph, code, and the files that a recording runs through.
 
-python -m benchmarks.structure                # modules, lines, cycles
+python -m benchmarks.structure                # rooms, lines, functions, cycles
 python -m benchmarks.structure --walk BAG     # files that commands run through on a short recording
 
 It looks at the package that Python finds first, so PYTHONPATH compares two checkouts. A walk runs
@@ -10,11 +10,13 @@ a command in this process and follows every call: a reader has to open each file
 """
 
 import argparse
+import ast
 import contextlib
 import io
 import sys
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
@@ -37,21 +39,84 @@ COMMANDS = {
 
 
 def measure_graph() -> list[tuple[str, int]]:
-    """Figures of the import graph; type-checking imports count, the root's lazy names do not."""
+    """Figures of the import graph; type-checking imports count, the root's lazy names do not.
+
+    Rooms are the packages and modules at the root, an arrow is that one imports another, and a room
+    stands one floor above the highest of those that it imports.
+    """
     graph = grimp.build_graph("fusionslam")
-    paths = sorted(PACKAGE.rglob("*.py"))
-    root = [path for path in PACKAGE.glob("*.py") if path.name != "__init__.py"]
-    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
     packages = [name for name in graph.modules if graph.find_children(name)]
     circles = [size for name in packages for size in _circles(graph, name)]
+    rooms, arrows = _rooms(graph)
     return [
+        ("rooms", len(rooms)),
+        ("floors", _floors(rooms, arrows)),
+        ("arrows between rooms", int(arrows.sum())),
         ("modules", len(graph.modules)),
-        ("modules at the root", len(root)),
-        ("lines of Python", lines),
         ("imports between modules", graph.count_imports()),
         ("import cycles among siblings", len(circles)),
         ("modules or packages in such cycles", sum(circles)),
     ]
+
+
+def measure_code() -> list[tuple[str, str]]:
+    """Figures of the code itself, as Python's own parser reads it."""
+    texts = [path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py"))]
+    trees = [ast.parse(text) for text in texts]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    functions = [each for each in nodes if isinstance(each, ast.FunctionDef)]
+    lines = sum(len(text.splitlines()) for text in texts)
+    private = [each.name for each in functions if each.name[0] == "_" != each.name[1]]
+    used = Counter(each.id for each in nodes if isinstance(each, ast.Name))
+    used += Counter(each.attr for each in nodes if isinstance(each, ast.Attribute))
+    imports = [
+        inner
+        for each in functions
+        for inner in ast.walk(each)
+        if isinstance(inner, ast.Import | ast.ImportFrom)
+    ]
+    bases = [
+        base.id
+        for each in nodes
+        if isinstance(each, ast.ClassDef)
+        for base in each.bases
+        if isinstance(base, ast.Name)
+    ]
+    guards = sum(map(_length, (each for each in nodes if isinstance(each, ast.Raise | ast.Try))))
+    return [
+        ("lines of Python", f"{lines}"),
+        ("functions", f"{len(functions)}"),
+        ("lines of the median function", f"{np.median([*map(_length, functions)]):g}"),
+        ("private functions used once", f"{sum(used[name] == 1 for name in private)}"),
+        ("imports inside functions", f"{len({id(each) for each in imports})}"),
+        ("configuration classes", f"{sum(name in ('Section', 'CommonConfig') for name in bases)}"),
+        ("share of lines in raise and try", f"{100 * guards / lines:.1f} %"),
+    ]
+
+
+def _length(node: ast.stmt) -> int:
+    return (node.end_lineno or node.lineno) - node.lineno + 1
+
+
+def _rooms(graph: grimp.ImportGraph) -> tuple[list[str], np.ndarray[Any, np.dtype[np.bool_]]]:
+    """The rooms, and which row's room imports which column's."""
+    rooms = sorted(graph.find_children("fusionslam"))
+    arrows = np.zeros((len(rooms), len(rooms)), dtype=bool)
+    for row, importer in enumerate(rooms):
+        for column, imported in enumerate(rooms):
+            if row != column:
+                arrows[row, column] = graph.direct_import_exists(
+                    importer=importer, imported=imported, as_packages=True
+                )
+    return rooms, arrows
+
+
+def _floors(rooms: Sequence[str], arrows: np.ndarray[Any, np.dtype[np.bool_]]) -> int:
+    floors = np.ones(len(rooms), dtype=int)
+    for _ in rooms:
+        below = np.where(arrows, floors, 0).max(axis=1)
+        floors = np.maximum(floors, below + 1)
+    return int(floors.max())
 
 
 def _circles(graph: grimp.ImportGraph, package: str) -> Iterator[int]:
@@ -111,6 +176,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.walk is None:
         print(table(["import graph", "number"], measure_graph()))
+        print()
+        print(table(["code", "number"], measure_code()))
         return
     rows = []
     for title, words in COMMANDS.items():
