@@ -21,16 +21,14 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CAMERA_FROM_ROBOT_AXES
-from fusionslam.descriptors import describe_or_zeros, for_clouds
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.fleet.config import FleetConfig, FleetSettings
+from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.places import ABOUT
 from fusionslam.fleet.recordings import FleetRecording
-from fusionslam.fusion import fuse, load_sensors, robot_from_cloud
+from fusionslam.fusion import load_sensors, robot_from_cloud
 from fusionslam.geometry.keyframes import is_keyframe
-from fusionslam.loop_closure.observation import prepare_cloud, whole_scan
 from fusionslam.pipelines.place_maps import odometry_of
-from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.registration import SearchImage
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.scene_set import pack_bytes
@@ -181,16 +179,6 @@ def _describe_all(
     return done
 
 
-def _is_near(last: Matrix | None, pose: Matrix, fleet: FleetConfig) -> bool:
-    """Whether a pose is not far enough from the last place; false if either is unknown."""
-    if last is None or not fleet.keyframe_distance:
-        return False
-    if not (np.isfinite(last).all() and np.isfinite(pose).all()):
-        return False
-    step = np.linalg.inv(last) @ pose
-    return not is_keyframe(step, fleet.keyframe_distance, fleet.keyframe_turn)
-
-
 class _Described(NamedTuple):
     """What a frame became, or why it could not be described."""
 
@@ -202,8 +190,7 @@ class _Described(NamedTuple):
     points: int = 0
     mount: Matrix = _UNKNOWN
     cloud: bytes | None = None
-    image: bytes | None = None
-    ground_level: float = np.nan
+    image: SearchImage | None = None
     reason: str | None = None
 
     @property
@@ -215,8 +202,8 @@ class _Described(NamedTuple):
 def _describe(
     opened: _Opened, row: int, settings: FleetSettings, last: Matrix | None
 ) -> _Described:
-    """Describe a frame; it becomes a place unless it is near the last one."""
-    found = _Described(row)
+    """Describe a frame; it becomes a place unless it is near the last one, or blank."""
+    found, fleet = _Described(row), settings.fleet
     if opened.poses is not None:
         found = found._replace(pose=opened.poses[row])
     try:
@@ -225,51 +212,24 @@ def _describe(
             found = found._replace(odometry=opened.odometry[row])
         elif frame.odometry is not None:
             found = found._replace(odometry=frame.odometry)
+        is_far = True  # also where one of both poses is unknown
+        if last is not None and fleet.keyframe_distance and np.isfinite([last, found.where]).all():
+            step = np.linalg.inv(last) @ found.where
+            is_far = is_keyframe(step, fleet.keyframe_distance, fleet.keyframe_turn)
         load_sensors(frame, settings.fusion)
-        cloud = fuse(frame, settings.fusion)
-        vectors = _describe_cloud(cloud, frame, settings)
-        is_place = vectors[settings.names[0]].any() and not _is_near(
-            last, found.where, settings.fleet
-        )
+        seen = settings.observer(settings.names, verifies=is_far and fleet.clouds).observe(frame)
         found = found._replace(
-            vectors=vectors,
-            is_place=bool(is_place),
-            points=len(cloud),
+            vectors=seen.vectors,
+            is_place=is_far and bool(seen.vectors[settings.names[0]].any()),
+            points=seen.points,
             mount=robot_from_cloud(frame, settings.fusion),
         )
-        if is_place and settings.fleet.clouds:
-            return _keep_cloud(found, frame, cloud, settings)
-        return found
+        if seen.cloud is None or not found.is_place:
+            return found
+        image = seen.cloud.search_image if seen.cloud.has_search_image else None
+        return found._replace(cloud=seen.cloud.to_bytes(), image=image)
     except DataError as error:
         return _Described(row, reason=str(error))
-
-
-def _describe_cloud(
-    cloud: Cloud, frame: Frame, settings: FleetSettings
-) -> dict[str, NDArray[np.float32]]:
-    """Describe a cloud by each descriptor; zeros by those that cannot, unless none can."""
-    vectors, problems = {}, []
-    for name in settings.names:
-        config = for_clouds(settings.descriptors, name, settings.fusion, frame)
-        vectors[name], problem = describe_or_zeros(cloud, name, config)
-        problems += [] if problem is None else [problem]
-    if problems and not any(vector.any() for vector in vectors.values()):
-        raise problems[-1]
-    return vectors
-
-
-def _keep_cloud(
-    found: _Described, frame: Frame, cloud: Cloud, settings: FleetSettings
-) -> _Described:
-    """Add the cloud as registration takes it."""
-    whole = whole_scan(frame, cloud, settings.fusion, settings.registration)
-    kept = prepare_cloud(whole, cloud, settings.registration)
-    image = kept.search_image if kept.has_search_image else None
-    return found._replace(
-        cloud=kept.to_bytes(),
-        image=None if image is None else image.bits,
-        ground_level=np.nan if image is None else image.ground_level,
-    )
 
 
 def _arrays(
@@ -294,7 +254,9 @@ def _arrays(
         "clouds": clouds,
         "offsets": offsets,
         "images": _images(kept),
-        "ground_levels": np.array([each.ground_level for each in kept]),
+        "ground_levels": np.array(
+            [np.nan if each.image is None else each.image.ground_level for each in kept]
+        ),
         "bad": dataset.numbers[np.array([each.row for each in bad], np.int64)],
         "reasons": np.array([each.reason for each in bad], str),
     }
@@ -306,10 +268,11 @@ def _arrays(
 
 def _images(kept: list[_Described]) -> NDArray[np.uint8] | None:
     """Return the images from above of clouds, zeros for one without; None if none has one."""
-    size = max((len(each.image) for each in kept if each.image is not None), default=0)
+    bits = [b"" if each.image is None else each.image.bits for each in kept]
+    size = max(map(len, bits), default=0)
     if not size:
         return None
-    return np.array([np.frombuffer(each.image or bytes(size), np.uint8) for each in kept])
+    return np.array([np.frombuffer(each or bytes(size), np.uint8) for each in bits])
 
 
 class StoredChunk(NamedTuple):

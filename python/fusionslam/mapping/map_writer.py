@@ -116,9 +116,9 @@ class MapWriter:
             raise DataError(
                 f"frame {frame.number} has nothing that {self.settings.descriptor} describes"
             )
-        assert seen.evidence is not None
-        seen.evidence.cloud.moved = self.motion.within(seen.evidence.span)
-        seen = replace(seen, evidence=replace(seen.evidence, span=None))
+        assert seen.cloud is not None
+        seen.cloud.moved = self.motion.within(seen.span)
+        seen = replace(seen, span=None)
         cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
         step = self._add_keyframe(frame, seen, cloud, mount)
@@ -129,11 +129,11 @@ class MapWriter:
         self, frame: Frame, seen: Observation, cloud: bytes, mount: Matrix
     ) -> MapStep:
         content, number = self._content, len(self._detector)
-        assert seen.evidence is not None and seen.evidence.odometry is not None
+        assert seen.cloud is not None and seen.odometry is not None
         keyframe = StoredKeyframe(
-            number, -1, frame.number, seen.stamp_ns or 0, seen.evidence.odometry, mount
+            number, -1, frame.number, seen.stamp_ns or 0, seen.odometry, mount
         )
-        edges = self._lead_on(keyframe, seen.evidence.cloud)
+        edges = self._lead_on(keyframe, seen.cloud)
         reason, self._doubt = self._doubt, None
         if not edges:
             self._stretch = []
@@ -151,7 +151,7 @@ class MapWriter:
             if loop is not None:
                 edges.append(self._loop_edge(loop, session, content.next_edge + len(edges)))
             content.add(keyframe, edges)
-            stored = self._kept.take(number, cloud, seen.evidence.cloud.ground_level)
+            stored = self._kept.take(number, cloud, seen.cloud.ground_level)
             self._file.add_keyframe(keyframe, stored, seen.vectors)
             content.save(self._file)
         content.saved()
