@@ -12,7 +12,7 @@ import numpy as np
 
 from fusionslam.config import merged
 from fusionslam.errors import DataError
-from fusionslam.fleet.chunk_store import PlaceCloud
+from fusionslam.fleet.chunk import PlaceCloud
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.fusion import fuse, robot_from_cloud

@@ -28,8 +28,7 @@ from fleets import (
 from fusionslam import Cloud, DescriptorConfig, _core
 from fusionslam.datasets import open_dataset, write_cloud
 from fusionslam.descriptors import describe
-from fusionslam.fleet.chunk import StoredChunk, describe_chunk, is_stored
-from fusionslam.fleet.chunk_store import ChunkStore
+from fusionslam.fleet.chunk import ChunkStore, StoredChunk, describe_chunk, is_stored
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.recordings import Labels, find_recordings
 from fusionslam.fleet.work import Plan
