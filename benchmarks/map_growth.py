@@ -127,7 +127,7 @@ def measure_memory(path: Path, town: Dataset, minutes: int) -> str:
                 size = path.stat().st_size
                 rows.append((minute, len(site), len(site.loops), resident_mb(), size))
                 print(*rows[-1], flush=True)
-        vectors = sum(rows_.nbytes for _, rows_ in site.search.vectors().values()) / 1e6
+        vectors = sum(rows_.nbytes for _, rows_ in site.file.vectors().values()) / 1e6
     return memory_text(rows, vectors, seconds)
 
 

@@ -15,7 +15,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -384,7 +384,7 @@ def _plan(key: Any) -> Crafted:
 
     def write(folder: Path) -> None:
         recording = FleetRecording("monday", Recording("/recordings/monday"))
-        one = {"recording": recording.dump(), "frames": 4, "keys": [key], "content": "x"}
+        one = {"recording": asdict(recording), "frames": 4, "keys": [key], "content": "x"}
         values = {"format": PLAN_FORMAT, "root": "/recordings"}
         (folder / PLAN).write_text(json.dumps(values | {"recordings": [one], "outdated": []}))
 

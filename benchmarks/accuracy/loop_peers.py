@@ -41,7 +41,6 @@ from fusionslam.evaluation import (
     evaluate_verified,
 )
 from fusionslam.pipelines.cloud_frames import body_from_clouds
-from fusionslam.pipelines.loop_record import may_be_right
 from fusionslam.storage.arrays import Floats, Integers, Mask
 from fusionslam.storage.cache import cache_folder
 
@@ -142,7 +141,7 @@ def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
         accepted[row] = detector.add(cloud) is not None
         seconds[row] = time.process_time() - start
         best = detector.nearest
-        if best is not None and may_be_right(best):
+        if best is not None and best.may_be_right:
             match[row], probability[row] = best.match, best.probability
             estimates[row] = best.match_from_query
     return as_run(

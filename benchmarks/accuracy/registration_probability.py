@@ -257,7 +257,7 @@ def read_recording(name: str) -> Iterator[tuple[Cloud, Matrix]]:
 
 def _register(seen: Sequence[Observation], world_from_cloud: Sequence[Matrix]) -> Iterator[Floats]:
     """Yield features, metres and degrees off of each registered pose."""
-    clouds = [each.evidence.cloud for each in seen if each.evidence is not None]
+    clouds = [each.cloud for each in seen if each.cloud is not None]
     for query, matches in enumerate(_candidates(seen)):
         if query % STEP:
             continue

@@ -27,9 +27,9 @@ from benchmarks.fleet.drives import (
     queries_of,
 )
 from fusionslam.fleet import lance_extra
-from fusionslam.fleet.index_report import Kind
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
+from fusionslam.fleet.vector_index import Kind
 from fusionslam.storage.arrays import Floats, Floats32, Integers
 
 Figures = dict[str, float]

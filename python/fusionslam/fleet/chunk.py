@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The unit of work: some frames of a recording, described and stored in one file.
+"""The unit of work: some frames of a recording, described and stored in one file; its places.
 
 A chunk may be worked on more than once, as after a worker died; its file is there once, since its
 name says what is in it and it is renamed into place.
@@ -8,10 +8,11 @@ name says what is in it and it is renamed into place.
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,16 +22,15 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CAMERA_FROM_ROBOT_AXES
-from fusionslam.descriptors import describe_or_zeros, for_clouds
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.fleet.config import FleetConfig, FleetSettings
-from fusionslam.fleet.places import ABOUT
+from fusionslam.fleet.config import FleetSettings
+from fusionslam.fleet.places import ABOUT, Places
 from fusionslam.fleet.recordings import FleetRecording
-from fusionslam.fusion import fuse, load_sensors, robot_from_cloud
+from fusionslam.fusion import load_sensors, robot_from_cloud
 from fusionslam.geometry.keyframes import is_keyframe
-from fusionslam.loop_closure.observation import prepare_cloud, whole_scan
+from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.pipelines.place_maps import odometry_of
-from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.registration import PreparedCloud, SearchImage
 from fusionslam.storage.archive import load_archive, save_archive
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.scene_set import pack_bytes
@@ -126,7 +126,7 @@ def describe_chunk(chunk: Chunk, settings: FleetSettings, folder: Path) -> None:
     path = chunk.path(folder)
     if is_stored(path):
         return
-    opened = _open(json.dumps(chunk.recording.dump()), settings.fusion.source)
+    opened = _open(json.dumps(asdict(chunk.recording)), settings.fusion.source)
     if chunk.first + chunk.count > len(opened.dataset):
         raise DataError(
             f"{chunk}: there are {len(opened.dataset)} frames now: expected a recording that does "
@@ -181,16 +181,6 @@ def _describe_all(
     return done
 
 
-def _is_near(last: Matrix | None, pose: Matrix, fleet: FleetConfig) -> bool:
-    """Whether a pose is not far enough from the last place; false if either is unknown."""
-    if last is None or not fleet.keyframe_distance:
-        return False
-    if not (np.isfinite(last).all() and np.isfinite(pose).all()):
-        return False
-    step = np.linalg.inv(last) @ pose
-    return not is_keyframe(step, fleet.keyframe_distance, fleet.keyframe_turn)
-
-
 class _Described(NamedTuple):
     """What a frame became, or why it could not be described."""
 
@@ -202,8 +192,7 @@ class _Described(NamedTuple):
     points: int = 0
     mount: Matrix = _UNKNOWN
     cloud: bytes | None = None
-    image: bytes | None = None
-    ground_level: float = np.nan
+    image: SearchImage | None = None
     reason: str | None = None
 
     @property
@@ -215,8 +204,8 @@ class _Described(NamedTuple):
 def _describe(
     opened: _Opened, row: int, settings: FleetSettings, last: Matrix | None
 ) -> _Described:
-    """Describe a frame; it becomes a place unless it is near the last one."""
-    found = _Described(row)
+    """Describe a frame; it becomes a place unless it is near the last one, or blank."""
+    found, fleet = _Described(row), settings.fleet
     if opened.poses is not None:
         found = found._replace(pose=opened.poses[row])
     try:
@@ -225,51 +214,24 @@ def _describe(
             found = found._replace(odometry=opened.odometry[row])
         elif frame.odometry is not None:
             found = found._replace(odometry=frame.odometry)
+        is_far = True  # also where one of both poses is unknown
+        if last is not None and fleet.keyframe_distance and np.isfinite([last, found.where]).all():
+            step = np.linalg.inv(last) @ found.where
+            is_far = is_keyframe(step, fleet.keyframe_distance, fleet.keyframe_turn)
         load_sensors(frame, settings.fusion)
-        cloud = fuse(frame, settings.fusion)
-        vectors = _describe_cloud(cloud, frame, settings)
-        is_place = vectors[settings.names[0]].any() and not _is_near(
-            last, found.where, settings.fleet
-        )
+        seen = settings.observer(settings.names, verifies=is_far and fleet.clouds).observe(frame)
         found = found._replace(
-            vectors=vectors,
-            is_place=bool(is_place),
-            points=len(cloud),
+            vectors=seen.vectors,
+            is_place=is_far and bool(seen.vectors[settings.names[0]].any()),
+            points=seen.points,
             mount=robot_from_cloud(frame, settings.fusion),
         )
-        if is_place and settings.fleet.clouds:
-            return _keep_cloud(found, frame, cloud, settings)
-        return found
+        if seen.cloud is None or not found.is_place:
+            return found
+        image = seen.cloud.search_image if seen.cloud.has_search_image else None
+        return found._replace(cloud=seen.cloud.to_bytes(), image=image)
     except DataError as error:
         return _Described(row, reason=str(error))
-
-
-def _describe_cloud(
-    cloud: Cloud, frame: Frame, settings: FleetSettings
-) -> dict[str, NDArray[np.float32]]:
-    """Describe a cloud by each descriptor; zeros by those that cannot, unless none can."""
-    vectors, problems = {}, []
-    for name in settings.names:
-        config = for_clouds(settings.descriptors, name, settings.fusion, frame)
-        vectors[name], problem = describe_or_zeros(cloud, name, config)
-        problems += [] if problem is None else [problem]
-    if problems and not any(vector.any() for vector in vectors.values()):
-        raise problems[-1]
-    return vectors
-
-
-def _keep_cloud(
-    found: _Described, frame: Frame, cloud: Cloud, settings: FleetSettings
-) -> _Described:
-    """Add the cloud as registration takes it."""
-    whole = whole_scan(frame, cloud, settings.fusion, settings.registration)
-    kept = prepare_cloud(whole, cloud, settings.registration)
-    image = kept.search_image if kept.has_search_image else None
-    return found._replace(
-        cloud=kept.to_bytes(),
-        image=None if image is None else image.bits,
-        ground_level=np.nan if image is None else image.ground_level,
-    )
 
 
 def _arrays(
@@ -294,7 +256,9 @@ def _arrays(
         "clouds": clouds,
         "offsets": offsets,
         "images": _images(kept),
-        "ground_levels": np.array([each.ground_level for each in kept]),
+        "ground_levels": np.array(
+            [np.nan if each.image is None else each.image.ground_level for each in kept]
+        ),
         "bad": dataset.numbers[np.array([each.row for each in bad], np.int64)],
         "reasons": np.array([each.reason for each in bad], str),
     }
@@ -306,10 +270,11 @@ def _arrays(
 
 def _images(kept: list[_Described]) -> NDArray[np.uint8] | None:
     """Return the images from above of clouds, zeros for one without; None if none has one."""
-    size = max((len(each.image) for each in kept if each.image is not None), default=0)
+    bits = [b"" if each.image is None else each.image.bits for each in kept]
+    size = max(map(len, bits), default=0)
     if not size:
         return None
-    return np.array([np.frombuffer(each.image or bytes(size), np.uint8) for each in kept])
+    return np.array([np.frombuffer(each or bytes(size), np.uint8) for each in bits])
 
 
 class StoredChunk(NamedTuple):
@@ -344,6 +309,110 @@ class StoredChunk(NamedTuple):
         """Reasons by number of the frames that could not be described."""
         numbers, reasons = self.arrays["bad"].tolist(), self.arrays["reasons"].tolist()
         return dict(zip(numbers, reasons, strict=True))
+
+
+_READY = 32
+"""Chunks that are kept ready; each of 50 frames takes some 2 MB."""
+
+
+class PlaceCloud(NamedTuple):
+    """The cloud of a place.
+
+    Attributes:
+        frame: as the verification of loops takes it.
+        robot_from_cloud: float64 (4, 4).
+    """
+
+    frame: StoredFrame
+    robot_from_cloud: Matrix
+
+
+class ChunkStore:
+    """Reads the chunks of a folder.
+
+    Args:
+        folder: of ``fleet describe``.
+        settings: of the folder.
+    """
+
+    def __init__(self, folder: Path, settings: FleetSettings) -> None:
+        self._folder, self._settings = folder, settings
+        self._load = lru_cache(maxsize=_READY)(self.read)
+
+    def read(self, key: str) -> StoredChunk:
+        """Read a chunk. Raises DataError: its file is missing or damaged."""
+        return StoredChunk.load(chunk_path(self._folder, key))
+
+    def has(self, key: str) -> bool:
+        """Whether the file of a chunk is there."""
+        return chunk_path(self._folder, key).exists()
+
+    def places(self, key: str) -> Places:
+        """Return the places of a chunk: those of its frames that became places.
+
+        Args:
+            key: of the chunk.
+
+        Raises:
+            DataError: its file is missing or damaged.
+        """
+        return places_of(self.read(key), self._settings)
+
+    def cloud(self, key: str) -> PlaceCloud:
+        """Return the cloud of a place.
+
+        Args:
+            key: of the place, CHUNK:ROW.
+
+        Raises:
+            DataError: there is none (code "no-cloud"), or its chunk is missing or damaged.
+        """
+        chunk_key, _, text = key.partition(":")
+        if not is_chunk_key(chunk_key) or not text.isdecimal():
+            raise DataError(
+                f"place {key!r} is of no chunk: its cloud is not stored here",
+                code="no-cloud",
+                fields=(key,),
+            )
+        arrays, row = self._load(chunk_key).arrays, int(text)
+        if row >= len(arrays["has_cloud"]) or not arrays["has_cloud"][row]:
+            raise DataError(
+                f"place {key} has no cloud: fleet.clouds=true keeps those of places",
+                code="no-cloud",
+                fields=(key,),
+            )
+        number = int(np.count_nonzero(arrays["has_cloud"][:row]))
+        begin, end = arrays["offsets"][number : number + 2].tolist()
+        packed = arrays["clouds"][begin:end].tobytes()
+        odometry = arrays["odometry"][row]
+        image, level = None, float(arrays["ground_levels"][number])
+        if "images" in arrays and not math.isnan(level):
+            image = SearchImage(arrays["images"][number].tobytes(), level)
+        registration = self._settings.registration
+        frame = StoredFrame(
+            int(arrays["stamps_ns"][row]),
+            odometry if np.isfinite(odometry).all() else None,
+            image,
+            lambda: PreparedCloud.from_bytes(packed, registration),
+        )
+        return PlaceCloud(frame, arrays["robot_from_cloud"][row])
+
+
+def places_of(chunk: StoredChunk, settings: FleetSettings) -> Places:
+    """Return the places of a chunk."""
+    arrays, about = chunk.arrays, chunk.about
+    rows = np.flatnonzero(arrays["is_place"])
+    vectors = arrays.get(f"vectors.{settings.names[0]}", np.empty((0, 0), np.float32))
+    odometry, truth = arrays["odometry"], arrays["poses"]
+    known = np.isfinite(truth).all(axis=(1, 2), keepdims=True)
+    return Places(
+        keys=[f"{about['key']}:{row}" for row in rows.tolist()],
+        vectors=vectors[rows],
+        stamps_ns=arrays["stamps_ns"][rows],
+        frames=arrays["frames"][rows],
+        poses=np.where(known, truth, odometry)[rows],
+        **{name: str(about[name]) for name in ABOUT},
+    )
 
 
 def explain_failure(error: BaseException) -> tuple[str, str]:

@@ -4,7 +4,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import DescriptorConfig, with_preset
 from fusionslam.errors import ConfigError
 from fusionslam.fusion import FusionConfig
+from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig
 from fusionslam.storage.archive import load_json, save_json
 
@@ -58,6 +59,11 @@ class FleetSettings:
         """Make settings of the sections of a ``PipelineConfig``; presets are written out."""
         full = tuple(with_preset(name, config.descriptors) for name in names)
         return cls(full, config.fusion, config.descriptors, config.registration, fleet)
+
+    def observer(self, names: Sequence[str], *, verifies: bool) -> FrameObserver:
+        """Return what describes frames by some of the descriptors, and may prepare their clouds."""
+        sections = self.descriptors, self.fusion, self.registration
+        return FrameObserver({name: name for name in names}, *sections, verifies=verifies)
 
     @classmethod
     def load(cls, folder: Path) -> "FleetSettings":

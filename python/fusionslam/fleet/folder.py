@@ -10,8 +10,7 @@ from pathlib import Path
 
 from fusionslam.descriptors import find_descriptor, length_of
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.fleet.chunk import Chunk, chunk_path
-from fusionslam.fleet.chunk_store import ChunkStore, places_of
+from fusionslam.fleet.chunk import Chunk, ChunkStore, chunk_path, places_of
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.engines import Engine
 from fusionslam.fleet.lance_extra import has_table

@@ -3,7 +3,7 @@
 """Finds where a cloud was seen before by any robot, and proves it by registration."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple, Protocol
@@ -11,16 +11,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fusionslam.config import merged
-from fusionslam.descriptors import describe, for_clouds
 from fusionslam.errors import DataError
-from fusionslam.fleet.chunk_store import PlaceCloud
+from fusionslam.fleet.chunk import PlaceCloud
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.fusion import fuse, robot_from_cloud
-from fusionslam.geometry.se3 import adjoint
+from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.observation import prepare_cloud, whole_scan
-from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
+from fusionslam.loop_closure.observation import Observation
+from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.storage.arrays import Floats32, Matrix
@@ -70,30 +69,6 @@ class FleetLocalization:
     reason: Refusal | None = None
 
 
-class _Seen(NamedTuple):
-    """What is looked for: a frame, its cloud, and where that is on the robot, if it is known."""
-
-    frame: Frame
-    cloud: Cloud
-    mount: Matrix | None
-
-    @classmethod
-    def of(cls, frame_or_cloud: Frame | Cloud, settings: FleetSettings) -> "_Seen":
-        """Fuse a frame, or treat a scan as the places were."""
-        fusion = settings.fusion
-        if isinstance(frame_or_cloud, Frame):
-            frame = frame_or_cloud
-            return cls(frame, fuse(frame, fusion), robot_from_cloud(frame, fusion))
-        scan = frame_or_cloud
-        frame = Frame(
-            points=scan.points,
-            colors=scan.colors,
-            intensities=scan.intensities,
-            robot_from_points=np.eye(4),
-        )
-        return cls(frame, fuse(frame, merged(fusion, {"source": "cloud"})), None)
-
-
 class PlaceQuery(NamedTuple):
     """A cloud that is described, to be looked for.
 
@@ -140,7 +115,8 @@ class FleetLocator:
         Raises:
             DataError: a cloud that cannot be described, or a frame that cannot be fused.
         """
-        return self._describe(_Seen.of(frame_or_cloud, self._settings))
+        seen, _ = self._observe(frame_or_cloud, verifies=False)
+        return seen.vectors[self._settings.names[0]]
 
     def find(
         self, frame_or_cloud: Frame | Cloud, k: int = 10, where: PlaceFilter | None = None
@@ -186,8 +162,29 @@ class FleetLocator:
 
     def query_of(self, frame_or_cloud: Frame | Cloud) -> PlaceQuery:
         """Describe a cloud for ``localize_all``; argument and errors as of ``find``."""
-        seen = _Seen.of(frame_or_cloud, self._settings)
-        return PlaceQuery(self._describe(seen), partial(self._prepare, seen), seen.mount)
+        seen, mount = self._observe(frame_or_cloud, verifies=True)
+        cloud = seen.cloud
+        assert cloud is not None
+        return PlaceQuery(seen.vectors[self._settings.names[0]], lambda: cloud, mount)
+
+    def _observe(
+        self, frame_or_cloud: Frame | Cloud, *, verifies: bool
+    ) -> tuple[Observation, Matrix | None]:
+        """Observe a frame, or treat a scan as the places were; and robot_from_cloud if known."""
+        fusion = self._settings.fusion
+        observer = self._settings.observer(self._settings.names[:1], verifies=verifies)
+        if isinstance(frame_or_cloud, Frame):
+            seen = observer.observe(frame_or_cloud)
+            return seen, robot_from_cloud(frame_or_cloud, fusion)
+        scan = frame_or_cloud
+        frame = Frame(
+            points=scan.points,
+            colors=scan.colors,
+            intensities=scan.intensities,
+            robot_from_points=np.eye(4),
+        )
+        fused = fuse(frame, merged(fusion, {"source": "cloud"}))
+        return observer.observe(frame, fused=fused), None
 
     def find_all(
         self, vectors: Sequence[Floats32], k: int = 10, where: PlaceFilter | None = None
@@ -213,27 +210,10 @@ class FleetLocator:
         found = []
         candidates = self.find_all([each.vector for each in queries], k, where)
         for query, some in zip(queries, candidates, strict=True):
-            found.append(self._try_to_prove(query, some))
+            found.append(self._prove(query, some))
             if progress is not None:
                 progress(len(found), len(queries))
         return found
-
-    def _try_to_prove(
-        self, query: PlaceQuery, candidates: Sequence[Candidate]
-    ) -> FleetLocalization:
-        if not candidates:
-            text = "no place is stored that is asked for"
-            return FleetLocalization(candidates, reason=Refusal("no-candidates", 0, text))
-        clouds, problem = self._load(candidates)
-        if not clouds:
-            text = f"no candidate has a cloud that can prove anything: {problem}"
-            return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
-        return self._prove(query.prepare(), query.mount, candidates, clouds)
-
-    def _describe(self, seen: _Seen) -> Floats32:
-        name = self._settings.names[0]
-        config = for_clouds(self._settings.descriptors, name, self._settings.fusion, seen.frame)
-        return describe(seen.cloud, name, config)
 
     def _load(
         self, candidates: Sequence[Candidate]
@@ -249,22 +229,17 @@ class FleetLocator:
                     logger.warning("%s; fleet describe makes it anew", error)
         return found, problem
 
-    def _prepare(self, seen: _Seen) -> PreparedCloud:
-        fusion, registration = self._settings.fusion, self._settings.registration
-        whole = whole_scan(seen.frame, seen.cloud, fusion, registration)
-        return prepare_cloud(whole, seen.cloud, registration)
-
-    def _prove(
-        self,
-        cloud: PreparedCloud,
-        mount: Matrix | None,
-        candidates: Sequence[Candidate],
-        clouds: Mapping[int, PlaceCloud],
-    ) -> FleetLocalization:
+    def _prove(self, query: PlaceQuery, candidates: Sequence[Candidate]) -> FleetLocalization:
         """Register a cloud with its candidates; return the first pose that counts."""
+        if not candidates:
+            text = "no place is stored that is asked for"
+            return FleetLocalization(candidates, reason=Refusal("no-candidates", 0, text))
+        clouds, problem = self._load(candidates)
+        if not clouds:
+            text = f"no candidate has a cloud that can prove anything: {problem}"
+            return FleetLocalization(candidates, reason=Refusal("no-cloud", 0, text))
         distances = {rank: candidates[rank].distance for rank in clouds}
-        frames: Mapping[int, StoredFrame] = {rank: each.frame for rank, each in clouds.items()}
-        pairs = PairComparisons(cloud, frames.__getitem__)
+        pairs = PairComparisons(query.prepare(), lambda rank: clouds[rank].frame)
         best, _ = verify_candidates(-1, distances, pairs, self._loops)
         if best is None:
             text = "no candidate's cloud has anything in common with this one"
@@ -274,14 +249,14 @@ class FleetLocator:
             return FleetLocalization(candidates, probability=probability, reason=best.reason)
         place = candidates[best.match]
         there = clouds[best.match].robot_from_cloud
-        mount = there if mount is None else mount  # the scanner sits as that of the other robot
+        # A scanner of unknown place sits as that of the other robot.
+        mount = there if query.mount is None else query.mount
         pose = there @ best.match_from_query @ np.linalg.inv(mount)
-        carry = adjoint(mount)  # small motions of the cloud's frame are the robot's
         return FleetLocalization(
             candidates,
             place,
             pose,
             None if place.pose is None else place.pose @ pose,
-            None if best.covariance is None else carry @ best.covariance @ carry.T,
+            None if best.covariance is None else carry_covariance(mount, best.covariance),
             probability,
         )

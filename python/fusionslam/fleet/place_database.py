@@ -18,7 +18,6 @@ import numpy as np
 from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet import lance_extra, vector_index
-from fusionslam.fleet.index_report import IndexReport, Kind, read_report
 from fusionslam.fleet.place_rows import (
     CHECKSUM,
     SHOWN,
@@ -35,7 +34,7 @@ from fusionslam.fleet.place_rows import (
 from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
 from fusionslam.fleet.row_search import Search, exactly, nearest_rows, read_rows, scan
 from fusionslam.fleet.segment import FOLDER, Segment
-from fusionslam.fleet.vector_index import Lookup, Progress
+from fusionslam.fleet.vector_index import IndexReport, Kind, Lookup, Progress, read_report
 from fusionslam.storage.arrays import Floats, Floats32, Integers
 from fusionslam.storage.files import PathLike
 from fusionslam.storage.write_lock import WriteLock, lock_folder

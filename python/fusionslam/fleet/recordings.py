@@ -6,7 +6,7 @@ import hashlib
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, astuple, dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +43,6 @@ class FleetRecording:
     robot: str = ""
     site: str = ""
     region: str = ""
-
-    def dump(self) -> dict[str, Any]:
-        """Return everything as values for JSON."""
-        return asdict(self)
 
     @classmethod
     def load(cls, values: Mapping[str, Any]) -> "FleetRecording":

@@ -4,16 +4,16 @@
 
 import logging
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.fleet.index_report import IndexReport, Kind, read_report, write_report
 from fusionslam.fleet.place_rows import vectors_of
 from fusionslam.fleet.row_search import (
     BySegment,
@@ -31,6 +31,7 @@ from fusionslam.fleet.segment import (
     size_of,
     write_segment,
 )
+from fusionslam.storage.archive import dump_sealed, parse_sealed
 from fusionslam.storage.arrays import Floats, Floats32, Integers
 
 logger = logging.getLogger(__name__)
@@ -54,6 +55,70 @@ _ROUNDS = 25  # of k-means
 _MARGIN = 2  # times the lists that suffice for the queries that measure recall
 _CANDIDATES = (30, 100, 400)
 _CAREFUL = 0.1  # of LanceDB's lists are searched while recall is not measured
+
+
+Kind = Literal["faiss", "lance", "exact"]
+"""An IVF of FAISS or LanceDB, one byte a value, or none."""
+
+_KEY = "fusionslam.index"
+_SEGMENT = re.compile(r"[0-9a-f]{16}\.faiss")
+
+
+@dataclass(frozen=True)
+class IndexReport:
+    """How good the index of a table is, and how it is searched; by default, without an index.
+
+    Attributes:
+        rows: of the table when the index was built.
+        last_row: the greatest number of a row that it had then.
+        partitions: number of the index's lists, about; 0 without index.
+        kind: FAISS's segment beside the table, LanceDB's own index, or "exact" for a small table,
+            which has no index.
+        nprobes: partitions searched by a query.
+        candidates: rows that are compared exactly.
+        wanted: recall that was asked for.
+        recall: share of the true ten nearest that queries find.
+        first: share of queries that find the true nearest.
+        queries: number of them that recall was measured with.
+        seconds: that building and measuring took.
+        index: identity of the index that was measured: name of the segment, or LanceDB's.
+        size: of the segment's files, bytes.
+        sha256: of the segment's files, as of ``segment.digest_of``.
+    """
+
+    rows: int
+    last_row: int
+    partitions: int = 0
+    kind: Kind = "exact"
+    nprobes: int = 0
+    candidates: int = 0
+    wanted: float = 1.0
+    recall: float = 1.0
+    first: float = 1.0
+    queries: int = 0
+    seconds: float = 0.0
+    index: str = ""
+    size: int = 0
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind == "faiss" and not _SEGMENT.fullmatch(self.index):
+            raise ValueError(f"{self.index!r} is no name of a segment")
+
+
+def read_report(table: Any) -> IndexReport | None:
+    """Return the report that a table carries; None, and a line in the log, if it is damaged."""
+    text = (table.schema.field("vector").metadata or {}).get(_KEY.encode())
+    try:
+        return IndexReport(**parse_sealed(text)) if text else None
+    except (DataError, ValueError, TypeError) as error:
+        logger.warning("the report of an index cannot be read: %s", error)
+        return None
+
+
+def write_report(table: Any, report: IndexReport) -> None:
+    """Store a report in the table, which is one commit."""
+    table.update_field_metadata({"path": "vector", "metadata": {_KEY: dump_sealed(asdict(report))}})
 
 
 @dataclass(frozen=True)
@@ -126,7 +191,7 @@ def build(
         kind: whose index.
         progress: called with a line of text for each step.
     """
-    say, started = progress or _say_nothing, time.monotonic()
+    say, started = progress or (lambda text: None), time.monotonic()
     rows, last_row, folder = table.count_rows(), _last_row(table), Path(location) / FOLDER
     if rows < FEWEST_ROWS:
         if read_report(table) is not None:
@@ -134,7 +199,11 @@ def build(
             delete_segments(folder, but="")
         return IndexReport(rows, last_row)
     say("index of keys and filters")
-    _index_columns(table)
+    from lancedb.index import Bitmap, BTree, IvfSq
+
+    table.create_index("key", config=BTree())
+    for name in ("site", "robot", "session"):
+        table.create_index(name, config=Bitmap())
     say("index of vectors")
     size, digest = 0, ""
     if kind == "faiss":
@@ -144,7 +213,13 @@ def build(
         candidates: Candidates = BySegment(table, segment, last_row)
         name, partitions = segment.name, segment.lists
     else:
-        _build_by_lance(table)
+        config = IvfSq(
+            distance_type="l2",
+            target_partition_size=_PARTITION,
+            sample_rate=_TRAINING,
+            max_iterations=_ROUNDS,
+        )
+        table.create_index("vector", config=config)
         candidates, partitions = by_lance(table), _lance_lists(rows)
         name = _lance_index(table).index_uuid
     search, (found, first), queries = _measure(table, candidates, partitions, recall, say)
@@ -181,30 +256,6 @@ def renew(table: Any, location: str, progress: Progress | None) -> None:
         return
     if report.kind != "exact":
         build(table, location, report.wanted, report.kind, progress)
-
-
-def _say_nothing(text: str) -> None:
-    del text
-
-
-def _index_columns(table: Any) -> None:
-    from lancedb.index import Bitmap, BTree
-
-    table.create_index("key", config=BTree())
-    for name in ("site", "robot", "session"):
-        table.create_index(name, config=Bitmap())
-
-
-def _build_by_lance(table: Any) -> None:
-    from lancedb.index import IvfSq
-
-    config = IvfSq(
-        distance_type="l2",
-        target_partition_size=_PARTITION,
-        sample_rate=_TRAINING,
-        max_iterations=_ROUNDS,
-    )
-    table.create_index("vector", config=config)
 
 
 def _blocks(table: Any) -> Iterator[tuple[Integers, Floats32]]:

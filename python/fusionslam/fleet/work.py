@@ -7,7 +7,7 @@ import logging
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -61,10 +61,6 @@ class Failure:
     reason: str
     tries: int = 1
 
-    def dump(self) -> dict[str, Any]:
-        """Return everything as values for JSON."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class PlannedRecording:
@@ -86,15 +82,6 @@ class PlannedRecording:
     def identity(self) -> tuple[str, str | None]:
         """Where the recording is: its path, and the sequence there."""
         return self.recording.recording.path, self.recording.recording.sequence
-
-    def dump(self) -> dict[str, Any]:
-        """Return everything as values for JSON."""
-        return {
-            "recording": self.recording.dump(),
-            "frames": self.frames,
-            "keys": list(self.keys),
-            "content": self.content,
-        }
 
     @classmethod
     def load(cls, values: Mapping[str, Any]) -> "PlannedRecording":
@@ -186,7 +173,7 @@ class Plan:
     def save(self, folder: Path) -> None:
         """Write the plan. Raises DataError if it cannot be written."""
         recordings, outdated = (
-            [each.dump() for each in some] for some in (self.recordings, self.outdated)
+            [asdict(each) for each in some] for some in (self.recordings, self.outdated)
         )
         values = {"root": self.root, "recordings": recordings, "outdated": outdated}
         save_json(folder / PLAN, PLAN_FORMAT, values)
@@ -206,10 +193,14 @@ class Plan:
             old = known.get(session, new)
             path = old.recording.recording.path
             if path != new.recording.recording.path and Path(path).exists():
-                plan.failures.append(_same_name(new, old))
+                here = new.recording.recording.path
+                reason = f"{here} has the name of {path}, which is known already"
+                plan.failures.append(Failure(session, None, None, "same-name", reason))
                 continue
             if (other := names.get(new.identity, session)) != session:
-                plan.failures.append(_same_recording(new, other))
+                here = new.recording.recording.path
+                reason = f"{here} is known already as {other!r}: expected the same ROOT as then"
+                plan.failures.append(Failure(session, None, None, "same-recording", reason))
                 continue
             known[session] = new
             if old.keys != new.keys:
@@ -236,18 +227,6 @@ def _plan_recording(
         return Failure(recording.session, None, None, *explain_failure(error))
     chunks = cut_recording(recording, len(dataset), content, settings)
     return PlannedRecording(recording, len(dataset), tuple(each.key for each in chunks), content)
-
-
-def _same_name(new: PlannedRecording, old: PlannedRecording) -> Failure:
-    session, path = new.recording.session, old.recording.recording.path
-    reason = f"{new.recording.recording.path} has the name of {path}, which is known already"
-    return Failure(session, None, None, "same-name", reason)
-
-
-def _same_recording(new: PlannedRecording, other: str) -> Failure:
-    path = new.recording.recording.path
-    reason = f"{path} is known already as {other!r}: expected the same ROOT as then"
-    return Failure(new.recording.session, None, None, "same-recording", reason)
 
 
 def load_failures(folder: Path) -> list[Failure]:
@@ -279,7 +258,7 @@ def add_failure(folder: Path, failure: Failure) -> None:
 
 
 def _line(failure: Failure) -> str:
-    return json.dumps(failure.dump()) + "\n"
+    return json.dumps(vars(failure)) + "\n"
 
 
 class ChunkTaker(Protocol):
@@ -317,7 +296,9 @@ def describe_recordings(
         taker: is given each chunk whose file is there, in this process.
     """
     total, done = plan.frames, 0
-    failures, noted = [*plan.failures], _bad_frames_by_chunk(load_failures(folder))
+    failures = [*plan.failures]
+    bad = (each for each in load_failures(folder) if each.code == _BAD_FRAMES)
+    noted = {(each.session, each.first): each for each in bad}
     missing: list[Chunk] = []
     report = progress or (lambda done, total: None)
     for chunk in (chunk for each in plan.recordings for chunk in each.chunks(settings.fleet.chunk)):
@@ -373,10 +354,6 @@ def _take(taker: ChunkTaker | None, chunk: Chunk, folder: Path) -> _Taken:
     )
     bad = Failure(chunk.recording.session, chunk.first, len(skipped), _BAD_FRAMES, text)
     return _Taken(True, bad)
-
-
-def _bad_frames_by_chunk(failures: Sequence[Failure]) -> dict[tuple[str, int | None], Failure]:
-    return {(each.session, each.first): each for each in failures if each.code == _BAD_FRAMES}
 
 
 def _work_off(

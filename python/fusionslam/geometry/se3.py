@@ -59,6 +59,12 @@ def adjoint(poses: Floats) -> Floats:
     return result
 
 
+def carry_covariance(pose: Floats, covariance: Floats) -> Floats:
+    """Covariance (6, 6) of small motions in frame a, of those in frame b; ``pose`` is a_from_b."""
+    carry = adjoint(pose)
+    return np.asarray(carry @ covariance @ carry.T)
+
+
 def _left_jacobian(turns: Floats) -> Floats:
     """Matrices (n, 3, 3) by which ``exp`` makes translations of small motions (Sola 2018)."""
     angle = np.linalg.norm(turns, axis=1)[:, None, None]

@@ -9,9 +9,9 @@ import os
 import threading
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,18 +30,18 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig, default_threshold, fitted_threshold
 from fusionslam.loop_closure.loop import Loop, Rejected
-from fusionslam.loop_closure.memory import Evidence, FrameMemory, Kept, Vectors
+from fusionslam.loop_closure.memory import FrameMemory, Kept
 from fusionslam.loop_closure.observation import (
     FrameObserver,
     Observation,
+    Vectors,
     can_verify,
     name_voter,
 )
-from fusionslam.loop_closure.sequence_gate import SequenceGate
 from fusionslam.loop_closure.verification import (
     PairComparisons,
+    SequenceGate,
     StoredFrame,
-    list_rejected,
     verify_candidates,
 )
 from fusionslam.registration import (
@@ -131,7 +131,7 @@ class LoopDetector:
         self.config = merged(config or LoopConfig(), changes, "loop_closure.")
         registration = registration or RegistrationConfig()
         self._observer = FrameObserver(
-            descriptor,
+            {self.descriptor: descriptor},
             for_preset(describe or DescriptorConfig(), descriptor),
             fusion or FusionConfig(),
             registration,
@@ -278,7 +278,8 @@ class LoopDetector:
             if not len(self._memory):  # the first frame fixes lengths and the radius of all
                 seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
                 return self._store(seen)
-        pending = self._store(self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry))
+        seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
+        pending = self._store(seen)
         if len(self._motion.turned) >= _SCANS_UNTIL_WARNING:
             self._motion.warn("the recording")
         return pending
@@ -333,62 +334,52 @@ class LoopDetector:
                 self._check_length(own)
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
+            number = self._added
             if not np.any(own):
                 self._added += 1
-                return _Pending(self._added - 1)
-            if seen.evidence is not None and self._observer.fits_lengths:
-                self._fix_lengths(seen.evidence.cloud.config)
-            number, nearest = self._added, found[self.descriptor]
+                return _Pending(number)
+            if seen.cloud is not None and self._observer.fits_lengths:
+                self._fix_lengths(seen.cloud.config)
             candidates = _flatten(found)
             # Before any of them is forgotten.
             stored = {match: self._memory.frame(match) for match in candidates}
-            novelty = nearest[0][1] if nearest else np.inf
-            if seen.evidence is not None and seen.evidence.span is not None:
-                self._motion.follow(seen.stamp_ns, seen.evidence.odometry)
-                seen.evidence.cloud.moved = self._motion.within(seen.evidence.span)
-            self._memory.add(number, seen.vectors, seen.stamp_ns, novelty, seen.evidence)
-            self._added = number + 1
+            if seen.cloud is not None and seen.span is not None:
+                self._motion.follow(seen.stamp_ns, seen.odometry)
+                seen.cloud.moved = self._motion.within(seen.span)
+            nearest = found[self.descriptor]
+            self._memory.add(number, seen, nearest[0][1] if nearest else np.inf)
+            self._added += 1
             if seen.radius is not None:  # only now: a failed cloud must not fix the radius
                 described = self.describe_config.model_copy(update={"normal_radius": seen.radius})
                 self._observer = replace(self._observer, describe=described)
-            return _Pending(number, candidates, seen.evidence, stored)
+            return _Pending(number, candidates, seen, stored)
 
     def _fix_lengths(self, lengths: RegistrationConfig) -> None:
         """Take the lengths that were fitted to the first cloud for all others."""
-        fixed = self.registration_config
-        if not len(self._memory):
-            fixed = lengths
+        is_first = not len(self._memory)
+        fixed = lengths if is_first else self.registration_config
         self._observer = replace(self._observer, registration=fixed, fits_lengths=False)
-        if not len(self._memory):
+        if is_first:
             self._memory = self._new_memory()
 
     def _verify(
         self, pending: "_Pending", stretches: Mapping[int, int] | None = None
     ) -> Loop | None:
         """Prove the loop of a stored frame, or take the nearest one."""
-        if pending.evidence is None:
-            return self._take_nearest(pending)
-        pairs = PairComparisons(pending.evidence.cloud, pending.stored.__getitem__)
-        best, rejected = verify_candidates(pending.number, pending.candidates, pairs, self.config)
-        odometry, between = None, (0, 0)
-        if best is not None:
-            match = pending.stored[best.match]
-            odometry, best = match.odometry, replace(best, match_stamp_ns=match.stamp_ns)
-            if stretches is not None:
-                between = stretches[pending.number], stretches[best.match]
+        number, candidates, seen, stored = pending
+        if seen is None or seen.cloud is None:
+            best = None
+            if candidates:
+                match, distance = next(iter(candidates.items()))
+                best = Loop(number, match, distance, match_stamp_ns=stored[match].stamp_ns)
+            self.nearest, self.rejected = best, []
+            return best if best is not None and best.distance <= self.threshold else None
+        pairs = PairComparisons(seen.cloud, stored.__getitem__)
+        found = verify_candidates(number, candidates, pairs, self.config)
         with self._lock:
-            best = self._gate.judge(best, pending.evidence.odometry, odometry, between)
-            self.nearest, self.rejected = best, list_rejected(best, rejected)
-        return best if best is not None and best.reason is None else None
-
-    def _take_nearest(self, pending: "_Pending") -> Loop | None:
-        found = None
-        if pending.candidates:
-            match, distance = next(iter(pending.candidates.items()))
-            stamp_ns = pending.stored[match].stamp_ns
-            found = Loop(pending.number, match, distance, match_stamp_ns=stamp_ns)
-        self.nearest, self.rejected = found, []
-        return found if found is not None and found.distance <= self.threshold else None
+            found = self._gate.decide(found, seen.odometry, stored.__getitem__, stretches)
+            self.nearest, self.rejected = found
+        return found.best if found.best is not None and found.best.reason is None else None
 
     def candidates(self, k: int = 10) -> list[tuple[int, float]]:
         """Return the k nearest candidates of the last frame among those stored, nearest first.
@@ -551,14 +542,13 @@ class LoopDetector:
         return _unpickle, (type(self), *self._state(), self.nearest, self.rejected)
 
 
-@dataclass(frozen=True)
-class _Pending:
-    """A stored frame whose loop is not yet known."""
+class _Pending(NamedTuple):
+    """A stored frame whose loop is not yet known; what was seen of it is None if that is blank."""
 
     number: int
-    candidates: Mapping[int, float] = field(default_factory=dict)
-    evidence: Evidence | None = None
-    stored: Mapping[int, StoredFrame] = field(default_factory=dict)
+    candidates: Mapping[int, float] = {}
+    seen: Observation | None = None
+    stored: Mapping[int, StoredFrame] = {}
 
 
 _SCANS_UNTIL_WARNING = 50

@@ -3,9 +3,11 @@
 """What a loop detector keeps of frames: descriptors, and the clouds that prove loops."""
 
 import logging
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +16,9 @@ from numpy.typing import NDArray
 from fusionslam._core import DescriptorIndex
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.observation import Observation, Vectors
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.registration import PreparedCloud, RegistrationConfig, SearchImage
-from fusionslam.sensors.scan_motion import Span
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.growing_array import Rows
 from fusionslam.views.scene_set import pack_bytes, unpack_bytes
@@ -28,20 +30,6 @@ _UNPACKED = 64
 _COLUMNS = ("numbers", "stamps_ns", "novelty")
 _UNKNOWN = np.full((4, 4), np.nan)
 
-Vectors = Mapping[str, NDArray[np.float32]]
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What proves loops of a frame: its cloud, and odom_from_cloud, float64 (4, 4), if known.
-
-    ``span``: when its points were measured; None if unknown, or the cloud knows how it moved.
-    """
-
-    cloud: PreparedCloud
-    odometry: Matrix | None = None
-    span: Span | None = None
-
 
 @dataclass(frozen=True)
 class Kept:
@@ -52,8 +40,61 @@ class Kept:
     odometry: Matrix | None
 
 
+class FrameClouds:
+    """Packed clouds of frames by their numbers; those used last are kept ready.
+
+    Several threads may ask for them.
+
+    Args:
+        registration: how clouds were prepared.
+        kept: where packed clouds are kept; None is in memory.
+    """
+
+    def __init__(
+        self, registration: RegistrationConfig, kept: MutableMapping[int, Kept] | None = None
+    ) -> None:
+        self.registration = registration
+        self.kept: MutableMapping[int, Kept] = {} if kept is None else kept
+        self._ready: OrderedDict[int, PreparedCloud] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def add(self, number: int, cloud: PreparedCloud, odometry: Matrix | None) -> None:
+        """Keep the cloud of a frame, and odom_from_cloud, float64 (4, 4), if it is known."""
+        packed = cloud.to_bytes()
+        image = cloud.search_image if cloud.has_search_image else None
+        self.kept[number] = Kept(lambda: packed, image, odometry)
+        self._keep_ready(number, cloud)
+
+    def frame(self, number: int, stamp_ns: int) -> StoredFrame:
+        """Return a frame as it is verified."""
+        kept = self.kept.get(number)
+        if kept is None:
+            return StoredFrame(stamp_ns, None, None, _no_cloud)
+        return StoredFrame(stamp_ns, kept.odometry, kept.image, lambda: self._unpack(number, kept))
+
+    def forget(self, but: set[int]) -> None:
+        """Forget all frames but these."""
+        for number in self.kept.keys() - but:
+            del self.kept[number]
+            self._ready.pop(number, None)
+
+    def _unpack(self, number: int, kept: Kept) -> PreparedCloud:
+        cloud = self._ready.get(number)
+        if cloud is None:
+            cloud = PreparedCloud.from_bytes(kept.packed(), self.registration)
+        self._keep_ready(number, cloud)
+        return cloud
+
+    def _keep_ready(self, number: int, cloud: PreparedCloud) -> None:
+        with self._lock:
+            self._ready[number] = cloud
+            self._ready.move_to_end(number)
+            while len(self._ready) > _UNPACKED:
+                self._ready.popitem(last=False)
+
+
 class FrameMemory:
-    """Descriptors of frames, searched exactly, and their packed clouds.
+    """Descriptors of frames, searched exactly, and their clouds.
 
     Args:
         metrics: by descriptor; the first is the detector's own.
@@ -69,12 +110,11 @@ class FrameMemory:
         registration: RegistrationConfig,
         kept: MutableMapping[int, Kept] | None = None,
     ) -> None:
-        self._metrics, self._config, self._registration = metrics, config, registration
+        self._metrics, self._config = metrics, config
         self._indexes: dict[str, DescriptorIndex] = {}
         self._numbers, self._stamps_ns = Rows(np.int64), Rows(np.int64)
         self._novelty = Rows(np.float32)
-        self._kept: MutableMapping[int, Kept] = {} if kept is None else kept
-        self._unpacked: OrderedDict[int, PreparedCloud] = OrderedDict()
+        self.clouds = FrameClouds(registration, kept)
 
     def __len__(self) -> int:
         return len(self._numbers)
@@ -122,50 +162,24 @@ class FrameMemory:
         numbers = self._numbers.all[rows[own]].tolist()
         return [*zip(numbers, distances[own].tolist(), strict=True)][:k]
 
-    def add(
-        self,
-        number: int,
-        vectors: Vectors,
-        stamp_ns: int | None,
-        novelty: float,
-        evidence: Evidence | None,
-    ) -> None:
+    def add(self, number: int, seen: Observation, novelty: float = np.inf) -> None:
         """Keep a frame; at the limit, forget a quarter."""
-        for name, vector in vectors.items():
+        for name, vector in seen.vectors.items():
             if name not in self._indexes:
                 self._indexes[name] = self._new_index(name, len(vector))
-            self._indexes[name].add(vector, stamp_ns=stamp_ns)
+            self._indexes[name].add(vector, stamp_ns=seen.stamp_ns)
         self._numbers.append(number)
-        self._stamps_ns.append(stamp_ns or 0)
+        self._stamps_ns.append(seen.stamp_ns or 0)
         self._novelty.append(novelty)
-        if evidence is not None:
-            cloud = evidence.cloud
-            image = cloud.search_image if cloud.has_search_image else None
-            self._kept[number] = Kept(_holder(cloud.to_bytes()), image, evidence.odometry)
-            self._keep_ready(number, cloud)
+        if seen.cloud is not None:
+            self.clouds.add(number, seen.cloud, seen.odometry)
         if 0 < self._limit <= len(self):
             self._forget()
 
     def frame(self, number: int) -> StoredFrame:
         """Return a frame that is kept."""
         stamp_ns = int(self._stamps_ns.all[np.searchsorted(self._numbers.all, number)])
-        kept = self._kept.get(number)
-        if kept is None:
-            return StoredFrame(stamp_ns, None, None, _no_cloud)
-        return StoredFrame(stamp_ns, kept.odometry, kept.image, lambda: self._unpack(number, kept))
-
-    def _unpack(self, number: int, kept: Kept) -> PreparedCloud:
-        cloud = self._unpacked.get(number)
-        if cloud is None:
-            cloud = PreparedCloud.from_bytes(kept.packed(), self._registration)
-        self._keep_ready(number, cloud)
-        return cloud
-
-    def _keep_ready(self, number: int, cloud: PreparedCloud) -> None:
-        self._unpacked[number] = cloud
-        self._unpacked.move_to_end(number)
-        while len(self._unpacked) > _UNPACKED:
-            self._unpacked.popitem(last=False)
+        return self.clouds.frame(number, stamp_ns)
 
     @property
     def _limit(self) -> int:
@@ -197,9 +211,7 @@ class FrameMemory:
         rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))
         columns = [column[rows] for column in self._columns()]
         self._restore({name: self._vectors(name, rows) for name in self._indexes}, *columns)
-        for number in self._kept.keys() - set(self.numbers.tolist()):
-            del self._kept[number]
-            self._unpacked.pop(number, None)
+        self.clouds.forget(but=set(self.numbers.tolist()))
         logger.info("%d of %d stored frames are forgotten", count // 4, count)
 
     def _columns(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -246,8 +258,8 @@ class FrameMemory:
         }
         for name in self._indexes:
             arrays[_array_of(name, self._metrics)] = self._vectors(name, range(len(self)))
-        if self._kept:
-            kept = [self._kept[number] for number in self.numbers.tolist()]
+        if self.clouds.kept:
+            kept = [self.clouds.kept[number] for number in self.numbers.tolist()]
             arrays["clouds"], arrays["offsets"] = pack_bytes([each.packed() for each in kept])
             arrays["odometry"] = np.array(
                 [_UNKNOWN if each.odometry is None else each.odometry for each in kept]
@@ -278,12 +290,7 @@ class FrameMemory:
         if (np.diff(numbers, prepend=-1, append=count) <= 0).any():
             raise DataError(f"the numbers of the frames do not ascend from 0 to {count - 1}")
         self._restore(vectors, *columns)
-        self._kept = _kept_of(arrays, numbers) if "clouds" in arrays else {}
-        self._unpacked.clear()
-
-
-def _holder(packed: bytes) -> Callable[[], bytes]:
-    return lambda: packed
+        self.clouds.kept = _kept_of(arrays, numbers) if "clouds" in arrays else {}
 
 
 def _no_cloud() -> PreparedCloud:
@@ -309,4 +316,6 @@ def _kept_of(arrays: Mapping[str, NDArray[Any]], numbers: NDArray[np.int64]) -> 
             f"of {len(numbers)}"
         )
     every = zip(numbers.tolist(), clouds, images, poses, strict=True)
-    return {number: Kept(_holder(cloud), image, pose) for number, cloud, image, pose in every}
+    return {
+        number: Kept(partial(bytes, cloud), image, pose) for number, cloud, image, pose in every
+    }

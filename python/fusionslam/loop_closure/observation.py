@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a loop detector needs of a frame, computed before the frame is added."""
+"""What a loop detector, a map or a fleet needs of a frame, computed before the frame is added."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -19,38 +19,41 @@ from fusionslam.descriptors import (
     find_descriptor,
     for_clouds,
     for_sequence,
+    length_of,
 )
-from fusionslam.errors import ConfigError, FusionSlamError, ShapeError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.memory import Evidence, Vectors
-from fusionslam.registration import (
-    PreparedCloud,
-    RegistrationConfig,
-    fit_lengths,
-)
+from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.sensors.scan_motion import span_of
+from fusionslam.sensors.scan_motion import Span, span_of
 from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
+Vectors = Mapping[str, NDArray[np.float32]]
+
 
 @dataclass(frozen=True)
 class Observation:
-    """What a detector needs of a frame, computed before it is added.
+    """What is needed of a frame, computed before it is added.
 
     Attributes:
-        vectors: descriptors by name, the detector's own first.
+        vectors: descriptors by name, the detector's own first; zeros where there is none.
         stamp_ns: of the frame; None if unknown.
-        evidence: its cloud; None if loops are not verified.
+        cloud: for registration; None if loops are not verified.
+        odometry: odom_from_cloud, float64 (4, 4); None if unknown, or loops are not verified.
+        span: when the cloud's points were measured; None if unknown, or the cloud knows how it
+            moved.
         radius: for normals, if this first frame fixed it.
-        points: number of points of the cloud.
+        points: number of points of the cloud that was described.
     """
 
     vectors: Vectors
     stamp_ns: int | None
-    evidence: Evidence | None = None
+    cloud: PreparedCloud | None = None
+    odometry: Matrix | None = None
+    span: Span | None = None
     radius: float | None = None
     points: int = 0
 
@@ -66,64 +69,23 @@ def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> F
     return merged(fusion, {"source": "cloud", "ground": "none"})
 
 
-def whole_scan(
-    frame: Frame | None, cloud: Cloud, fusion: FusionConfig, registration: RegistrationConfig
-) -> Cloud:
-    """Return the cloud of a frame that is registered, where ``cloud`` is the one described.
-
-    That is the same one where the camera sees all of the scan, or there is no frame.
-    """
-    of_scans = fusion_of_scans(fusion, registration)
-    return cloud if frame is None or of_scans == fusion else fuse(frame, of_scans)
-
-
-def prepare_cloud(
-    whole: Cloud,
-    colored: Cloud,
-    registration: RegistrationConfig,
-    *,
-    fits_lengths: bool = False,
-    is_first: bool = False,
-) -> PreparedCloud:
-    """Prepare a cloud for registration.
-
-    Args:
-        whole: the cloud (``whole_scan``).
-        colored: the part of it that is described, which may have colours.
-        registration: how clouds are registered.
-        fits_lengths: whether lengths are fitted to this cloud.
-        is_first: whether to warn of a view too narrow for certain loops.
-    """
-    lengths = fit_lengths([whole], registration) if fits_lengths else registration
-    prepared = PreparedCloud(whole, lengths, colored=colored)
-    if is_first and lengths.method != "planar":
-        _warn_of_narrow_views(prepared)
-    return prepared
-
-
-def odometry_of(frame: Frame, fusion: FusionConfig) -> Matrix | None:
-    """Return odom_from_cloud of a frame, float64 (4, 4); None if its odometry is unknown."""
-    if frame.odometry is None:
-        return None
-    return frame.odometry @ robot_from_cloud(frame, fusion)
-
-
 @dataclass(frozen=True)
 class FrameObserver:
     """Describes frames, and prepares their clouds for registration.
 
     Attributes:
-        name: of the descriptor, with its preset if it was given with one.
+        names: of descriptors, with their presets if they were given with them, by the names of
+            the vectors that they make.
         describe, fusion, registration: as of ``LoopDetector``.
         verifies: whether clouds are prepared.
-        voters: further descriptors.
+        voters: further descriptors, of the whole scan where there is one.
         fits_lengths: whether the first cloud fixes lengths of registration.
 
     Raises:
-        ConfigError: clouds in a frame that the descriptor is not for.
+        ConfigError: clouds in a frame that a descriptor is not for.
     """
 
-    name: str
+    names: Mapping[str, str]
     describe: DescriptorConfig
     fusion: FusionConfig
     registration: RegistrationConfig
@@ -132,7 +94,8 @@ class FrameObserver:
     fits_lengths: bool = False
 
     def __post_init__(self) -> None:
-        for_clouds(self.describe, find_descriptor(self.name).name, self.fusion)
+        for name in self.names.values():
+            for_clouds(self.describe, find_descriptor(name).name, self.fusion)
 
     def verifying(self, voters: Iterable[str]) -> "FrameObserver":
         """Return one that prepares clouds, and describes them for those voters that can be.
@@ -147,57 +110,79 @@ class FrameObserver:
         self,
         frame_or_cloud: Frame | Cloud,
         *,
-        stamp_ns: int | None,
-        odometry: Matrix | None,
-        is_first: bool,
+        stamp_ns: int | None = None,
+        odometry: Matrix | None = None,
+        is_first: bool = False,
+        fused: Cloud | None = None,
     ) -> Observation:
         """Describe a frame; arguments and errors as of ``LoopDetector.add``.
 
         Args:
             frame_or_cloud, stamp_ns, odometry: of the frame.
-            is_first: whether it fixes the radius of normals.
+            is_first: whether it fixes the radius of normals and lengths of registration.
+            fused: the frame's cloud, if it is fused already.
         """
+        if not isinstance(frame_or_cloud, Frame | Cloud):
+            raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
         frame = frame_or_cloud if isinstance(frame_or_cloud, Frame) else None
+        cloud = frame_or_cloud if isinstance(frame_or_cloud, Cloud) else fused
         if frame is not None:
             stamp_ns = frame.stamp_ns if stamp_ns is None else stamp_ns
-            cloud = fuse(frame, self.fusion)
-        elif isinstance(frame_or_cloud, Cloud):
-            cloud = frame_or_cloud
-        else:
-            raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
-        kind = find_descriptor(self.name)
-        config = for_clouds(self.describe, kind.name, self.fusion, frame)
-        radius = None
-        if kind.fixes_radius and is_first:
-            config = for_sequence(config, cloud)
-            radius = config.normal_radius
-        vectors: dict[str, NDArray[np.float32]] = {kind.name: describe(cloud, self.name, config)}
+            cloud = fuse(frame, self.fusion) if fused is None else fused
+        assert cloud is not None
+        vectors, radius = self._describe(cloud, frame, is_first=is_first)
         if not self.verifies:
-            return Observation(vectors, stamp_ns, None, radius, len(cloud))
-        whole = whole_scan(frame, cloud, self.fusion, self.registration)
+            return Observation(vectors, stamp_ns, radius=radius, points=len(cloud))
+        whole = cloud  # that is registered
+        if frame is not None and self._has_whole_scans:
+            whole = fuse(frame, fusion_of_scans(self.fusion, self.registration))
         for name in self.voters:
-            vectors[name_voter(name)] = self._vote(whole, name, frame)
-        prepared = prepare_cloud(
-            whole, cloud, self.registration, fits_lengths=self.fits_lengths, is_first=is_first
-        )
-        if odometry is None and frame is not None:
-            odometry = odometry_of(frame, self.fusion)
+            config = for_clouds(self.describe, name, self.fusion, frame)
+            vectors[name_voter(name)], problem = describe_or_zeros(whole, name, config)
+            if problem is not None:
+                logger.debug("no candidates by %s: %s", name, problem)
+        lengths = self.registration
+        if is_first and self.fits_lengths:
+            lengths = fit_lengths([whole], lengths)
+        prepared = PreparedCloud(whole, lengths, colored=cloud)
+        if is_first and lengths.method != "planar":
+            _warn_of_narrow_views(prepared)
+        if odometry is None and frame is not None and frame.odometry is not None:
+            odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
         span = None if frame is None else span_of(frame)
-        evidence = Evidence(prepared, odometry, span)
-        return Observation(vectors, stamp_ns, evidence, radius, len(cloud))
+        return Observation(vectors, stamp_ns, prepared, odometry, span, radius, len(cloud))
+
+    def _describe(
+        self, cloud: Cloud, frame: Frame | None, *, is_first: bool
+    ) -> tuple[dict[str, NDArray[np.float32]], float | None]:
+        """Describe a cloud by each descriptor, zeros by those that cannot; and the radius fixed.
+
+        Raises:
+            DataError: none of them can.
+        """
+        vectors: dict[str, NDArray[np.float32]] = {}
+        problems: dict[str, DataError] = {}
+        radius: float | None = None
+        for key, name in self.names.items():
+            kind = find_descriptor(name)
+            config = for_clouds(self.describe, kind.name, self.fusion, frame)
+            if kind.fixes_radius and is_first:
+                config = for_sequence(config, cloud)
+                radius = config.normal_radius
+            try:
+                vectors[key] = describe(cloud, name, config)
+            except DataError as error:
+                problems[key] = error
+        if problems and not any(vector.any() for vector in vectors.values()):
+            raise [*problems.values()][-1]
+        for key in problems:
+            vectors[key] = np.zeros(length_of(self.names[key], self.describe), np.float32)
+        return vectors, radius
 
     @property
     def _has_whole_scans(self) -> bool:
         """Whether frames have a scan of which the camera sees a part."""
         return fusion_of_scans(self.fusion, self.registration) != self.fusion
-
-    def _vote(self, cloud: Cloud, name: str, frame: Frame | None) -> NDArray[np.float32]:
-        """Describe a cloud for a further descriptor; zeros if it cannot be."""
-        config = for_clouds(self.describe, name, self.fusion, frame)
-        vector, problem = describe_or_zeros(cloud, name, config)
-        if problem is not None:
-            logger.debug("no candidates by %s: %s", name, problem)
-        return vector
 
     def _can_vote(self, name: str) -> bool:
         kind = find_descriptor(name)
@@ -207,7 +192,7 @@ class FrameObserver:
                 code="choice",
                 fields=("loop_closure.voters", name),
             )
-        if name == find_descriptor(self.name).name and not self._has_whole_scans:
+        if name in self.names and not self._has_whole_scans:
             return False
         if "up" in kind.needs and not self.registration.gravity:
             return False

@@ -3,8 +3,9 @@
 """Proves loops by registration: of the candidates that descriptors propose, the one that fits."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -62,9 +63,11 @@ class PairComparisons:
         self._known: dict[Hashable, tuple[object, float]] = {}
         self.seconds = 0.0
 
-    def can_correlate(self, match: int) -> bool:
-        """Whether an earlier frame has images from above."""
-        return self._frame(match).image is not None
+    def frame(self, match: int) -> StoredFrame:
+        """Return an earlier frame."""
+        if match not in self._frames:
+            self._frames[match] = self._stored(match)
+        return self._frames[match]
 
     def correlate(self, match: int) -> float:
         """Return the largest correlation of both images from above, coarsely."""
@@ -84,21 +87,16 @@ class PairComparisons:
             key,
             lambda: register(
                 self._cloud,
-                self._frame(match).unpack(),
+                self.frame(match).unpack(),
                 guess,
                 search=guess is None,
                 thorough=thorough,
             ),
         )
 
-    def _frame(self, match: int) -> StoredFrame:
-        if match not in self._frames:
-            self._frames[match] = self._stored(match)
-        return self._frames[match]
-
     def _image(self, match: int) -> SearchImage:
-        image = self._frame(match).image
-        assert image is not None  # as can_correlate says
+        image = self.frame(match).image
+        assert image is not None  # all candidates have one, or none is correlated
         return image
 
     def _once(self, key: Hashable, compute: Callable[[], T]) -> T:
@@ -116,11 +114,6 @@ class Verified(NamedTuple):
 
     best: Loop | None
     rejected: list[Rejected]
-
-
-class _Try(NamedTuple):
-    match: int
-    guess: Matrix | None
 
 
 def verify_candidates(
@@ -145,24 +138,34 @@ def verify_candidates(
     rejected: list[Rejected] = []
     for done, (match, guess) in enumerate(tries):
         found = pairs.register(match, guess, thorough=done < config.refined)
-        loop = _judge(query, match, candidates[match], found, config)
+        loop = Loop(
+            query,
+            match,
+            candidates[match],
+            match_from_query=found.estimate,
+            covariance=found.covariance,
+            overlap=found.overlap,
+            probability=found.probability or 0.0,
+            reason=_refusal(found, config),
+            match_stamp_ns=pairs.frame(match).stamp_ns,
+        )
         if best is None or _rank(loop) > _rank(best):
             best, loop = loop, best
         if loop is not None:
             rejected.append(_rejection(loop))
         if best.reason is None:
             text = f"frame {best.match} fits"
-            rejected += [Rejected(each.match, "not-needed", 0, text) for each in tries[done + 1 :]]
+            rejected += [Rejected(match, "not-needed", 0, text) for match, _ in tries[done + 1 :]]
             break
     return Verified(best, rejected + left)
 
 
 def _choose(
     candidates: Mapping[int, float], pairs: PairComparisons, most: int
-) -> tuple[list[_Try], list[Rejected]]:
-    """Return what to register, the most promising first, and what not."""
-    if not all(pairs.can_correlate(match) for match in candidates):
-        return [_Try(match, None) for match in candidates], []
+) -> tuple[list[tuple[int, Matrix | None]], list[Rejected]]:
+    """Return what to register, each with a guess, the most promising first, and what not."""
+    if any(pairs.frame(match).image is None for match in candidates):
+        return [(match, None) for match in candidates], []
     likely = sorted(
         ((pairs.correlate(match), match) for match in candidates), key=lambda each: -each[0]
     )
@@ -181,48 +184,137 @@ def _choose(
     text = "a cloud shows nothing above the ground nearby"
     empty = [match for height, match in likely if not height > 0]
     rejected += [Rejected(match, "no-match", 0, text) for match in empty]
-    return [_Try(match, pose) for _, match, pose in found[:most]], rejected
+    return [(match, pose) for _, match, pose in found[:most]], rejected
 
 
 _SEARCHED = 2
 """Times as many poses are searched as are registered."""
 
 
-def _judge(
-    query: int, match: int, distance: float, found: Registration, config: LoopConfig
-) -> Loop:
-    reason, probability = found.reason, found.probability or 0.0
-    if found.estimate is not None:
-        apart = float(np.linalg.norm(found.estimate[:3, 3]))
-        if apart > config.max_distance:
-            text = f"poses {apart:.1f} m apart, more than {config.max_distance:g}"
-            reason = Refusal("far", apart, text)
-        elif reason is None and probability < config.min_probability:
-            text = f"probability {probability:.2f}, less than {config.min_probability:g}"
-            reason = Refusal("improbable", probability, text)
-    return Loop(
-        query,
-        match,
-        distance,
-        match_from_query=found.estimate,
-        covariance=found.covariance,
-        overlap=found.overlap,
-        probability=probability,
-        reason=reason,
-    )
+def _refusal(found: Registration, config: LoopConfig) -> Refusal | None:
+    """Why a registered pose is no loop by itself; None if it is one."""
+    if found.estimate is None:
+        return found.reason
+    apart, probability = float(np.linalg.norm(found.estimate[:3, 3])), found.probability or 0.0
+    if apart > config.max_distance:
+        return Refusal(
+            "far", apart, f"poses {apart:.1f} m apart, more than {config.max_distance:g}"
+        )
+    if found.reason is None and probability < config.min_probability:
+        text = f"probability {probability:.2f}, less than {config.min_probability:g}"
+        return Refusal("improbable", probability, text)
+    return found.reason
 
 
 def _rank(loop: Loop) -> tuple[bool, bool, float, float]:
     """What counts first, then by probability; a pose that is far or tilted is no place at all."""
-    soft = loop.reason is None or loop.reason.code in ("improbable", "low-overlap")
-    return loop.reason is None, soft, loop.probability or 0.0, loop.overlap or 0.0
-
-
-def list_rejected(best: Loop | None, others: list[Rejected]) -> list[Rejected]:
-    """Return all candidates that are no loop, the best first if it is none either."""
-    return others if best is None or best.reason is None else [_rejection(best), *others]
+    return loop.reason is None, loop.may_be_right, loop.probability or 0.0, loop.overlap or 0.0
 
 
 def _rejection(loop: Loop) -> Rejected:
     assert loop.reason is not None  # the search ends with the first that counts
     return Rejected(loop.match, loop.reason.code, loop.reason.number, loop.reason.text)
+
+
+_FRAMES = 4
+_FLOOR_M, _FLOOR_DEG = 0.3, 1.5
+"""Three standard deviations of two registered poses."""
+
+
+class _Recent(NamedTuple):
+    """A frame's best candidate, and the odometry of both of its frames."""
+
+    match_from_query: Matrix
+    query: Matrix
+    match: Matrix
+    stretches: tuple[int, int]
+
+
+class SequenceGate:
+    """Loops that are not certain by themselves count if those of neighbouring frames agree.
+
+    It remembers the best candidates of the last frames. Two agree if odometry, between both queries
+    and between both matches, joins their poses within its drift and three standard deviations of
+    theirs.
+    """
+
+    def __init__(self, config: LoopConfig) -> None:
+        self._config = config
+        self._recent: deque[_Recent | None] = deque(maxlen=_FRAMES - 1)
+
+    def decide(
+        self,
+        found: Verified,
+        odometry: Matrix | None,
+        stored: Callable[[int], StoredFrame],
+        stretches: Mapping[int, int] | None = None,
+    ) -> Verified:
+        """Return what ``verify_candidates`` found of the next frame, as its neighbours confirm it.
+
+        Args:
+            found: of the frame. All that is no loop is among the rejected then.
+            odometry: float64 (4, 4), odom_from_cloud of the frame; None if unknown.
+            stored: returns an earlier frame by its number.
+            stretches: number of the stretch of odometry by frame; None if there is one.
+        """
+        best, match, between = found.best, None, (0, 0)
+        if best is not None:
+            match = stored(best.match).odometry
+            if stretches is not None:
+                between = stretches[best.query], stretches[best.match]
+        best = self.judge(best, odometry, match, between)
+        if best is None or best.reason is None:
+            return Verified(best, found.rejected)
+        return Verified(best, [_rejection(best), *found.rejected])
+
+    def judge(
+        self,
+        best: Loop | None,
+        query: Matrix | None,
+        match: Matrix | None,
+        stretches: tuple[int, int] = (0, 0),
+    ) -> Loop | None:
+        """Return the candidate, without its reason if another recent one agrees with it.
+
+        Args:
+            best: of the frame.
+            query, match: float64 (4, 4), odom_from_cloud of both frames; None if unknown.
+            stretches: numbers of the stretches of odometry that both belong to; odometry of
+                different ones, as of two sessions, cannot be compared.
+        """
+        entry, judged = None, best
+        if (
+            best is not None
+            and best.match_from_query is not None
+            and best.covariance is not None
+            and query is not None
+            and match is not None
+            and best.may_be_right
+            and (best.probability or 0.0) >= self._config.min_supported
+        ):
+            entry = _Recent(best.match_from_query, query, match, stretches)
+            if best.reason is not None:
+                reason = None
+                if not any(self._agree(entry, each) for each in self._recent if each is not None):
+                    probability = best.probability or 0.0
+                    text = f"probability {probability:.2f}, and no recent loop agrees"
+                    reason = Refusal("alone", probability, text)
+                judged = replace(best, reason=reason)
+        self._recent.append(entry)
+        return judged
+
+    def _agree(self, one: _Recent, other: _Recent) -> bool:
+        from scipy.spatial.transform import Rotation
+
+        if one.stretches != other.stretches:
+            return False
+        queries = np.linalg.inv(other.query) @ one.query  # other_from_one
+        matches = np.linalg.inv(other.match) @ one.match
+        joined = np.linalg.inv(other.match_from_query @ queries) @ matches @ one.match_from_query
+        way = float(np.linalg.norm(queries[:3, 3]) + np.linalg.norm(matches[:3, 3]))
+        off = float(np.linalg.norm(joined[:3, 3]))
+        turned = float(np.degrees(Rotation.from_matrix(joined[:3, :3]).magnitude()))
+        config = self._config
+        return off <= _FLOOR_M + config.drift * way and turned <= _FLOOR_DEG + (
+            config.drift_angle * way
+        )

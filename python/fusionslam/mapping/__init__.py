@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of the poses that loops prove."""
 
-from fusionslam.mapping.config import MapConfig
-from fusionslam.mapping.drift import DriftModel
+from fusionslam.mapping.config import DriftModel, MapConfig
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.graph_export import export_graph
 from fusionslam.mapping.localization import Localization

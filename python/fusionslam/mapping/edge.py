@@ -1,14 +1,16 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Edges of a pose graph: what they measure, and whether they are believed."""
+"""Edges of a pose graph: what they measure, how far off they are, whether they are believed."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
+from fusionslam.geometry.se3 import carry_covariance, inverse, log
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Matrix, read_numbers
 
@@ -42,6 +44,12 @@ class Edge:
     covariance: Floats
     state: State
     reason: Refusal | None = None
+
+    @property
+    def reversed(self) -> "Edge":
+        """The same measurement, of node a in the frame of node b."""
+        covariance = carry_covariance(self.pose, self.covariance)
+        return replace(self, a=self.b, b=self.a, pose=inverse(self.pose), covariance=covariance)
 
 
 def check_kind(kind: str) -> None:
@@ -106,3 +114,39 @@ def _check_finite(name: str, values: Any, shape: tuple[int, int]) -> Floats:
             f"{name}: NaN or infinity, expected numbers", code="not-finite", fields=(name,)
         )
     return matrix
+
+
+CHI2_99 = 16.811893829770927
+"""scipy.stats.chi2.ppf(.99, 6), without its import."""
+CHI2_999 = 22.457744484825323
+
+
+def chi_squares(poses: Floats, edges: Sequence[Edge]) -> Floats:
+    """float64 (m): squared errors of edges in units of their covariances, of nodes' poses."""
+    ends = np.array([[edge.a, edge.b] for edge in edges], np.int64).reshape(-1, 2)
+    return weigh_errors(measurement_errors(poses[ends], edges), edges)
+
+
+def measurement_errors(poses: Floats, edges: Sequence[Edge]) -> Floats:
+    """Small motions from where edges have their nodes b to where these are.
+
+    Args:
+        poses: float64 (m, 2, 4, 4), of the nodes a and b of each edge.
+        edges: m of them.
+
+    Returns:
+        float64 (m, 6).
+    """
+    if not edges:
+        return np.empty((0, 6))
+    measured = np.array([edge.pose for edge in edges])
+    return log(inverse(measured) @ inverse(poses[:, 0]) @ poses[:, 1])
+
+
+def weigh_errors(errors: Floats, edges: Sequence[Edge]) -> Floats:
+    """float64 (m): squares of errors (m, 6) in units of the edges' covariances."""
+    if not edges:
+        return np.empty(0)
+    covariances = np.array([edge.covariance for edge in edges])
+    weighted = np.linalg.solve(covariances, errors[..., None])[..., 0]
+    return np.asarray(np.einsum("ni,ni->n", errors, weighted))

@@ -3,16 +3,18 @@
 """Finds a robot on a map that is known, from what it sees now and the motion since."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.observation import Observation
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
-from fusionslam.registration import PreparedCloud, Refusal, Registration, register
+from fusionslam.mapping.map_content import MapContent
+from fusionslam.registration import Refusal, register
 from fusionslam.storage.arrays import Matrix
 
 
@@ -62,41 +64,6 @@ class Localization:
         return self.map_from_robot
 
 
-class Keyframes(Protocol):
-    """What localisation asks a map for."""
-
-    def stored(self, number: int) -> StoredFrame:
-        """The cloud of a keyframe."""
-
-    def map_from_cloud(self, number: int) -> Matrix:
-        """The pose of a keyframe's cloud on the map, float64 (4, 4)."""
-
-    def part(self, number: int) -> int:
-        """The part of the map that a keyframe belongs to."""
-
-    def near(self, place: Matrix, radius: float, keyframe: int) -> Sequence[int]:
-        """Keyframes whose clouds lie this near to that of a pose, the nearest first.
-
-        Only those of the given keyframe's part of the map, in whose frame the pose is.
-        """
-
-
-class Sight(NamedTuple):
-    """What a robot sees at one moment.
-
-    Attributes:
-        cloud: prepared as the map's.
-        candidates: descriptor distances by number of the keyframe, in the order of trust.
-        odometry: odom_from_cloud, float64 (4, 4); None if unknown.
-        stamp_ns: time; None if unknown.
-    """
-
-    cloud: PreparedCloud
-    candidates: Mapping[int, float]
-    odometry: Matrix | None = None
-    stamp_ns: int | None = None
-
-
 class _Guess(NamedTuple):
     """A pose on the map by one keyframe, map_from_cloud."""
 
@@ -123,29 +90,36 @@ class Localizer:
     seconds, moved by odometry, does.
 
     Args:
-        keyframes: of the map.
+        content: of the map.
+        stored: returns a keyframe by its number.
         loops: which candidates are tried.
         config: when a pose is believed.
     """
 
     def __init__(
         self,
-        keyframes: Keyframes,
+        content: MapContent,
+        stored: Callable[[int], StoredFrame],
         loops: LoopConfig | None = None,
         config: LocalizationConfig | None = None,
     ) -> None:
-        self._keyframes = keyframes
+        self._content, self._stored = content, stored
         self._loops = loops or LoopConfig()
         self._config = config or LocalizationConfig()
         self._past: deque[_Past] = deque(maxlen=100)
         self._fix: _Past | None = None
 
-    def localize(self, sight: Sight) -> Localization:
-        """Return map_from_cloud of what the robot sees, or why it is not known."""
+    def localize(self, sight: Observation, candidates: Mapping[int, float]) -> Localization:
+        """Return map_from_cloud of what the robot sees, or why it is not known.
+
+        Args:
+            sight: what it sees, with a cloud.
+            candidates: descriptor distances by number of the keyframe, in the order of trust.
+        """
         tracked = self._track(sight)
         if tracked is not None:
             return self._accept(sight, tracked)
-        found, reason, nearest = self._search(sight)
+        found, reason, nearest = self._search(sight, candidates)
         if found is None:
             return Localization(None, keyframe=nearest, reason=reason)
         if self._is_confirmed(sight, found):
@@ -164,7 +138,7 @@ class Localizer:
         self._past.clear()
         self._fix = None
 
-    def _track(self, sight: Sight) -> _Guess | None:
+    def _track(self, sight: Observation) -> _Guess | None:
         """Return the pose near the one that odometry predicts; None if nothing confirms it."""
         if self._fix is None or sight.odometry is None or self._is_old(self._fix, sight):
             return None
@@ -179,10 +153,13 @@ class Localizer:
                 return one
         return None
 
-    def _search(self, sight: Sight) -> tuple[_Guess | None, Refusal | None, int | None]:
+    def _search(
+        self, sight: Observation, candidates: Mapping[int, float]
+    ) -> tuple[_Guess | None, Refusal | None, int | None]:
         """Return the best pose without a guess, or the reason and the best keyframe."""
-        pairs = PairComparisons(sight.cloud, self._keyframes.stored)
-        best, _ = verify_candidates(-1, sight.candidates, pairs, self._loops)
+        assert sight.cloud is not None
+        pairs = PairComparisons(sight.cloud, self._stored)
+        best, _ = verify_candidates(-1, candidates, pairs, self._loops)
         if best is None:
             return None, Refusal("no-candidates", 0, "no keyframe shows a similar place"), None
         if best.match_from_query is None or best.covariance is None:
@@ -194,62 +171,55 @@ class Localizer:
                 f"{self._config.min_probability:g} at least"
             )
             return None, best.reason or Refusal("improbable", probability, text), best.match
-        pose = self._keyframes.map_from_cloud(best.match) @ best.match_from_query
+        pose = self._content.pose(best.match) @ best.match_from_query
         return _Guess(pose, best.covariance, best.match, probability), None, best.match
 
-    def _is_confirmed(self, sight: Sight, found: _Guess) -> bool:
+    def _is_confirmed(self, sight: Observation, found: _Guess) -> bool:
         guesses = self._ask(sight, found.pose, found.keyframe, exclude=found.keyframe)
         if any(self._agree(found.pose, other.pose) for other in guesses):
             return True
         if sight.odometry is None:
             return False
-        part = self._keyframes.part(found.keyframe)
+        part = self._content.part(found.keyframe)
         recent = [
             past for past in self._past if past.part == part and not self._is_old(past, sight)
         ]
         return any(self._agree(found.pose, _move(past, sight.odometry)) for past in recent)
 
     def _ask(
-        self, sight: Sight, pose: Matrix, keyframe: int, exclude: int | None = None
+        self, sight: Observation, pose: Matrix, keyframe: int, exclude: int | None = None
     ) -> list[_Guess]:
         """Register the cloud with keyframes near a pose in a keyframe's part, starting there."""
+        assert sight.cloud is not None
         guesses = []
-        near = self._keyframes.near(pose, self._config.neighborhood, keyframe)
+        near = self._content.near(pose, self._config.neighborhood, keyframe)
         for number in [each for each in near if each != exclude][: self._config.confirmations]:
-            there = self._keyframes.map_from_cloud(number)
-            start = np.linalg.inv(there) @ pose
-            cloud = self._keyframes.stored(number).unpack()
-            found = register(sight.cloud, cloud, start, search=False)
-            guess = self._guess_of(there, number, found)
-            if guess is not None:
-                guesses.append(guess)
+            there, cloud = self._content.pose(number), self._stored(number).unpack()
+            found = register(sight.cloud, cloud, np.linalg.inv(there) @ pose, search=False)
+            moved, covariance = found.target_from_source, found.covariance
+            probability = found.probability or 0.0
+            if moved is None or covariance is None or probability < self._config.min_probability:
+                continue
+            guesses.append(_Guess(there @ moved, covariance, number, probability))
         return guesses
-
-    def _guess_of(self, there: Matrix, number: int, found: Registration) -> _Guess | None:
-        probability = found.probability or 0.0
-        if found.target_from_source is None or found.covariance is None:
-            return None
-        if probability < self._config.min_probability:
-            return None
-        return _Guess(there @ found.target_from_source, found.covariance, number, probability)
 
     def _agree(self, one: Matrix, other: Matrix) -> bool:
         return not _differ(one, other, self._config.agreement, self._config.angle_agreement)
 
-    def _is_old(self, past: _Past, sight: Sight) -> bool:
+    def _is_old(self, past: _Past, sight: Observation) -> bool:
         if past.stamp_ns is None or sight.stamp_ns is None:
             return False
         return abs(sight.stamp_ns - past.stamp_ns) > self._config.memory * 1e9
 
-    def _remember(self, sight: Sight, found: _Guess) -> int:
+    def _remember(self, sight: Observation, found: _Guess) -> int:
         """Keep a pose for the next ones; return its part of the map."""
-        part = self._keyframes.part(found.keyframe)
+        part = self._content.part(found.keyframe)
         if sight.odometry is not None:
             where = found.pose, sight.odometry, sight.stamp_ns, found.keyframe, part
             self._past.append(_Past(*where))
         return part
 
-    def _accept(self, sight: Sight, found: _Guess) -> Localization:
+    def _accept(self, sight: Observation, found: _Guess) -> Localization:
         part = self._remember(sight, found)
         if sight.odometry is not None:
             self._fix = self._past[-1]

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from fusionslam.errors import ConfigError
+from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
 from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.keyframe_search import KeyframeSearch
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.map_settings import MapSettings
@@ -26,12 +26,12 @@ MOST_APART = 2.0
 class ComparedMap(Protocol):
     """What merging asks of a ``PlaceMap``."""
 
+    content: MapContent
+    detector: LoopDetector
+    file: MapFile
+
     @property
     def settings(self) -> MapSettings: ...
-    @property
-    def content(self) -> MapContent: ...
-    @property
-    def search(self) -> KeyframeSearch: ...
 
 
 @dataclass(frozen=True)
@@ -85,28 +85,18 @@ def find_loops_between(
     site: ComparedMap, other: ComparedMap, progress: Progress | None = None
 ) -> list[Edge]:
     """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
-    vectors = other.search.vectors()
+    vectors = other.file.vectors()
     numbers = other.content.numbers.tolist()
     lengths, loops = site.settings.registration, site.settings.loops
     edges: list[Edge] = []
     for done, number in enumerate(numbers, start=1):
         row = {name: rows[done - 1] for name, (_, rows) in vectors.items()}
-        cloud = PreparedCloud.from_bytes(other.search.stored_cloud(number).evidence, lengths)
-        pairs = PairComparisons(cloud, site.search.stored)
-        best, _ = verify_candidates(number, site.search.nearest(row), pairs, loops)
+        cloud = PreparedCloud.from_bytes(other.file.cloud(number).evidence, lengths)
+        pairs = PairComparisons(cloud, site.detector.stored_frame)
+        best, _ = verify_candidates(number, site.detector.nearest_frames(row), pairs, loops)
         if best is not None and best.reason is None and best.match_from_query is not None:
-            covariance = np.asarray(best.covariance)
-            edges.append(
-                Edge(
-                    len(edges),
-                    "merge",
-                    best.match,
-                    number,
-                    best.match_from_query,
-                    covariance,
-                    "pending",
-                )
-            )
+            pose, covariance = best.match_from_query, np.asarray(best.covariance)
+            edges.append(Edge(len(edges), "merge", best.match, number, pose, covariance, "pending"))
         if progress is not None:
             progress(done, len(numbers))
     return edges
@@ -143,19 +133,17 @@ def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> M
     return Merge((), (), refused, Refusal("few-merges", len(between), text))
 
 
-def copy_sessions(
-    file: MapFile, site: ComparedMap, other: ComparedMap, between: Sequence[Edge]
-) -> None:
+def copy_sessions(site: ComparedMap, other: ComparedMap, between: Sequence[Edge]) -> None:
     """Write another map's keyframes and edges into a map's file, under new numbers."""
-    content = other.content
+    content, file = other.content, site.file
     sessions = {number: file.add_session(name) for name, number in content.sessions.items()}
     first = site.content.next_keyframe
     renamed = {number: first + row for number, row in content.row.items()}
-    vectors = other.search.vectors()
+    vectors = other.file.vectors()
     for row, keyframe in enumerate(content.keyframes):
         copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
         own = {name: rows[row] for name, (_, rows) in vectors.items()}
-        file.add_keyframe(copied, other.search.stored_cloud(keyframe.id), own)
+        file.add_keyframe(copied, other.file.cloud(keyframe.id), own)
     edges = [replace(e, a=renamed[e.a], b=renamed[e.b]) for e in content.edges.values()]
     edges += [replace(edge, b=renamed[edge.b]) for edge in between]
     for number, edge in enumerate(edges, start=site.content.next_edge):

@@ -18,8 +18,7 @@ from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.mapping.clouds import FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
-from fusionslam.mapping.edge import Edge, check_pose
-from fusionslam.mapping.edge_errors import CHI2_999
+from fusionslam.mapping.edge import CHI2_999, Edge, check_pose
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_settings import MapSettings
@@ -100,25 +99,38 @@ class MapWriter:
 
     def add(self, frame: Frame, odometry: Matrix | None = None) -> MapStep:
         """Add a frame; arguments and errors as of ``PlaceMap.add``."""
-        _check_frame(frame)
+        if not isinstance(frame, Frame):
+            raise ShapeError(f"expected a Frame, got {type(frame).__name__}")
+        if not isinstance(frame.number, int | np.integer) or not 0 <= frame.number < 2**63:
+            raise DataError(
+                f"a frame has number {frame.number!r}: expected an integer from 0 on",
+                code="frame-number",
+                fields=(repr(frame.number),),
+            )
         robot = _odometry_of(frame, odometry)
         mount = self.settings.robot_from_cloud(frame)
-        waited = self._seconds_since_last(frame.stamp_ns)
+        waited = 0.0  # seconds since the frame before; 0 if unknown
+        if frame.stamp_ns and self._last_stamp_ns:
+            waited = (frame.stamp_ns - self._last_stamp_ns) / 1e9
         self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
         self._last_odometry = robot
         self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
         self.motion.follow(frame.stamp_ns, robot @ mount)
-        back = _check_order(waited)
+        back = None
+        if waited < 0:
+            back = Refusal("stamp", -waited, f"the time stamp goes back by {-waited:.3f} s")
         if self._last is not None and self._doubt is None and not self._is_far(robot, self._last):
-            return MapStep(None, (), (), self._predict(robot, self._last), back)
+            last = self._last  # by which, and by odometry since, the robot's pose is known
+            pose = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
+            return MapStep(None, (), (), pose, back)
         seen = self._detector.observe(frame, stamp_ns=frame.stamp_ns, odometry=robot @ mount)
         if not np.any(seen.vectors[self._detector.descriptor]):
             raise DataError(
                 f"frame {frame.number} has nothing that {self.settings.descriptor} describes"
             )
-        assert seen.evidence is not None
-        seen.evidence.cloud.moved = self.motion.within(seen.evidence.span)
-        seen = replace(seen, evidence=replace(seen.evidence, span=None))
+        assert seen.cloud is not None
+        seen.cloud.moved = self.motion.within(seen.span)
+        seen = replace(seen, span=None)
         cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
         step = self._add_keyframe(frame, seen, cloud, mount)
@@ -129,11 +141,11 @@ class MapWriter:
         self, frame: Frame, seen: Observation, cloud: bytes, mount: Matrix
     ) -> MapStep:
         content, number = self._content, len(self._detector)
-        assert seen.evidence is not None and seen.evidence.odometry is not None
+        assert seen.cloud is not None and seen.odometry is not None
         keyframe = StoredKeyframe(
-            number, -1, frame.number, seen.stamp_ns or 0, seen.evidence.odometry, mount
+            number, -1, frame.number, seen.stamp_ns or 0, seen.odometry, mount
         )
-        edges = self._lead_on(keyframe, seen.evidence.cloud)
+        edges = self._lead_on(keyframe, seen.cloud)
         reason, self._doubt = self._doubt, None
         if not edges:
             self._stretch = []
@@ -144,14 +156,22 @@ class MapWriter:
             stretches=ChainMap({number: first}, content.stretches),
         )
         with self._file.transaction():
-            if not len(content):
-                self._store_config()
-            session = self._find_session()
+            if not len(content):  # the first keyframe fixes lengths of registration, and the radius
+                self.settings = replace(
+                    self.settings,
+                    describe=self._detector.describe_config,
+                    registration=self._detector.registration_config,
+                )
+                self._file.store_setting("config", self.settings.dump())
+            assert self._name is not None
+            if self._name not in content.sessions:
+                content.sessions[self._name] = self._file.add_session(self._name)
+            session = content.sessions[self._name]
             keyframe = keyframe._replace(session=session)
             if loop is not None:
                 edges.append(self._loop_edge(loop, session, content.next_edge + len(edges)))
             content.add(keyframe, edges)
-            stored = self._kept.take(number, cloud, seen.evidence.cloud.ground_level)
+            stored = self._kept.take(number, cloud, seen.cloud.ground_level)
             self._file.add_keyframe(keyframe, stored, seen.vectors)
             content.save(self._file)
         content.saved()
@@ -186,21 +206,6 @@ class MapWriter:
                 break
             recent.add(each.id)
         return recent
-
-    def _find_session(self) -> int:
-        assert self._name is not None
-        if self._name not in self._content.sessions:
-            self._content.sessions[self._name] = self._file.add_session(self._name)
-        return self._content.sessions[self._name]
-
-    def _store_config(self) -> None:
-        """The first keyframe fixes lengths of registration and the radius of normals."""
-        self.settings = replace(
-            self.settings,
-            describe=self._detector.describe_config,
-            registration=self._detector.registration_config,
-        )
-        self._file.store_setting("config", self.settings.dump())
 
     def _measure_step(
         self, before: StoredKeyframe, after: StoredKeyframe, cloud: PreparedCloud
@@ -248,12 +253,6 @@ class MapWriter:
         logger.warning("%s", text)
         return Refusal("jump", step, text)
 
-    def _seconds_since_last(self, stamp_ns: int) -> float:
-        """Seconds since the frame before; 0 if unknown."""
-        if not stamp_ns or not self._last_stamp_ns:
-            return 0.0
-        return (stamp_ns - self._last_stamp_ns) / 1e9
-
     def _check_silence(self, seconds: float) -> Refusal | None:
         limit = self.settings.map.max_silence
         if abs(seconds) <= limit:
@@ -273,17 +272,6 @@ class MapWriter:
             distance = 4 * self._detector.registration_config.voxel
         step = np.linalg.inv(_odom_from_robot(last)) @ robot
         return is_keyframe(step, distance, self.settings.map.keyframe_turn)
-
-    def _predict(self, robot: Matrix, last: StoredKeyframe) -> Matrix:
-        """map_from_robot by the last keyframe and odometry since."""
-        pose: Matrix = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
-        return pose
-
-
-def _check_order(seconds: float) -> Refusal | None:
-    if seconds >= 0:
-        return None
-    return Refusal("stamp", -seconds, f"the time stamp goes back by {-seconds:.3f} s")
 
 
 def _confirms(edges: list[Edge]) -> bool:
@@ -310,14 +298,3 @@ def _odometry_of(frame: Frame, odometry: Matrix | None) -> Matrix:
             code="no-odometry",  # without fields: it is one cause, whichever frame lacks it
         )
     return check_pose("odometry", pose)
-
-
-def _check_frame(frame: Frame) -> None:
-    if not isinstance(frame, Frame):
-        raise ShapeError(f"expected a Frame, got {type(frame).__name__}")
-    if not isinstance(frame.number, int | np.integer) or not 0 <= frame.number < 2**63:
-        raise DataError(
-            f"a frame has number {frame.number!r}: expected an integer from 0 on",
-            code="frame-number",
-            fields=(repr(frame.number),),
-        )

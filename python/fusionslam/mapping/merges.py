@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam.geometry.se3 import adjoint, inverse, log
-from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.edge_errors import CHI2_99
-from fusionslam.storage.arrays import Floats, Integers, Mask, Matrix
+from fusionslam.mapping.edge import CHI2_99, Edge
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 FEWEST_MERGES = 3
 """Edges between two sessions that must agree with each other before these are joined."""
@@ -63,22 +62,14 @@ def session_pair(edge: Edge, sessions: Integers) -> tuple[int, int]:
     return min(ends), max(ends)
 
 
-class _Witness(NamedTuple):
-    """An edge as if it led from the earlier session to the later one."""
-
-    a: int
-    b: int
-    pose: Matrix
-    covariance: Floats
-
-
 def _largest_group(
     edges: Sequence[Edge], poses: Floats, sessions: Integers, drift: Drift
 ) -> list[Edge]:
     """The largest group of edges that agree with one another, found greedily from each of them."""
     spread = np.unique(np.linspace(0, len(edges) - 1, _MOST_COMPARED).astype(int))
     some = [edges[k] for k in spread]
-    witnesses = [_witness(edge, sessions) for edge in some]
+    # As if they led from the earlier session to the later one.
+    witnesses = [e if sessions[e.a] < sessions[e.b] else e.reversed for e in some]
     agree = np.zeros((len(some), len(some)), np.bool_)
     for i, one in enumerate(witnesses):
         agree[i, :i] = agree[:i, i] = _agree(poses, one, witnesses[:i], drift)
@@ -93,15 +84,7 @@ def _largest_group(
     return [some[i] for i in best]
 
 
-def _witness(edge: Edge, sessions: Integers) -> _Witness:
-    if sessions[edge.a] < sessions[edge.b]:
-        return _Witness(edge.a, edge.b, edge.pose, edge.covariance)
-    carry = adjoint(edge.pose)
-    turned = carry @ edge.covariance @ carry.T
-    return _Witness(edge.b, edge.a, inverse(edge.pose), turned)
-
-
-def _agree(poses: Floats, one: _Witness, others: Sequence[_Witness], drift: Drift) -> Mask:
+def _agree(poses: Floats, one: Edge, others: Sequence[Edge], drift: Drift) -> Mask:
     """Bool (m): whether the way around an edge and each other one closes.
 
     That is pairwise consistency (Mangelson et al. 2018). Edges with a common node are no two
@@ -114,13 +97,9 @@ def _agree(poses: Floats, one: _Witness, others: Sequence[_Witness], drift: Drif
     back = inverse(poses[b]) @ poses[one.b]
     error = log(inverse(one.pose) @ inverse(poses[one.a]) @ poses[a] @ pose @ back)
     spread = one.covariance + np.array([drift(other, one.b) for other in b.tolist()])
-    for carry, added in (
-        (adjoint(inverse(back)), covariance),
-        (
-            adjoint(inverse(pose @ back)),
-            np.array([drift(one.a, other) for other in a.tolist()]),
-        ),
-    ):
+    along = np.array([drift(one.a, other) for other in a.tolist()])
+    for moved, added in ((back, covariance), (pose @ back, along)):
+        carry = adjoint(inverse(moved))
         spread += carry @ added @ carry.transpose(0, 2, 1)
     square = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error[..., None])[..., 0])
     return np.asarray((a != one.a) & (b != one.b) & (square <= CHI2_99))

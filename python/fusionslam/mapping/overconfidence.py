@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fusionslam.geometry.se3 import exp, inverse
-from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.edge_errors import chi_squares, measurement_errors
+from fusionslam.mapping.edge import Edge, chi_squares, measurement_errors
 from fusionslam.mapping.gtsam_extra import Measurement, Solver
 from fusionslam.storage.arrays import Floats, Integers
 

@@ -20,7 +20,7 @@ from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
-from fusionslam.geometry.se3 import adjoint
+from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
@@ -35,8 +35,7 @@ from fusionslam.mapping.grids import (
     draw_heights,
     draw_occupancy,
 )
-from fusionslam.mapping.keyframe_search import KeyframeSearch
-from fusionslam.mapping.localization import Localization, Localizer, Sight
+from fusionslam.mapping.localization import Localization, Localizer
 from fusionslam.mapping.map_content import MapContent, Session, robot_poses
 from fusionslam.mapping.map_file import MapFile, StoredCloud, StoredKeyframe
 from fusionslam.mapping.map_merging import (
@@ -93,15 +92,18 @@ class PlaceMap:
 
     Poses are map_from_robot: the first robot pose of the map is its origin. A session that no loop
     joins with the others is a part of its own, with its first pose as origin.
+
+    Attributes:
+        file: what is on the disk.
+        content: sessions, keyframes, edges and poses, as they are in memory.
+        detector: what finds keyframes, and has their clouds and vectors.
     """
 
     def __init__(self, file: MapFile, session: str | None, settings: MapSettings) -> None:
         self._lock = threading.RLock()
-        self._file, self._session_name, self._given = file, session, settings
-        self._localizer: Localizer | None = None
+        self.file, self._session_name, self._given = file, session, settings
         self._sight = ScanMotion()
         """Within scans that are localised."""
-        self._last_odometry: Matrix | None = None
         self._load()
 
     @classmethod
@@ -195,36 +197,36 @@ class PlaceMap:
         """Close the file; delete one that was made here, if an error left it without keyframes."""
         with self._lock:
             if kind is not None and not len(self):
-                self._file.close(failed=True)
+                self.file.close(failed=True)
             else:
                 self.close()
 
     def __len__(self) -> int:
         """Number of keyframes."""
-        return len(self._content)
+        return len(self.content)
 
     def __repr__(self) -> str:
-        count = len(self._content.sessions)
-        return f"PlaceMap({str(self._file.path)!r}, {len(self)} keyframes of {count} sessions)"
+        count = len(self.content.sessions)
+        return f"PlaceMap({str(self.file.path)!r}, {len(self)} keyframes of {count} sessions)"
 
     @_one_at_a_time
     def close(self) -> None:
         """Close the file, after a warning if the robot turned within scans since it was opened."""
         for motion in (self._writer.motion, self._sight):
-            motion.warn(str(self._file.path))
-        self._file.close()
+            motion.warn(str(self.file.path))
+        self.file.close()
 
     @property
     @_one_at_a_time
     def sessions(self) -> tuple[Session, ...]:
         """The drives, in the order in which they began."""
-        return self._content.list_sessions()
+        return self.content.list_sessions()
 
     @property
     @_one_at_a_time
     def edges(self) -> tuple[Edge, ...]:
         """Odometry and loops between keyframes, whose numbers are their nodes."""
-        return tuple(self._content.edges.values())
+        return tuple(self.content.edges.values())
 
     @property
     @_one_at_a_time
@@ -233,7 +235,7 @@ class PlaceMap:
 
         Steps that were measured by the clouds of both keyframes, too, are none.
         """
-        return self._content.loops
+        return self.content.loops
 
     @property
     def fusion(self) -> FusionConfig:
@@ -245,13 +247,13 @@ class PlaceMap:
         """Say what is in the map, a line for each session."""
         loops = self.loops
         count = {state: sum(each.state == state for each in loops) for state in _STATES}
-        size = self._file.path.stat().st_size
+        size = self.file.path.stat().st_size
         lines = [
             f"{each.name}: {counted(each.keyframes, 'keyframe')}"
             + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
             for each in self.sessions
         ]
-        parts = len(set(self._content.parts))
+        parts = len(set(self.content.parts))
         lines.append(
             f"{counted(len(self), 'keyframe')} in {counted(parts, 'part')}, "
             f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
@@ -269,13 +271,13 @@ class PlaceMap:
         """
         self._check_session()
         key = f"recording of {self._session_name}"
-        known = self._file.setting(key)
+        known = self.file.setting(key)
         if known is None:
-            with self._file.transaction():
-                self._file.store_setting(key, name)
+            with self.file.transaction():
+                self.file.store_setting(key, name)
         elif known != name:
             raise ConfigError(
-                f"session {self._session_name!r} of {self._file.path} is that of {known}, not of "
+                f"session {self._session_name!r} of {self.file.path} is that of {known}, not of "
                 f"{name}: expected a session of its own (--session NAME)",
                 code="other-recording",
                 fields=("session", str(self._session_name)),
@@ -287,7 +289,7 @@ class PlaceMap:
 
         None if nothing was, or it was not solved since it was opened.
         """
-        return self._content.reason
+        return self.content.reason
 
     @property
     @_one_at_a_time
@@ -354,29 +356,25 @@ class PlaceMap:
                 "not-up"), or a map without keyframes ("empty").
         """
         if not len(self):
-            raise DataError(f"{self._file.path}: the map has no keyframes", code="empty")
+            raise DataError(f"{self.file.path}: the map has no keyframes", code="empty")
         mount = np.eye(4)
         if isinstance(frame_or_cloud, Frame):
             mount = self.settings.robot_from_cloud(frame_or_cloud)
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
             odometry = frame_or_cloud.odometry if odometry is None else odometry
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount
-        seen = self._detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
-        assert seen.evidence is not None
+        seen = self.detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
+        assert seen.cloud is not None
         self._sight.follow(stamp_ns, moved)
-        seen.evidence.cloud.moved = self._sight.within(seen.evidence.span)
-        if self._localizer is None:
-            self._localizer = Localizer(self._search, self.settings.loops)
-        sight = Sight(seen.evidence.cloud, self._search.nearest(seen.vectors), moved, stamp_ns)
-        found = self._localizer.localize(sight)
+        seen.cloud.moved = self._sight.within(seen.span)
+        found = self._localizer.localize(seen, self.detector.nearest_frames(seen.vectors))
         if found.map_from_robot is None:
             return found
         assert found.covariance is not None
-        carry = adjoint(mount)  # small motions of the cloud's frame are the robot's
         return replace(
             found,
             map_from_robot=found.map_from_robot @ np.linalg.inv(mount),
-            covariance=carry @ found.covariance @ carry.T,
+            covariance=carry_covariance(mount, found.covariance),
         )
 
     @_one_at_a_time
@@ -402,8 +400,8 @@ class PlaceMap:
             between = find_loops_between(self, second, progress)
             merge = judge_merge(self, second, between)
             if merge.reason is None:
-                with self._file.transaction():
-                    copy_sessions(self._file, self, second, between)
+                with self.file.transaction():
+                    copy_sessions(self, second, between)
         if merge.reason is None:
             self._load()
             self._settle()
@@ -414,21 +412,10 @@ class PlaceMap:
         """The configuration that all keyframes share."""
         return self._writer.settings
 
-    @property
-    def content(self) -> MapContent:
-        """Sessions, keyframes, edges and poses, as they are in memory."""
-        return self._content
-
-    @property
-    def search(self) -> KeyframeSearch:
-        """What finds keyframes, and has their clouds and vectors."""
-        return self._search
-
     @_one_at_a_time
     def forget_motion(self) -> None:
         """Localise without regard to what was localised before, as after the robot was carried."""
-        if self._localizer is not None:
-            self._localizer.forget()
+        self._localizer.forget()
 
     @_one_at_a_time
     def forget(self, session: str) -> None:
@@ -438,9 +425,9 @@ class PlaceMap:
             ConfigError: there is no such session, or the map is read-only.
         """
         self._check_writable()
-        number = self._content.find_session(session)
-        with self._file.transaction():
-            self._file.forget_session(number)
+        number = self.content.find_session(session)
+        with self.file.transaction():
+            self.file.forget_session(number)
         self._load()
         self._settle()
 
@@ -454,11 +441,11 @@ class PlaceMap:
         Raises:
             ConfigError: there is no such session.
         """
-        if self._content.solve_new_loops():
+        if self.content.solve_new_loops():
             self.forget_motion()  # its poses are those of the former solution
         keyframes = self._keyframes_of(session)
         stamps = np.array([each.stamp_ns for each in keyframes], np.int64)
-        return stamps, robot_poses(keyframes, self._content.poses_of(each.id for each in keyframes))
+        return stamps, robot_poses(keyframes, self.content.poses_of(each.id for each in keyframes))
 
     @_one_at_a_time
     def odometry(self, session: str) -> Floats:
@@ -492,16 +479,16 @@ class PlaceMap:
     def warn_of_turns(self) -> None:
         """Log how far the robot turned within the scans of keyframes, if that is known."""
         motion = ScanMotion()
-        for number in self._content.numbers.tolist():
-            moved = self._search.stored(number).unpack().moved
+        for number in self.content.numbers.tolist():
+            moved = self.detector.stored_frame(number).unpack().moved
             if moved is not None:
                 motion.note(moved)
-        motion.warn(str(self._file.path))
+        motion.warn(str(self.file.path))
 
     @property
     def path(self) -> Path:
         """Of the file."""
-        return self._file.path
+        return self.file.path
 
     @property
     def config(self) -> dict[str, Any]:
@@ -529,10 +516,10 @@ class PlaceMap:
     @_one_at_a_time
     def check(self) -> list[str]:
         """Return what is damaged in the file; nothing if it is whole."""
-        problems = self._file.check()
-        for keyframe in self._content.keyframes:
+        problems = self.file.check()
+        for keyframe in self.content.keyframes:
             try:
-                unpack_cloud(self._file.cloud(keyframe.id).points)
+                unpack_cloud(self.file.cloud(keyframe.id).points)
                 self._kept[keyframe.id].packed()
             except DataError as error:
                 if error.code == "changed":
@@ -544,38 +531,37 @@ class PlaceMap:
 
     def _load(self) -> None:
         """Take everything from the file."""
-        file = self._file
+        file = self.file
         with file.reading():
             stored = file.setting("config")
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
             vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)
-            self._content = MapContent(*content)
-        self._kept = FileClouds(file, self._content.odometry)
+            self.content = MapContent(*content)
+        self._kept = FileClouds(file, self.content.odometry)
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():
-            self._detector = self._new_detector(settings, vectors)
-        self._search = KeyframeSearch(file, self._content, self._detector)
-        parts = file, self._content, self._detector, self._kept
+            self.detector = self._new_detector(settings, vectors)
+        parts = file, self.content, self.detector, self._kept
         self._writer = MapWriter(self._session_name, settings, *parts)
-        self._localizer = None
+        self._localizer = Localizer(self.content, self.detector.stored_frame, settings.loops)
 
     def _new_detector(
         self, settings: MapSettings, vectors: Mapping[str, tuple[Integers, Floats32]]
     ) -> LoopDetector:
         detector = settings.new_detector()
-        numbers = self._content.numbers
+        numbers = self.content.numbers
         for name in {detector.descriptor, *vectors}:
             known = vectors[name][0] if name in vectors else numbers[:0]
             if not np.array_equal(known, numbers):
                 raise DataError(
-                    f"{self._file.path} is damaged: vectors of {name} of {len(known)} keyframes "
+                    f"{self.file.path} is damaged: vectors of {name} of {len(known)} keyframes "
                     f"of {len(numbers)}",
                     code="damaged",
-                    fields=(str(self._file.path),),
+                    fields=(str(self.file.path),),
                 )
-        stamps = np.array([each.stamp_ns for each in self._content.keyframes], np.int64)
+        stamps = np.array([each.stamp_ns for each in self.content.keyframes], np.int64)
         detector.resume(self._kept, {n: rows for n, (_, rows) in vectors.items()}, numbers, stamps)
         return detector
 
@@ -586,29 +572,29 @@ class PlaceMap:
         ``add`` solves it from time to time only. In between, loops move the newest poses.
         """
         self._check_writable()
-        self._content.is_live = False
+        self.content.is_live = False
         self._settle()
 
     def _settle(self) -> None:
         """Store the poses that all edges ask for."""
-        if not self._content.is_live:
-            self._content.solve()
+        if not self.content.is_live:
+            self.content.solve()
         self.forget_motion()  # its poses are those of the former solution
-        with self._file.transaction():
-            self._content.save(self._file)
-        self._content.saved()
+        with self.file.transaction():
+            self.content.save(self.file)
+        self.content.saved()
 
     def _keyframes_of(self, session: str) -> list[StoredKeyframe]:
-        return self._content.keyframes_of(self._content.find_session(session))
+        return self.content.keyframes_of(self.content.find_session(session))
 
     def _first_part(self) -> Iterator[tuple[Matrix, StoredCloud]]:
         """Poses and clouds of the part of the map that began first."""
-        numbers = self._content.first_part()
-        for number, pose in zip(numbers, self._content.poses_of(numbers), strict=True):
-            yield pose, self._file.cloud(number)
+        numbers = self.content.first_part()
+        for number, pose in zip(numbers, self.content.poses_of(numbers), strict=True):
+            yield pose, self.file.cloud(number)
 
     def _positions(self) -> Floats:
-        return self._content.poses_of(self._content.first_part())[:, :2, 3]
+        return self.content.poses_of(self.content.first_part())[:, :2, 3]
 
     def _placed_clouds(self) -> Iterator[PlacedCloud]:
         for pose, stored in self._first_part():
@@ -624,9 +610,9 @@ class PlaceMap:
             )
 
     def _check_writable(self) -> None:
-        if self._file.read_only:
+        if self.file.read_only:
             raise ConfigError(
-                f"{self._file.path} was opened read-only: nothing can be changed",
+                f"{self.file.path} was opened read-only: nothing can be changed",
                 code="read-only",
-                fields=(str(self._file.path),),
+                fields=(str(self.file.path),),
             )

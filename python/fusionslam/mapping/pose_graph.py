@@ -13,8 +13,18 @@ import numpy as np
 from fusionslam._core import OdometryTree
 from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.mapping.edge import Edge, Kind, State, check_covariance, check_kind, check_pose
-from fusionslam.mapping.edge_errors import CHI2_999, chi_squares, measurement_errors, weigh_errors
+from fusionslam.mapping.edge import (
+    CHI2_999,
+    Edge,
+    Kind,
+    State,
+    check_covariance,
+    check_kind,
+    check_pose,
+    chi_squares,
+    measurement_errors,
+    weigh_errors,
+)
 from fusionslam.mapping.gtsam_extra import Measurement, Solver, load
 from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
 from fusionslam.mapping.overconfidence import MOST, chi_ratio, fit_scale

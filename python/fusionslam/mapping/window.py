@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from fusionslam._core import OdometryTree
-from fusionslam.geometry.se3 import adjoint, exp, inverse, log
-from fusionslam.mapping.edge import Edge
-from fusionslam.mapping.edge_errors import CHI2_999
+from fusionslam.geometry.se3 import exp, inverse, log
+from fusionslam.mapping.edge import CHI2_999, Edge
 from fusionslam.mapping.gtsam_extra import Measurement, Solver
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
@@ -139,11 +138,9 @@ class Window:
 
 def as_measurement(edge: Edge, a: int, b: int) -> Measurement:
     """An edge between the places of its nodes, from the earlier to the newer one."""
-    if a < b:
-        return Measurement(a, b, edge.pose, edge.covariance, robust=True)
-    carry = adjoint(edge.pose)
-    turned = carry @ edge.covariance @ carry.T
-    return Measurement(b, a, inverse(edge.pose), turned, robust=True)
+    first, last = sorted((a, b))
+    edge = edge if a < b else edge.reversed
+    return Measurement(first, last, edge.pose, edge.covariance, robust=True)
 
 
 def fuse_step(step: Matrix, drift: Floats, measured: Measurement | Edge) -> Matrix:

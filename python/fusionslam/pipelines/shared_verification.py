@@ -7,53 +7,45 @@ registered once, whatever the number of descriptors. The loops of a descriptor a
 ``LoopDetector`` without voters, whatever descriptors are proven with it.
 """
 
-import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache, reduce
+from dataclasses import replace
+from functools import partial, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fusionslam._core import DescriptorIndex
 from fusionslam.config import merged
 from fusionslam.descriptors import find_descriptor
 from fusionslam.evaluation import DescriptorRun, VerifiedRun
-from fusionslam.fusion import FusionConfig, fuse, load_sensors
-from fusionslam.loop_closure import LoopConfig
-from fusionslam.loop_closure.observation import odometry_of, prepare_cloud, whole_scan
-from fusionslam.loop_closure.sequence_gate import SequenceGate
+from fusionslam.loop_closure import LoopConfig, Observation
+from fusionslam.loop_closure.memory import FrameClouds, FrameMemory
+from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.loop_closure.verification import (
     PairComparisons,
+    SequenceGate,
     StoredFrame,
     Verified,
-    list_rejected,
     verify_candidates,
 )
 from fusionslam.pipelines.describe import PipelineConfig
-from fusionslam.pipelines.loop_record import LoopRecord, bodies_of
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
-from fusionslam.pipelines.verified_loops import load_verified_run
-from fusionslam.registration import (
-    PreparedCloud,
-    RegistrationConfig,
-    SearchImage,
-    has_lengths,
+from fusionslam.pipelines.verified_loops import (
+    FrameRecord,
+    bodies_of,
+    load_verified_run,
+    observe_timed,
+    run_of,
 )
-from fusionslam.storage.arrays import Integers, Matrix
+from fusionslam.registration import PreparedCloud, RegistrationConfig, has_lengths
+from fusionslam.storage.arrays import Integers
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
-
-logger = logging.getLogger(__name__)
-
-_UNPACKED = 64
-"""Clouds that are kept ready; each takes some 2 MB."""
 
 
 def verify_each(
@@ -129,92 +121,20 @@ def _config_of(run: DescriptorRun, config: PipelineConfig) -> PipelineConfig:
     return merged(config, {"descriptors": own})
 
 
-@dataclass(frozen=True)
-class _PackedCloud:
-    """The cloud of a frame, packed, with the seconds that it took to load and to prepare."""
-
-    packed: bytes
-    image: SearchImage | None
-    odometry: Matrix | None
-    config: RegistrationConfig
-    load: float
-    prepare: float
-
-
-class _Clouds:
-    """Clouds of all frames, by row; several threads may ask for them."""
-
-    def __init__(
-        self, frames: Sequence[_PackedCloud], stamps_ns: Integers, config: RegistrationConfig
-    ) -> None:
-        self.frames, self.config = frames, config
-        self._stamps_ns = stamps_ns.tolist()
-        self._ready = lru_cache(_UNPACKED)(self.unpack)
-
-    def unpack(self, row: int) -> PreparedCloud:
-        """Return the cloud of a frame, which nothing else holds."""
-        return PreparedCloud.from_bytes(self.frames[row].packed, self.config)
-
-    def stored(self, row: int) -> StoredFrame:
-        """Return an earlier frame."""
-        frame = self.frames[row]
-        return StoredFrame(
-            self._stamps_ns[row], frame.odometry, frame.image, lambda: self._ready(row)
-        )
-
-
-@dataclass
-class _Proposer:
-    """A descriptor, the candidates of each frame that it proposes, and what came of them."""
-
-    run: DescriptorRun
-    candidates: list[dict[int, float]]
-    gate: SequenceGate
-    record: LoopRecord = field(default_factory=LoopRecord)
-
-    def take(self, row: int, found: Verified, seconds: float, clouds: _Clouds) -> None:
-        """Note which candidate of a frame was proven; frames come in their order."""
-        best, frame = found.best, clouds.frames[row]
-        odometry = None
-        if best is not None:
-            match = clouds.stored(best.match)
-            odometry, best = match.odometry, replace(best, match_stamp_ns=match.stamp_ns)
-        best = self.gate.judge(best, frame.odometry, odometry)
-        described = self.run.seconds.get("describe")
-        describe = frame.prepare + (0.0 if described is None else float(described[row]))
-        self.record.take(
-            int(self.run.frames[row]),
-            best,
-            list_rejected(best, found.rejected),
-            points=int(self.run.points[row]),
-            seconds=(frame.load, describe, seconds),
-        )
-
-
 def propose(run: DescriptorRun, config: LoopConfig) -> list[dict[int, float]]:
     """Return the distances of the nearest earlier frames by row, the nearest first, of each frame.
 
     A descriptor of zeros, which describes nothing, proposes nothing and is proposed by none.
     """
-    index = DescriptorIndex(
-        run.descriptors.shape[1],
-        window=config.window,
-        window_seconds=config.window_seconds,
-        metric=run.metric,
-    )
-    kept: list[int] = []
+    memory = FrameMemory({run.name: run.metric}, config, RegistrationConfig())
     proposed: list[dict[int, float]] = []
     for row, (vector, stamp) in enumerate(
         zip(run.descriptors, run.stamps_ns.tolist(), strict=True)
     ):
-        if not vector.any():
-            proposed.append({})
-            continue
-        rows, apart = index.query(vector, k=config.candidates, stamp_ns=stamp)
-        pairs = zip(rows.tolist(), apart.tolist(), strict=True)
-        proposed.append({kept[match]: distance for match, distance in pairs})
-        index.add(vector, stamp_ns=stamp)
-        kept.append(row)
+        seen = Observation({run.name: vector}, stamp)
+        proposed.append(dict(memory.query(seen.vectors, config.candidates, stamp)[run.name]))
+        if vector.any():
+            memory.add(row, seen)
     return proposed
 
 
@@ -227,41 +147,49 @@ def _verify_together(
     step: Step | None,
 ) -> list[VerifiedRun]:
     loops, first = config.loop_closure, runs[0]
-    source = config.fusion.source
-    proposers = [_Proposer(run, propose(run, loops), SequenceGate(loops)) for run in runs]
-    clouds = _prepare(
-        dataset,
-        first.frames.tolist(),
-        config,
-        jobs,
-        label_progress(step, f"preparing clouds, source {source}"),
-    )
+    source, frames, stamps_ns = config.fusion.source, first.frames.tolist(), first.stamps_ns
+    proposed = [propose(run, loops) for run in runs]
+    show = label_progress(step, f"preparing clouds, source {source}")
+    clouds, prepared = _prepare(dataset, frames, config, jobs, show)
+
+    def stored(row: int) -> StoredFrame:
+        return clouds.frame(row, int(stamps_ns[row]))
 
     def prove(row: int) -> list[tuple[Verified, float]]:
-        pairs, found = PairComparisons(clouds.unpack(row), clouds.stored), []
-        for each in proposers:
+        cloud = PreparedCloud.from_bytes(clouds.kept[row].packed(), clouds.registration)
+        pairs, found = PairComparisons(cloud, stored), []
+        for candidates in proposed:
             before = pairs.seconds
-            verified = verify_candidates(row, each.candidates[row], pairs, loops)
+            verified = verify_candidates(row, candidates[row], pairs, loops)
             found.append((verified, pairs.seconds - before))
         return found
 
+    gates, records = [SequenceGate(loops) for _ in runs], [list[FrameRecord]() for _ in runs]
     progress = label_progress(step, f"proving loops, source {source}")
     with ordered_results(prove, range(len(first)), jobs) as proven:
         for row, each in enumerate(proven):
-            for proposer, (found, seconds) in zip(proposers, each, strict=True):
-                proposer.take(row, found, seconds, clouds)
+            load, prepare = prepared[row]
+            for run, gate, record, (found, register) in zip(
+                runs, gates, records, each, strict=True
+            ):
+                decided = gate.decide(found, stored(row).odometry, stored)
+                described = run.seconds.get("describe")
+                describe = prepare + (0.0 if described is None else float(described[row]))
+                seconds = load, describe, register
+                record.append(FrameRecord(frames[row], decided, int(run.points[row]), seconds))
             progress(row + 1, len(first))
-    bodies = bodies_of(dataset, first.frames.tolist(), config)
+    bodies = bodies_of(dataset, frames, config)
     return [
-        each.record.to_run(
+        run_of(
+            record,
             dataset,
-            (each.run.name,),
-            config=configs[each.run.name],
-            used=clouds.config,
+            (run.name,),
+            config=configs[run.name],
+            used=clouds.registration,
             body_from_cloud=bodies,
-            skipped=each.run.skipped,
+            skipped=run.skipped,
         )
-        for each in proposers
+        for run, record in zip(runs, records, strict=True)
     ]
 
 
@@ -271,54 +199,43 @@ def _prepare(
     config: PipelineConfig,
     jobs: int,
     progress: Progress,
-) -> _Clouds:
-    """Prepare the clouds of some frames; the first one fixes lengths that are not given."""
-    registration = config.registration
+) -> tuple[FrameClouds, list[tuple[float, float]]]:
+    """Prepare the clouds of frames, by row; the first one fixes lengths that are not given.
 
-    def prepare(index: int, lengths: RegistrationConfig, *, is_first: bool) -> _PackedCloud:
-        with name_frame(dataset, index):
-            return _pack(dataset, index, config.fusion, lengths, is_first=is_first)
-
-    first = prepare(frames[0], registration, is_first=True)
+    Returns:
+        The clouds, and the seconds that it took to load and to prepare each.
+    """
+    first = FrameObserver(
+        {},
+        config.descriptors,
+        config.fusion,
+        config.registration,
+        verifies=True,
+        fits_lengths=not has_lengths(config.registration),
+    )
+    with name_frame(dataset, frames[0]):
+        seen, *begun = observe_timed(
+            dataset, frames[0], config.fusion, partial(first.observe, is_first=True)
+        )
+    assert seen.cloud is not None
+    observer = replace(first, registration=seen.cloud.config)
+    clouds = FrameClouds(observer.registration)
+    clouds.add(0, seen.cloud, seen.odometry)
     progress(1, len(frames))
-    packed = [first]
 
-    def prepare_other(index: int) -> _PackedCloud:
-        return prepare(index, first.config, is_first=False)
+    def prepare(row: int) -> tuple[float, float]:
+        with name_frame(dataset, frames[row]):
+            seen, load, prepare = observe_timed(
+                dataset, frames[row], config.fusion, observer.observe
+            )
+        assert seen.cloud is not None
+        started = time.perf_counter()
+        clouds.add(row, seen.cloud, seen.odometry)
+        return load, prepare + time.perf_counter() - started
 
-    with ordered_results(prepare_other, frames[1:], jobs) as others:
+    seconds = [(begun[0], begun[1])]
+    with ordered_results(prepare, range(1, len(frames)), jobs) as others:
         for each in others:
-            packed.append(each)
-            progress(len(packed), len(frames))
-    return _Clouds(packed, dataset.stamps_ns[np.array(frames)], first.config)
-
-
-def _pack(
-    dataset: "Dataset",
-    index: int,
-    fusion: FusionConfig,
-    lengths: RegistrationConfig,
-    *,
-    is_first: bool,
-) -> _PackedCloud:
-    started = time.perf_counter()
-    frame = dataset[index]
-    load_sensors(frame, fusion)
-    loaded = time.perf_counter()
-    cloud = fuse(frame, fusion)
-    prepared = prepare_cloud(
-        whole_scan(frame, cloud, fusion, lengths),
-        cloud,
-        lengths,
-        fits_lengths=is_first and not has_lengths(lengths),
-        is_first=is_first,
-    )
-    image = prepared.search_image if prepared.has_search_image else None
-    return _PackedCloud(
-        prepared.to_bytes(),
-        image,
-        odometry_of(frame, fusion),
-        prepared.config,
-        load=loaded - started,
-        prepare=time.perf_counter() - loaded,
-    )
+            seconds.append(each)
+            progress(len(seconds), len(frames))
+    return clouds, seconds

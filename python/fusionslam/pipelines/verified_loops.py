@@ -6,10 +6,11 @@ import csv
 import logging
 import os
 import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,22 +19,26 @@ from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import edge_of_pose
-from fusionslam.descriptors import own_files
+from fusionslam.descriptors import PRESETS, own_files, with_preset
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
-from fusionslam.fusion import load_sensors
+from fusionslam.evaluation.loops.verified_run import REJECTED
+from fusionslam.fusion import FusionConfig, load_sensors
 from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import LoopDetector, Observation
+from fusionslam.loop_closure.verification import Verified
+from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
-from fusionslam.pipelines.loop_record import LoopRecord, bodies_of, label_of, run_values
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
 from fusionslam.pipelines.reusable_runs import differences
-from fusionslam.registration import without_lengths
+from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
+from fusionslam.sensors.frame import Frame
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Step, label_progress
+from fusionslam.storage.progress import Progress, Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -141,80 +146,180 @@ def load_verified_run(
     return None
 
 
+def observe_timed(
+    dataset: "Dataset", index: int, fusion: FusionConfig, observe: Callable[[Frame], Observation]
+) -> tuple[Observation, float, float]:
+    """Load a frame and observe it; return the seconds that both took, too."""
+    started = time.perf_counter()
+    frame = dataset[index]
+    load_sensors(frame, fusion)
+    loaded = time.perf_counter()
+    seen = observe(frame)
+    return seen, loaded - started, time.perf_counter() - loaded
+
+
 def _verify(
     dataset: "Dataset",
     name: str,
     config: PipelineConfig,
     jobs: int,
     bad_frames: str,
-    progress: Any,
+    progress: Progress,
 ) -> VerifiedRun:
     detector = new_detector(config, name)
-    record = LoopRecord()
+    records: list[FrameRecord] = []
     skipped: dict[int, str] = {}
 
     def observe(index: int) -> tuple[Observation, float, float] | DataError:
         try:
-            started = time.perf_counter()
-            frame = dataset[index]
-            load_sensors(frame, config.fusion)
-            loaded = time.perf_counter()
-            seen = detector.observe(frame)
-            return seen, loaded - started, time.perf_counter() - loaded
+            return observe_timed(dataset, index, config.fusion, detector.observe)
         except DataError as error:
             if bad_frames == "skip":
                 return error
             with name_frame(dataset, index, can_skip=True):
                 raise
 
+    def take(index: int, seen: tuple[Observation, float, float] | DataError) -> None:
+        if isinstance(seen, DataError):
+            skipped[int(dataset.numbers[index])] = str(seen)
+        else:
+            observation, load, describe = seen
+            started = time.perf_counter()
+            detector.add_observation(observation)
+            seconds = load, describe, time.perf_counter() - started
+            found = Verified(detector.nearest, detector.rejected)
+            records.append(FrameRecord(index, found, observation.points, seconds))
+        progress(index + 1, len(dataset))
+
     # The first frame that can be used fixes what all others are described with.
     pending = iter(range(len(dataset)))
     for index in pending:
-        seen = observe(index)
-        _take(record, skipped, detector, dataset, index, seen)
-        progress(index + 1, len(dataset))
+        take(index, observe(index))
         if len(detector):
             break
     rest = list(pending)
     with ordered_results(observe, rest, jobs) as observed:
         for index, seen in zip(rest, observed, strict=True):
-            _take(record, skipped, detector, dataset, index, seen)
-            progress(index + 1, len(dataset))
-    if not record.frames:
+            take(index, seen)
+    if not records:
         number, reason = next(iter(skipped.items()))
         raise DataError(
             f"{dataset.name}: no frame can be described; frame {number}: {reason}", code="no-frame"
         )
     for number, reason in skipped.items():
         logger.warning("%s, frame %d left out: %s", dataset.name, number, reason)
-    return record.to_run(
+    return run_of(
+        records,
         dataset,
         (label_of(name, config), *detector.voters),
         config=config,
         used=detector.registration_config,
-        body_from_cloud=bodies_of(dataset, record.frames, config),
+        body_from_cloud=bodies_of(dataset, [each.row for each in records], config),
         skipped=skipped,
     )
 
 
-def _take(
-    record: LoopRecord,
-    skipped: dict[int, str],
-    detector: LoopDetector,
+class FrameRecord(NamedTuple):
+    """What was found for a frame.
+
+    Attributes:
+        row: of the frame in the dataset.
+        found: its best candidate, accepted unless it has a reason, and all that are no loop.
+        points: number of points of the cloud.
+        seconds: of the stages load, describe and register.
+    """
+
+    row: int
+    found: Verified
+    points: int
+    seconds: tuple[float, float, float]
+
+
+def run_of(
+    records: Sequence[FrameRecord],
     dataset: "Dataset",
-    index: int,
-    seen: tuple[Observation, float, float] | DataError,
-) -> None:
-    """Pass a frame to the detector and note what it says."""
-    if isinstance(seen, DataError):
-        skipped[int(dataset.numbers[index])] = str(seen)
-        return
-    observation, load, describe = seen
-    started = time.perf_counter()
-    detector.add_observation(observation)
-    seconds = load, describe, time.perf_counter() - started
-    nearest, rejected = detector.nearest, detector.rejected
-    record.take(index, nearest, rejected, points=observation.points, seconds=seconds)
+    descriptors: Sequence[str],
+    *,
+    config: PipelineConfig,
+    used: RegistrationConfig,
+    body_from_cloud: Floats | None,
+    skipped: Mapping[int, str],
+) -> VerifiedRun:
+    """Return the run that frames' records make.
+
+    Args:
+        records: in the order of the frames.
+        dataset: whose frames these are.
+        descriptors: those that proposed candidates.
+        config: of all stages.
+        used: how clouds were registered, with the lengths.
+        body_from_cloud: ``bodies_of`` the frames.
+        skipped: number -> reason, of the frames that were left out.
+    """
+    frames = np.array([each.row for each in records], np.int64)
+    found = [each.found.best for each in records]
+    best = [each if each is not None and each.may_be_right else None for each in found]
+    poses = dataset.true_poses
+    unknown = {"pose": np.full((4, 4), np.nan), "covariance": np.full((6, 6), np.nan)}
+
+    def column(key: str, absent: Any) -> Any:
+        values = [None if each is None else getattr(each, key) for each in best]
+        return np.array([absent if value is None else value for value in values])
+
+    tried = [
+        list(dict.fromkeys(each.match for each in (one.best, *one.rejected) if each is not None))
+        for one in (each.found for each in records)
+    ]
+    candidates = np.full((len(frames), max(1, *map(len, tried))), -1, np.int64)
+    for row, matches in enumerate(tried):
+        candidates[row, : len(matches)] = matches
+    rejected = [
+        (row, each.match, each.code, each.number)
+        for row, record in enumerate(records)
+        for each in record.found.rejected
+    ]
+    seconds = zip(*(each.seconds for each in records), strict=True)
+    return VerifiedRun(
+        source=config.fusion.source,
+        descriptors=tuple(dict.fromkeys(descriptors)),
+        dataset=dataset.name,
+        frames=frames,
+        numbers=dataset.numbers[frames],
+        stamps_ns=dataset.stamps_ns[frames],
+        poses=None if poses is None else poses[frames],
+        body_from_cloud=body_from_cloud,
+        points=np.array([each.points for each in records], np.int64),
+        match=column("match", -1).astype(np.int64),
+        match_from_query=column("match_from_query", unknown["pose"]).reshape(-1, 4, 4),
+        covariance=column("covariance", unknown["covariance"]).reshape(-1, 6, 6),
+        overlap=column("overlap", np.nan).astype(np.float64),
+        probability=column("probability", np.nan).astype(np.float64),
+        distance=column("distance", np.inf).astype(np.float64),
+        accepted=np.array([each is not None and each.reason is None for each in found], np.bool_),
+        candidates=candidates,
+        rejected=np.array(rejected, REJECTED),
+        seconds=dict(zip(("load", "describe", "register"), map(np.array, seconds), strict=True)),
+        config=run_values(config, used),
+        skipped=dict(skipped),
+        recorded=dataset.recorded,
+    )
+
+
+def label_of(name: str, config: PipelineConfig) -> str:
+    """Name of a descriptor, with its preset if it is not the default one: "cm2dp:author"."""
+    return with_preset(name, config.descriptors).removesuffix(f":{PRESETS[0]}")
+
+
+def run_values(config: PipelineConfig, used: RegistrationConfig) -> dict[str, Any]:
+    """Return the values of a run, with the lengths used, and whether they are fitted to clouds."""
+    fits = {"fits_lengths": not has_lengths(config.registration)}
+    return config.model_dump(mode="json") | {"registration": used.model_dump(mode="json")} | fits
+
+
+def bodies_of(dataset: "Dataset", frames: Sequence[int], config: PipelineConfig) -> Floats | None:
+    """``body_from_clouds`` of some frames of a dataset."""
+    only = dataset.only([*frames]) if len(frames) < len(dataset) else dataset
+    return body_from_clouds(only, config.fusion)
 
 
 def describe_loops(run: VerifiedRun) -> str:

@@ -18,7 +18,7 @@ from fusionslam._core import count_overlap
 from fusionslam.argument_types import checked
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.geometry.se3 import adjoint, inverse
+from fusionslam.geometry.se3 import carry_covariance, inverse
 from fusionslam.registration.birds_eye import (
     Hypothesis,
     SearchImage,
@@ -108,8 +108,8 @@ def register(
         if one.moved is not None:
             covariance += motion_covariance(one.moved, one.points)
         if other.moved is not None:
-            carry = adjoint(inverse(result.target_from_source))
-            covariance += carry @ motion_covariance(other.moved, other.points) @ carry.T
+            back = inverse(result.target_from_source)
+            covariance += carry_covariance(back, motion_covariance(other.moved, other.points))
         result = replace(result, covariance=covariance)
     return replace(result, seconds=time.perf_counter() - started)
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fusionslam.errors import FusionSlamError
-from fusionslam.fleet.chunk import CHUNKS
-from fusionslam.fleet.chunk_store import ChunkStore, PlaceCloud
+from fusionslam.fleet.chunk import CHUNKS, ChunkStore, PlaceCloud
 from fusionslam.fleet.config import FILE, FleetSettings
 from fusionslam.fleet.folder import DATABASE, FleetFolder
 from fusionslam.fleet.joint_map import JointMap

@@ -28,12 +28,11 @@ from fleets import (
 from fusionslam import Cloud, DescriptorConfig, _core
 from fusionslam.datasets import open_dataset, write_cloud
 from fusionslam.descriptors import describe
-from fusionslam.fleet import chunk as chunks
-from fusionslam.fleet.chunk import StoredChunk, describe_chunk, is_stored
-from fusionslam.fleet.chunk_store import ChunkStore
+from fusionslam.fleet.chunk import ChunkStore, StoredChunk, describe_chunk, is_stored
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.recordings import Labels, find_recordings
 from fusionslam.fleet.work import Plan
+from fusionslam.loop_closure import observation
 from kitti import write_sequence
 from refusals import refuses
 from rows import rows
@@ -185,15 +184,14 @@ def test_zeros_are_no_place(
     own_fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan, settings = plan_of(own_fleet, tmp_path / "a", keyframe_distance=100.0)
-    original = chunks.describe_or_zeros
+    original = observation.describe
     seen: list[int] = []
 
     def none_for_the_first(cloud: Cloud, name: str, config: DescriptorConfig) -> object:
         seen.append(len(cloud))
-        vector, problem = original(cloud, name, config)
-        return vector * (len(seen) > 1), problem
+        return original(cloud, name, config) * (len(seen) > 1)
 
-    monkeypatch.setattr(chunks, "describe_or_zeros", none_for_the_first)
+    monkeypatch.setattr(observation, "describe", none_for_the_first)
     each = plan.recordings[0].chunks(4)[0]
     describe_chunk(each, settings, tmp_path / "a")
     places = ChunkStore(tmp_path / "a", settings).places(each.key)

@@ -25,11 +25,11 @@ from fleet_places import (
 )
 from fusionslam.errors import DataError
 from fusionslam.fleet import vector_index
-from fusionslam.fleet.index_report import IndexReport, Kind, write_report
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.row_search import Search
 from fusionslam.fleet.segment import Segment, delete_segments, digest_of, size_of
+from fusionslam.fleet.vector_index import IndexReport, Kind, write_report
 from fusionslam.storage.archive import dump_sealed
 from fusionslam.storage.arrays import Floats32
 from fuzz.crafted_files import HEADERS, with_header

@@ -4,6 +4,7 @@
 
 import os
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -154,7 +155,7 @@ def test_unknown_names_of_folders_are_refused() -> None:
 
 def test_a_recording_is_the_same_after_it_was_stored(fleet: Path) -> None:
     for each in find_recordings(fleet, LABELS).recordings:
-        assert FleetRecording.load(each.dump()) == each
+        assert FleetRecording.load(asdict(each)) == each
 
 
 def test_cut_and_unreadable_files_are_failures_and_the_rest_goes_on(own_fleet: Path) -> None:

@@ -25,7 +25,7 @@ from fusionslam import (
 )
 from fusionslam.loop_closure import detector as detector_module
 from fusionslam.loop_closure import verification
-from fusionslam.loop_closure.sequence_gate import SequenceGate
+from fusionslam.loop_closure.verification import SequenceGate
 from fusionslam.registration import Refusal, Registration, RegistrationConfig
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix

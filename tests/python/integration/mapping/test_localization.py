@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot on a map of nine keyframes along a street, whose true poses are known."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,13 +11,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
+from fusionslam.loop_closure import Observation
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping import localization
 from fusionslam.mapping.localization import (
     Localization,
     LocalizationConfig,
     Localizer,
-    Sight,
 )
 from fusionslam.registration import PreparedCloud
 from fusionslam.storage.arrays import Matrix
@@ -57,7 +57,7 @@ class Street:
 
         return StoredFrame(0, None, CLOUDS[number].search_image, unpack)
 
-    def map_from_cloud(self, number: int) -> Matrix:
+    def pose(self, number: int) -> Matrix:
         return WAY[number]
 
     def part(self, number: int) -> int:
@@ -66,6 +66,19 @@ class Street:
     def near(self, place: Matrix, radius: float, keyframe: int) -> list[int]:
         apart = {k: float(np.linalg.norm(WAY[k][:3, 3] - place[:3, 3])) for k in self.known}
         return [k for k in sorted(apart, key=apart.__getitem__) if apart[k] <= radius]
+
+
+def localizer_of(street: Any, config: LocalizationConfig | None = None) -> Localizer:
+    return Localizer(street, street.stored, config=config)
+
+
+def sight(
+    cloud: PreparedCloud,
+    candidates: Mapping[int, float],
+    odometry: Matrix | None = None,
+    stamp_ns: int | None = None,
+) -> tuple[Observation, Mapping[int, float]]:
+    return Observation({}, stamp_ns, cloud, odometry), candidates
 
 
 def assert_at(found: Localization, truth: Matrix) -> None:
@@ -77,12 +90,12 @@ def assert_at(found: Localization, truth: Matrix) -> None:
 
 @rows("truth", [at(1.0, 0.5, 10), at(-7.0, 1.5, 180), at(9.0, -1.0, -95)])
 def test_a_robot_is_found_without_a_guess_in_any_direction(truth: Matrix) -> None:
-    assert_at(Localizer(Street()).localize(Sight(seen_at(truth, 50), EVERY)), truth)
+    assert_at(localizer_of(Street()).localize(*sight(seen_at(truth, 50), EVERY)), truth)
 
 
 def test_another_place_has_no_pose_but_a_reason() -> None:
     points = scan_blocks(at(1.0, 0.5, 10), 50, place=13)
-    found = Localizer(Street()).localize(Sight(PreparedCloud(points), EVERY))
+    found = localizer_of(Street()).localize(*sight(PreparedCloud(points), EVERY))
     assert found.pose is None and found.covariance is None
     assert found.reason is not None and found.reason.code
 
@@ -93,7 +106,7 @@ def test_neighbors_that_agree_on_an_improbable_pose_do_not_make_it_right(
 ) -> None:
     for name in ("register", "verify_candidates"):
         monkeypatch.setattr(localization, name, _weighed(name, probability))
-    found = Localizer(Street()).localize(Sight(seen_at(at(1.0, 0.5, 10), 50), EVERY))
+    found = localizer_of(Street()).localize(*sight(seen_at(at(1.0, 0.5, 10), 50), EVERY))
     assert (found.reason and found.reason.code) == code
     assert (found.pose is None) == (code is not None)
 
@@ -112,16 +125,16 @@ def _weighed(name: str, probability: float) -> Callable[..., Any]:
 
 
 def test_a_place_that_is_like_no_keyframe_has_no_candidates() -> None:
-    found = Localizer(Street()).localize(Sight(seen_at(WAY[0], 50), {}))
+    found = localizer_of(Street()).localize(*sight(seen_at(WAY[0], 50), {}))
     assert found.pose is None and found.keyframe is None
     assert found.reason is not None and found.reason.code == "no-candidates"
 
 
 def test_one_keyframe_alone_is_believed_once_odometry_confirms_it() -> None:
     way = [at(0.5 * step, 0.5, 0) for step in range(4)]
-    localizer = Localizer(Street([4]))
+    localizer = localizer_of(Street([4]))
     found = [
-        localizer.localize(Sight(seen_at(pose, 60 + k), {4: 0.1}, pose, k * 10**9))
+        localizer.localize(*sight(seen_at(pose, 60 + k), {4: 0.1}, pose, k * 10**9))
         for k, pose in enumerate(way)
     ]
     assert found[0].reason is not None and found[0].reason.code == "alone"
@@ -132,51 +145,51 @@ def test_one_keyframe_alone_is_believed_once_odometry_confirms_it() -> None:
 
 def test_poses_of_another_part_of_the_map_confirm_nothing() -> None:
     street = Street([4])
-    localizer = Localizer(street)
+    localizer = localizer_of(street)
     for k in range(3):
         street.parts[4] = k
-        found = localizer.localize(Sight(seen_at(WAY[4], 60 + k), {4: 0.1}, WAY[4], k * 10**9))
+        found = localizer.localize(*sight(seen_at(WAY[4], 60 + k), {4: 0.1}, WAY[4], k * 10**9))
         assert found.reason is not None and found.reason.code == "alone"
         assert found.part is None
 
 
 def test_odometry_that_contradicts_confirms_nothing() -> None:
-    localizer = Localizer(Street([4]))
+    localizer = localizer_of(Street([4]))
     for k in range(3):
         wrong = at(3.0 * k, 0, 0)  # the robot stands still
-        found = localizer.localize(Sight(seen_at(WAY[4], 60 + k), {4: 0.1}, wrong, k * 10**9))
+        found = localizer.localize(*sight(seen_at(WAY[4], 60 + k), {4: 0.1}, wrong, k * 10**9))
         assert found.reason is not None and found.reason.code == "alone"
 
 
 def test_poses_of_long_ago_confirm_nothing() -> None:
-    localizer = Localizer(Street([4]), config=LocalizationConfig(memory=5.0))
+    localizer = localizer_of(Street([4]), config=LocalizationConfig(memory=5.0))
     for k in range(3):
-        sight = Sight(seen_at(WAY[4], 60 + k), {4: 0.1}, WAY[4], 6 * k * 10**9)
-        reason = localizer.localize(sight).reason
+        seen = sight(seen_at(WAY[4], 60 + k), {4: 0.1}, WAY[4], 6 * k * 10**9)
+        reason = localizer.localize(*seen).reason
         assert reason is not None and reason.code == "alone"
 
 
 def test_a_tracked_robot_needs_no_candidates() -> None:
     street = Street()
-    localizer = Localizer(street)
-    assert_at(localizer.localize(Sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
+    localizer = localizer_of(street)
+    assert_at(localizer.localize(*sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
     drifted = WAY[1] @ at(0.3, 0.2, 1.0) @ np.linalg.inv(at(0, 0, 0))
-    found = localizer.localize(Sight(seen_at(WAY[1], 51), {}, drifted, 10**9))
+    found = localizer.localize(*sight(seen_at(WAY[1], 51), {}, drifted, 10**9))
     assert_at(found, WAY[1])
 
 
 def test_a_robot_that_was_carried_is_found_again() -> None:
-    localizer = Localizer(Street())
-    assert_at(localizer.localize(Sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
+    localizer = localizer_of(Street())
+    assert_at(localizer.localize(*sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
     # Odometry, switched off meanwhile, says that it has not moved.
     truth = at(12.0, 1.0, 90)
-    found = localizer.localize(Sight(seen_at(truth, 51), EVERY, WAY[0], 10**9))
+    found = localizer.localize(*sight(seen_at(truth, 51), EVERY, WAY[0], 10**9))
     assert_at(found, truth)
 
 
 def test_a_robot_whose_odometry_began_anew_is_found_again() -> None:
-    localizer = Localizer(Street())
-    localizer.localize(Sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0))
+    localizer = localizer_of(Street())
+    localizer.localize(*sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0))
     localizer.forget()
-    found = localizer.localize(Sight(seen_at(WAY[8], 51), EVERY, np.eye(4), 10**9))
+    found = localizer.localize(*sight(seen_at(WAY[8], 51), EVERY, np.eye(4), 10**9))
     assert_at(found, WAY[8])

@@ -407,7 +407,7 @@ def test_frames_that_say_nothing_change_nothing(path: Path) -> None:
 def test_a_full_disk_loses_nothing(path: Path) -> None:
     with PlaceMap.open(path, "monday") as site:
         before = site.trajectory("monday")[1]
-        site._file._database.execute("PRAGMA max_page_count = 1")  # SQLite takes the least it can
+        site.file._database.execute("PRAGMA max_page_count = 1")  # SQLite takes the least it can
         with refuses("cannot-write"):
             for k in range(50):
                 site.add(FRAMES[3], odometry=at(0, 15.0 + 15 * k, 0))
