@@ -25,7 +25,6 @@ _YARD_M = 7.0
 # Distance from the gates to the centre of the lane along the marked bays.
 _LANE_M = 2.9
 _CROSS_M = 2.6
-_GATE_M = 3.0
 # Least aisle width at which goods of 0.8 m beside a rack leave the middle free.
 _SPACIOUS_M = 2.3
 _YELLOW = (0.95, 0.80, 0.15)
@@ -117,7 +116,7 @@ def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
         for y, yaw in ((ends[0], 0.0), (ends[1], np.pi)):
             outward = -np.cos(yaw)
             site.put(make_piece("guard_rail"), x, y + 0.2 * outward)
-            site.put(furniture.row_sign(number), x, y, yaw, z=1.6)
+            site.put(make_piece("sign", number=number), x, y, yaw, z=1.6)
 
 
 def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
@@ -126,7 +125,7 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
     count = max(1, int(plan.width // 4.6))
     for number in range(count):
         x = (number + 0.5) * plan.width / count - plan.width / 2
-        site.put(furniture.gate(number, _GATE_M, 3.2), x, south + 0.08, np.pi)
+        site.put(make_piece("gate", number=number), x, south + 0.08, np.pi)
         tint = _YELLOW if number % 2 else (0.92, 0.92, 0.92)
         site.put(furniture.marking(3.0, 2.2, tint), x, south + 1.45)
         for u, v in ((-0.7, 0.9), (0.7, 0.9), (-0.7, 1.95), (0.7, 1.95)):
