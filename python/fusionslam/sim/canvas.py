@@ -40,12 +40,6 @@ class Canvas:
         self.rgb = np.zeros((SIDE, SIDE, 3), np.float32)
         self.tint = np.zeros((SIDE, SIDE), np.float32)
 
-    def follow(self, steps: Iterable[Mapping[str, Any]]) -> None:
-        """Call the methods that steps name, in order, with their arguments and options."""
-        for step in steps:
-            (name, arguments), *options = step.items()
-            getattr(self, name)(*arguments, **dict(options))
-
     def fill(self, rgb: ArrayLike, tint: float) -> None:
         """Fill all of it with one colour."""
         self.rgb[:], self.tint[:] = rgb, tint
@@ -139,8 +133,15 @@ class Canvas:
         return image
 
 
+def follow(actor: object, steps: Iterable[Mapping[str, Any]]) -> None:
+    """Call the methods that steps name, in order, with their arguments and options."""
+    for step in steps:
+        (name, arguments), *options = step.items()
+        getattr(actor, name)(*arguments, **dict(options))
+
+
 def read_steps(table: Path) -> Mapping[str, Any]:
-    """The steps of each texture of a YAML file, by name."""
+    """The steps of each texture, or kind of room, of a YAML file."""
     steps: Mapping[str, Any] = yaml.safe_load(table.read_text(encoding="utf-8"))
     return steps
 

@@ -23,8 +23,8 @@ from fusionslam.sim.mesh import (
     Paint,
     Rgb,
     box,
+    level,
     paint,
-    panels,
     tapered_box,
     triangles,
     tube,
@@ -50,7 +50,7 @@ CLOTHS: tuple[Rgb, ...] = (
     (0.46, 0.46, 0.48),
     (0.60, 0.44, 0.30),
 )
-_PALETTE: Mapping[str, Rgb] = {
+PALETTE: Mapping[str, Rgb] = {
     "BLUE": BLUE,
     "DARK": DARK,
     "GREY": GREY,
@@ -58,6 +58,8 @@ _PALETTE: Mapping[str, Rgb] = {
     "TIMBER": TIMBER,
     "WHITE": WHITE,
     "YELLOW": (0.98, 0.84, 0.20),
+    "YELLOW_CLOTH": CLOTHS[3],
+    "OAK": (0.88, 0.76, 0.58),
 }
 _SHAPES: Mapping[str, Callable[..., Mesh]] = {
     "box": box,
@@ -96,7 +98,7 @@ def make_piece(kind: str, style: Style | None = None, tint: Rgb = WHITE, number:
         tint: its own colour.
         number: of the print on it, from 0.
     """
-    colors = {**_PALETTE, "tint": tint, **(vars(style) if style else {})}
+    colors = {**PALETTE, "tint": tint, **(vars(style) if style else {})}
     visual, solid = [], []
     for row in _read_table()[kind]:
         meshes = list(_make_shape(row, colors, number))
@@ -217,9 +219,8 @@ def toys(rng: np.random.Generator) -> Thing:
 def carpet(tint: Rgb, width: float, depth: float, look: Look = Look.RUG) -> Thing:
     """A thin carpet that counts as ground."""
     cover = fit(look, width, depth, tint) if look == Look.RUG else paint(look, tint)
-    x, y, z = width / 2, depth / 2, 0.006
-    top = panels([[(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z)]], cover)
-    return flat("carpet", [top], is_ground=True)
+    high = np.array((width, depth)) / 2
+    return flat("carpet", [level(-high, high, 0.006, cover)], is_ground=True)
 
 
 def picture(number: int, width: float, height: float) -> Thing:

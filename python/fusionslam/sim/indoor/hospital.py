@@ -13,6 +13,7 @@ import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.sim.indoor import furniture
+from fusionslam.sim.indoor.furnishing import Furnisher
 from fusionslam.sim.indoor.furniture import CLOTHS, Style, make_piece
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
@@ -36,7 +37,7 @@ _CORRIDOR_M = 2.4
 _CORE_M = 4.4
 _DOOR_M = 1.15
 _PASSAGE_M = 1.9
-_DOOR_TINT: Rgb = (0.88, 0.76, 0.58)
+_DOOR_TINT = furniture.PALETTE["OAK"]
 _CURTAINS: tuple[Rgb, ...] = ((0.62, 0.80, 0.84), (0.74, 0.84, 0.62), (0.92, 0.80, 0.60))
 _BLANKETS: tuple[Rgb, ...] = ((0.66, 0.78, 0.88), (0.90, 0.82, 0.62), (0.70, 0.84, 0.72))
 _STRIPES: Mapping[str, Rgb] = {
@@ -101,7 +102,12 @@ def make_hospital(config: HospitalConfig) -> World:
         if room.name.startswith("corridor"):
             _furnish_corridor(site, layout, room, openings, config.clutter, rng)
         else:
-            _FURNISH[room.name.split("_")[0]](layout, config.clutter, rng)
+            kind = room.name.split("_")[0]
+            cloth = WHITE if kind == "store" else CLOTHS[rng.integers(len(CLOTHS))]
+            style = Style(GREY, cloth, cloth)
+            if kind == "office":
+                style = Style(_DOOR_TINT, cloth, GREY)
+            Furnisher(layout, style, config.clutter, rng).also(kind)
     return site.world("hospital", config.seed, rooms[0].centre)
 
 
@@ -229,56 +235,3 @@ def _corridor_thing(rng: np.random.Generator) -> Thing:
         lambda: make_piece("bin", tint=tint),
     )
     return makers[rng.integers(len(makers))]()
-
-
-def _office(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    style = Style(_DOOR_TINT, CLOTHS[rng.integers(len(CLOTHS))], GREY)
-    layout.along_wall(make_piece("desk", style))
-    layout.along_wall(furniture.bookcase(rng, style, 1.2, 1.9))
-    for _ in range(2):
-        layout.along_wall(make_piece("chair", style))
-    _extras(layout, clutter, rng)
-
-
-def _store(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    style = Style(GREY, WHITE, WHITE)
-    for kind in ("locker.wide", "locker", "locker"):
-        layout.along_wall(make_piece(kind, style))
-    for kind in ("wheelchair", "drip_stand", "trolley"):
-        if rng.random() < max(clutter, 0.3):
-            layout.along_wall(make_piece(kind, tint=CLOTHS[3]))
-
-
-def _treatment(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(make_piece("couch", tint=tint))
-    layout.along_wall(make_piece("washbasin"))
-    layout.along_wall(make_piece("trolley", tint=tint))
-    layout.along_wall(make_piece("stool", Style(GREY, tint, tint)))
-    _extras(layout, clutter, rng)
-
-
-def _waiting(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(make_piece("reception", tint=_DOOR_TINT))
-    for _ in range(3):
-        layout.along_wall(make_piece("bench.two_seats", tint=tint))
-    layout.along_wall(furniture.plant(rng))
-    layout.on_wall(make_piece("lift", tint=tint), 0.0)
-    layout.lay(furniture.carpet(tint, 2.0, 2.0, Look.CARPET))
-    _extras(layout, clutter, rng)
-
-
-def _extras(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    if rng.random() < clutter:
-        layout.along_wall(furniture.plant(rng))
-    layout.along_wall(make_piece("bin", tint=CLOTHS[rng.integers(len(CLOTHS))]))
-    layout.on_wall(furniture.picture(int(rng.integers(16)), 0.8, 0.6), 1.2)
-
-
-_FURNISH: Mapping[str, Callable[[Layout, float, np.random.Generator], None]] = {
-    "office": _office,
-    "store": _store,
-    "treatment": _treatment,
-    "waiting": _waiting,
-}

@@ -5,7 +5,6 @@
 Bedrooms and studies share the same few pieces of furniture, so some rooms look alike.
 """
 
-from collections.abc import Callable, Mapping
 from itertools import cycle, islice, pairwise
 
 import numpy as np
@@ -13,11 +12,12 @@ import numpy as np
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.sim.indoor import furniture
-from fusionslam.sim.indoor.furniture import CLOTHS, WOODS, Style, make_piece
+from fusionslam.sim.indoor.furnishing import Furnisher
+from fusionslam.sim.indoor.furniture import CLOTHS, WOODS, Style
 from fusionslam.sim.indoor.layout import Layout
-from fusionslam.sim.indoor.objects import Site, Thing
+from fusionslam.sim.indoor.objects import Site
 from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
-from fusionslam.sim.indoor.textures import GREY, WHITE, Look
+from fusionslam.sim.indoor.textures import WHITE, Look
 from fusionslam.sim.mesh import Rgb, paint
 from fusionslam.sim.world import World
 
@@ -87,7 +87,7 @@ def make_house(config: HouseConfig) -> World:
         build_room(site, room, openings, _HEIGHT_M)
         layout = Layout(site, room, openings, rng)
         _put_windows(layout, room, config, rng)
-        _FURNISH[_kind(room.name)](layout, Style.draw(rng), config.clutter, rng)
+        Furnisher(layout, Style.draw(rng), config.clutter, rng).also(_kind(room.name))
     return site.world("house", config.seed, rooms[0].centre)
 
 
@@ -169,116 +169,3 @@ def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random
             width = float(rng.choice((1.2, 1.6, 2.0))) if side.length > 3 else 1.0
             if layout.on_wall(window(width, 1.2), 0.9, number) and rng.random() < 0.6:
                 layout.over_last(furniture.curtains(tint, width + 0.45, 2.1), 0.15)
-
-
-def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    seats = rng.choice(("two", "three"))
-    layout.along_wall(make_piece(f"sofa.{seats}_seats", style))
-    layout.along_wall(make_piece("television", style))
-    layout.along_wall(make_piece(("fireplace", "piano")[rng.integers(2)], style))
-    layout.along_wall(make_piece("armchair", style))
-    layout.along_wall(furniture.bookcase(rng, style, 1.2, 1.9))
-    layout.anywhere(make_piece("coffee_table", style))
-    layout.lay(furniture.carpet(style.accent, 2.2, 1.5))
-    _small_things(layout, style, clutter, rng)
-
-
-def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(furniture.counter(style, 4, oven=int(rng.integers(4))))
-    layout.along_wall(make_piece("fridge", tint=(WHITE, GREY, style.accent)[rng.integers(3)]))
-    _dining(layout, style, rng)
-    layout.along_wall(furniture.counter(style, 2))
-    _small_things(layout, style, clutter, rng, pictures=1)
-
-
-def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
-    """Put a table with chairs into the room if they fit, else a small table at a wall."""
-    if rng.random() < 0.5:
-        spots = [(x, y) for y in (-0.5, 0.5) for x in (-0.35, 0.35)]
-        base = make_piece("table.dining", style)
-    else:
-        spots = [(0.0, -0.55), (0.0, 0.55)]
-        base = make_piece("round_table", style)
-    chair = make_piece("chair", style)
-    chairs = [(chair, (x, y, 0.0), np.pi if y < 0 else 2 * np.pi) for x, y in spots]
-    whole = furniture.group("dining_set", [(base, (0.0, 0.0, 0.0), 0.0), *chairs])
-    if not (layout.anywhere(whole) or layout.along_wall(whole)):
-        layout.along_wall(make_piece("table.small", style))
-
-
-def _bedroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    wide = rng.random() < 0.7 and layout.along_wall(make_piece("bed.double", style))
-    if not wide:
-        layout.along_wall(make_piece("bed.single", style))
-    layout.along_wall(make_piece("nightstand", style))
-    layout.along_wall(make_piece("wardrobe", style))
-    layout.along_wall(make_piece("chest", style))
-    layout.lay(furniture.carpet(style.accent, 1.6, 1.1))
-    _small_things(layout, style, clutter, rng)
-
-
-def _study(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    desk, chair = make_piece("desk", style), make_piece("chair", style)
-    placed = [(desk, (0.0, 0.1, 0.0), 0.0), (chair, (-0.2, -0.3, 0.0), np.pi)]
-    layout.along_wall(furniture.group("workplace", placed))
-    for width in (1.2, 0.8, 0.8):
-        layout.along_wall(furniture.bookcase(rng, style, width, float(rng.choice((1.2, 1.9)))))
-    layout.along_wall(make_piece("armchair", style))
-    _small_things(layout, style, clutter, rng)
-
-
-def _bathroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(make_piece("bathtub", tint=style.cloth))
-    layout.along_wall(make_piece("washbasin"))
-    layout.along_wall(make_piece("toilet"))
-    layout.along_wall(make_piece("washing_machine"))
-    layout.lay(furniture.carpet(style.accent, 0.9, 0.6, Look.CARPET))
-    if rng.random() < clutter:
-        layout.along_wall(make_piece("bin", tint=style.accent))
-
-
-def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(make_piece("bed.single", style))
-    layout.along_wall(furniture.bookcase(rng, style, 0.8, 1.2))
-    layout.along_wall(make_piece("chest", style))
-    for _ in range(3):
-        layout.anywhere(furniture.toys(rng))
-    layout.anywhere(make_piece("stool", style))
-    layout.lay(furniture.carpet(style.cloth, 1.8, 1.8, Look.PLAID))
-    _small_things(layout, style, clutter, rng, pictures=3)
-
-
-def _hall(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.lay(furniture.carpet(style.cloth, 3.2, 0.8))
-    layout.along_wall(make_piece("shoe_rack", style))
-    layout.along_wall(make_piece("coat_cupboard", style))
-    for number in rng.permutation(16)[:6]:
-        layout.on_wall(furniture.picture(int(number), 0.5, 0.6), 1.2)
-
-
-def _small_things(
-    layout: Layout, style: Style, clutter: float, rng: np.random.Generator, pictures: int = 2
-) -> None:
-    """Put plants, lamps, bins and pictures, which distinguish rooms of one kind."""
-    makers: tuple[Callable[[], Thing], ...] = (
-        lambda: furniture.plant(rng),
-        lambda: make_piece("lamp", style),
-        lambda: make_piece("bin", tint=style.accent),
-        lambda: make_piece("stool", style),
-    )
-    for make in makers:
-        if rng.random() < clutter:
-            layout.along_wall(make())
-    for number in rng.permutation(16)[:pictures]:
-        layout.on_wall(furniture.picture(int(number), *rng.uniform(0.4, 0.8, 2)), 1.15)
-
-
-_FURNISH: Mapping[str, Callable[[Layout, Style, float, np.random.Generator], None]] = {
-    "hall": _hall,
-    "living": _living,
-    "kitchen": _kitchen,
-    "bedroom": _bedroom,
-    "study": _study,
-    "bathroom": _bathroom,
-    "playroom": _playroom,
-}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam.sim.canvas import SIDE, Canvas, paint_textures, read_steps
+from fusionslam.sim.canvas import SIDE, Canvas, follow, paint_textures, read_steps
 from fusionslam.sim.mesh import Paint, Rgb, Texture
 from fusionslam.storage.arrays import Floats, Image
 
@@ -76,7 +76,7 @@ def indoor_textures(seed: int) -> tuple[Image, ...]:
 
     def paint(look: Look, rng: np.random.Generator) -> Canvas:
         canvas = IndoorCanvas(look.extent, rng)
-        canvas.follow(steps[look.name.lower()])
+        follow(canvas, steps[look.name.lower()])
         return canvas
 
     return paint_textures(seed, 0x1D00, (partial(paint, look) for look in Look))

@@ -7,7 +7,7 @@ import numpy as np
 from fusionslam.sim.indoor.furniture import CLOTHS, group, make_piece
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, thing, wheel
 from fusionslam.sim.indoor.textures import DARK, GREY, Look, fit
-from fusionslam.sim.mesh import Rgb, box, paint, panels, tube
+from fusionslam.sim.mesh import Rgb, box, level, paint, tube
 
 BAY_M = 2.7
 DEPTH_M = 1.1
@@ -121,12 +121,12 @@ def cage(rng: np.random.Generator) -> Thing:
 
 def marking(width: float, depth: float, tint: Rgb) -> Thing:
     """The outline of a rectangle painted on the floor, 8 cm wide."""
-    x, y, line, z = width / 2, depth / 2, 0.08, 0.003
-    low_high = (
+    x, y, line = width / 2, depth / 2, 0.08
+    edges = (
         (-x, -y, x, -y + line),
         (-x, y - line, x, y),
         (-x, -y + line, -x + line, y - line),
         (x - line, -y + line, x, y - line),
     )
-    quads = [[(a, b, z), (c, b, z), (c, d, z), (a, d, z)] for a, b, c, d in low_high]
-    return flat("marking", [panels(quads, paint(Look.PLAIN, tint))], is_ground=True)
+    lines = [level((a, b), (c, d), 0.003, paint(Look.PLAIN, tint)) for a, b, c, d in edges]
+    return flat("marking", lines, is_ground=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam.sim.canvas import Canvas, paint_textures, read_steps
+from fusionslam.sim.canvas import Canvas, follow, paint_textures, read_steps
 from fusionslam.sim.mesh import Rgb, Texture
 from fusionslam.storage.arrays import Image
 
@@ -74,7 +74,7 @@ def town_textures(seed: int) -> tuple[Image, ...]:
 
     def paint(look: Look, name: str, style: FacadeStyle | None, rng: np.random.Generator) -> Canvas:
         canvas = TownCanvas(look.extent, rng)
-        canvas.follow(steps[name])
+        follow(canvas, steps[name])
         if style is not None:
             canvas.windows(style)
         return canvas
