@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from fusionslam.config import Section, option
@@ -186,7 +186,7 @@ def _places(config: LensConfig, columns: NDArray[np.int64], rows: NDArray[np.int
 
 
 def photograph(
-    caster: Caster, config: LensConfig, pose: Floats, gain: Vector, rng: np.random.Generator
+    caster: Caster, config: LensConfig, pose: Floats, gain: ArrayLike, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """Render one image, uint8 (H, W, 3) RGB, at world_from_camera ``pose``, one gain a channel."""
     rays = camera_rays(config)

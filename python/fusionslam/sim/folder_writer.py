@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write a simulated recording as a plain folder; a frame is a scan and the last image before it."""
 
-import io
 import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,15 +15,17 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from fusionslam.datasets import write_poses_tum
+from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import ground_poses
+from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import Event, Odometry, Picture, Scan
-from fusionslam.sim.camera import CameraMount, projection
+from fusionslam.sim.camera import CameraMount, LensConfig, projection
 from fusionslam.sim.lidar import LidarMount
 from fusionslam.sim.robot import TRUTH_TOPIC, RobotConfig, base_from
 from fusionslam.sim.simulator import Task
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
@@ -124,25 +125,24 @@ class FolderWriter:
                 self._pictures[sides[event.topic]] = message
         elif isinstance(message, Odometry) and event.topic == TRUTH_TOPIC:
             self._truth.append(message)
-        elif isinstance(message, Scan) and event.topic == self._lidar.topic and self._ready():
+        elif (
+            isinstance(message, Scan)
+            and event.topic == self._lidar.topic
+            and len(self._pictures) == len(self._cameras)
+        ):
             self._write_frame(message)
-
-    def _ready(self) -> bool:
-        return len(self._pictures) == len(self._cameras)
 
     def _write_frame(self, scan: Scan) -> None:
         name = f"{self.count:06d}"
-        intensity = scan.fields.get("intensity", np.zeros(len(scan.points), np.float32))
-        cloud = np.column_stack([scan.points, intensity]).astype("<f4")
-        files = {self._root / "clouds" / f"{name}.bin": cloud.tobytes()}
-        for side, picture in self._pictures.items():
-            files[self._root / side / f"{name}.png"] = _png(picture.image)
+        cloud = self._root / "clouds" / f"{name}.bin"
+        images = {self._root / side / f"{name}.png": shot for side, shot in self._pictures.items()}
         try:
-            for path, data in files.items():
-                _write(path, data)
+            write_cloud(cloud, Cloud(scan.points, None, scan.fields.get("intensity")))
+            for path, picture in images.items():
+                write_png(path, picture.image)
         except BaseException:
             # An incomplete frame would make the folder unreadable.
-            for path in files:
+            for path in (cloud, *images):
                 path.unlink(missing_ok=True)
             raise
         self._stamps.append(scan.stamp_ns)
@@ -156,13 +156,22 @@ class FolderWriter:
         if not self._stamps:
             raise DataError(f"{self._root}: no frame was recorded: no scan follows an image")
         seconds = [f"{Decimal(stamp).scaleb(-9):f}\n" for stamp in self._stamps]
-        _write(self._root / "times.txt", "".join(seconds).encode())
+        write_bytes(self._root / "times.txt", "".join(seconds).encode())
         stamps = np.array(self._stamps, dtype=np.int64)
         write_poses_tum(self._root / "poses.txt", stamps, self._poses(stamps))
-        text = yaml.safe_dump(self._calibration(), default_flow_style=None, sort_keys=False)
-        _write(self._root / "calib.yaml", text.encode())
+        # P of a right camera refers to the left camera's frame.
+        cameras = {
+            side: (
+                camera,
+                projection(camera, right=side == "right"),
+                base_from(self._robot, camera.frame_id),
+            )
+            for side, camera in self._cameras.items()
+        }
+        text = calibration_text(base_from(self._robot, self._lidar.frame_id), cameras)
+        write_bytes(self._root / "calib.yaml", text.encode())
 
-    def _poses(self, stamps: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _poses(self, stamps: NDArray[np.int64]) -> Floats:
         """world_from_lidar at time stamps, interpolated between the received true poses."""
         known = np.array([truth.stamp_ns for truth in self._truth], dtype=np.int64)
         poses = np.array([truth.pose for truth in self._truth])
@@ -173,23 +182,6 @@ class FolderWriter:
             for values in (poses[:, 0, 3], poses[:, 1, 3], yaw)
         )
         return ground_poses(*places) @ base_from(self._robot, self._lidar.frame_id)
-
-    def _calibration(self) -> dict[str, Any]:
-        base_from_lidar = base_from(self._robot, self._lidar.frame_id)
-        cameras = {
-            side: {
-                "projection": projection(camera, right=side == "right").ravel().tolist(),
-                # P of the right camera refers to the left camera's frame.
-                "rectified_from_points": (
-                    np.linalg.inv(base_from(self._robot, camera.frame_id)) @ base_from_lidar
-                )
-                .ravel()
-                .tolist(),
-                "size": [camera.width, camera.height],
-            }
-            for side, camera in self._cameras.items()
-        }
-        return {ON_ROBOT: base_from_lidar.ravel().tolist()} | cameras
 
 
 def first_lidar(robot: RobotConfig) -> LidarMount:
@@ -228,12 +220,33 @@ def _chosen(robot: RobotConfig) -> Mapping[str, CameraMount]:
     return chosen
 
 
-def _png(image: NDArray[np.uint8]) -> bytes:
-    data = io.BytesIO()
-    Image.fromarray(image).save(data, format="PNG", compress_level=1)
-    return data.getvalue()
+def calibration_text(
+    robot_from_lidar: Floats, cameras: Mapping[str, tuple[LensConfig, Floats, Floats]]
+) -> str:
+    """The calib.yaml of a plain folder.
+
+    Args:
+        robot_from_lidar: float64 (4, 4).
+        cameras: lens, P float64 (3, 4), and robot_from_camera float64 (4, 4), by folder.
+    """
+    values: dict[str, Any] = {ON_ROBOT: robot_from_lidar.ravel().tolist()}
+    for name, (lens, matrix, robot_from_camera) in cameras.items():
+        from_points = np.linalg.inv(robot_from_camera) @ robot_from_lidar
+        values[name] = {
+            "projection": matrix.ravel().tolist(),
+            "rectified_from_points": from_points.ravel().tolist(),
+            "size": [lens.width, lens.height],
+        }
+    return yaml.safe_dump(values, default_flow_style=None, sort_keys=False)
 
 
-def _write(path: Path, data: bytes) -> None:
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an image, uint8 (H, W, 3). Raises DataError if the file cannot be written."""
+    with atomic_path(path, durable=False) as temporary:
+        Image.fromarray(image).save(temporary, format="PNG", compress_level=1)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file. Raises DataError if it cannot be written."""
     with atomic_path(path, durable=False) as temporary:
         temporary.write_bytes(data)

@@ -141,6 +141,13 @@ def panels(corners: ArrayLike, paint: Paint) -> Mesh:
     return triangles(_split(quads), _split(uv), paint)
 
 
+def level(low: ArrayLike, high: ArrayLike, z: float, paint: Paint, *, upward: bool = True) -> Mesh:
+    """A level rectangle from (x, y) to (x, y) that faces up or down."""
+    (x0, y0), (x1, y1) = np.asarray(low, float), np.asarray(high, float)
+    corners = [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
+    return panels([corners if upward else corners[::-1]], paint)
+
+
 def box(low: ArrayLike, high: ArrayLike, paint: Paint, *, bottom: bool = False) -> Mesh:
     """A box between two opposite corners; by default without bottom, which is seldom seen."""
     faces = list(_BOX_FACES if bottom else _BOX_FACES[:5])
@@ -188,3 +195,28 @@ def _split(quads: Floats32) -> Floats32:
 def _dot(a: Floats32, b: Floats32) -> Floats32:
     product: Floats32 = (a * b).sum(axis=-1, keepdims=True)
     return product
+
+
+@dataclass(frozen=True)
+class Side:
+    """A line from ``start`` of ``length`` metres at ``yaw`` radians, the rectangle to its left.
+
+    Positions are (along, inward): metres along the line, and into the rectangle.
+    """
+
+    start: tuple[float, float]
+    yaw: float
+    length: float
+
+    def at(self, along: float, inward: float) -> tuple[float, float]:
+        """x, y of a position, metres."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        x = self.start[0] + c * along - s * inward
+        y = self.start[1] + s * along + c * inward
+        return float(x), float(y)
+
+    def along(self, x: float, y: float) -> tuple[float, float]:
+        """(along, inward) of a point, metres."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        dx, dy = x - self.start[0], y - self.start[1]
+        return float(c * dx + s * dy), float(c * dy - s * dx)

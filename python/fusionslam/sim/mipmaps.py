@@ -26,10 +26,14 @@ class MipMaps:
 
     def __init__(self, images: Sequence[NDArray[np.uint8]]) -> None:
         used = images if len(images) else [_WHITE]
-        pyramids = [_pyramid(_power_of_two(image)) for image in used]
+        pyramids = [_pyramid(image) for image in used]
         self._last = max(len(pyramid) for pyramid in pyramids) - 1
         stored = [level for pyramid in pyramids for level in pyramid]
-        rows = self._rows(pyramids)
+        # Rows of each texture's levels among all stored ones, (textures, levels); small textures
+        # have fewer levels than large ones, and repeat their last one.
+        counts = np.array([len(pyramid) for pyramid in pyramids])
+        level_of = np.minimum(np.arange(self._last + 1), counts[:, None] - 1)
+        rows = (np.cumsum(counts) - counts)[:, None] + level_of
         sizes = np.array([level.shape[0] * level.shape[1] for level in stored])
         self._width = np.array([level.shape[1] for level in stored], np.int32)[rows]
         self._height = np.array([level.shape[0] for level in stored], np.int32)[rows]
@@ -37,16 +41,6 @@ class MipMaps:
         flat = np.concatenate([level.reshape(-1, 4) for level in stored])
         self._packed = flat.view(np.uint32).ravel()
         self.texels = (self._width[:, 0] * self._height[:, 0]).astype(np.float32)
-
-    def _rows(self, pyramids: Sequence[Sequence[object]]) -> NDArray[np.intp]:
-        """Row of each level of each texture among all stored levels, (textures, levels).
-
-        Small textures have fewer levels than large ones; their last level is repeated.
-        """
-        counts = np.array([len(pyramid) for pyramid in pyramids])
-        level = np.minimum(np.arange(self._last + 1), counts[:, None] - 1)
-        rows: NDArray[np.intp] = (np.cumsum(counts) - counts)[:, None] + level
-        return rows
 
     def sample(
         self, texture: NDArray[np.int32], u: Floats32, v: Floats32, level: Floats32
@@ -88,16 +82,13 @@ def _split(coordinate: Floats32, size: NDArray[np.int32]) -> tuple[NDArray[np.in
 
 
 def _pyramid(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    """The image, its sides resized to powers of two, and its halvings."""
+    height, width = (1 << (side - 1).bit_length() for side in image.shape[:2])
+    if (height, width) != image.shape[:2]:
+        image = np.asarray(Image.fromarray(image, "RGBA").resize((width, height)), np.uint8)
     levels = [image]
     while min(levels[-1].shape[:2]) > 1:
         fine = levels[-1].astype(np.uint16)
         total = fine[::2, ::2] + fine[1::2, ::2] + fine[::2, 1::2] + fine[1::2, 1::2]
         levels.append(((total + 2) // 4).astype(np.uint8))
     return levels
-
-
-def _power_of_two(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    height, width = (1 << (side - 1).bit_length() for side in image.shape[:2])
-    if (height, width) == image.shape[:2]:
-        return image
-    return np.asarray(Image.fromarray(image, "RGBA").resize((width, height)), np.uint8)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boxes that move back and forth near the robot's path, and the world with them in it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -252,24 +252,17 @@ class Crowd:
 
     def incidence(self, hits: Hits, directions: Floats32) -> Floats32:
         """Cosine between ray and surface normal, (R,)."""
-        cosine = np.empty(len(hits.distance), np.float32)
-        for part in self._split(hits):
-            cosine[part.rows] = part.caster.incidence(part.hits, directions[part.rows])
-        return cosine
+        return self._join(hits, lambda own: own.caster.incidence(own.hits, directions[own.rows]))
 
     def brightness(self, hits: Hits) -> Floats32:
         """Grey value of the surface at each hit, (R,)."""
-        grey = np.empty(len(hits.distance), np.float32)
-        for part in self._split(hits):
-            grey[part.rows] = part.caster.brightness(part.hits)
-        return grey
+        return self._join(hits, lambda own: own.caster.brightness(own.hits))
 
     def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
         """RGB that a camera sees along each ray, (R, 3)."""
-        rgb = np.empty((len(hits.distance), 3), np.float32)
-        for part in self._split(hits):
-            rgb[part.rows] = part.caster.colors(part.hits, directions[part.rows], pixel)
-        return rgb
+        return self._join(
+            hits, lambda own: own.caster.colors(own.hits, directions[own.rows], pixel)
+        )
 
     def objects(self, hits: Hits) -> NDArray[np.uint16]:
         """Number of the object at each hit, counted from 1, boxes last; 0 if unknown."""
@@ -279,6 +272,15 @@ class Crowd:
         for part in boxes:
             number[part.rows] = self._names + 1 + self._box[part.hits.triangle]
         return number
+
+    def _join(self, hits: Hits, values_of: Callable[[_Share], Floats32]) -> Floats32:
+        """Values of each hit, by the caster that it belongs to."""
+        shares = self._split(hits)
+        parts = [values_of(share) for share in shares]
+        joined = np.empty((len(hits.distance), *parts[0].shape[1:]), np.float32)
+        for share, part in zip(shares, parts, strict=True):
+            joined[share.rows] = part
+        return joined
 
     def _split(self, hits: Hits) -> list[_Share]:
         """The hits on the static world, then, if there are any, the hits on the boxes."""

@@ -143,10 +143,14 @@ def write_recording(
         DataError: the drive meets an obstacle, or the output cannot be written; complete parts
             are kept as described in ``open_writer`` and ``folder_writer``.
     """
-    total = recording_size(drive, config, kind)
-    with _writer(output, kind, config.robot) as writer:
+    total, robot = recording_size(drive, config, kind), config.robot
+    images = {camera.picture_topic(): camera.stored for camera in robot.cameras.values()}
+    writing: AbstractContextManager[Any] = (
+        folder_writer(output, robot) if kind == FOLDER else open_writer(output, kind, images=images)
+    )
+    with writing as writer:
         select: Select = writer.select_tasks if isinstance(writer, FolderWriter) else iter
-        for event in simulate(world, config.robot, drive, config, jobs=jobs, select=select):
+        for event in simulate(world, robot, drive, config, jobs=jobs, select=select):
             writer.write(event)
             if progress is not None:
                 progress(writer.count, total)
@@ -262,10 +266,3 @@ def _values(config: RecordingConfig) -> dict[str, Any]:
 def _bag_path(name: str, identity: dict[str, Any]) -> Path:
     text = json.dumps({"format": _FORMAT, **identity}, sort_keys=True)
     return cache_folder() / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:12]}.bag"
-
-
-def _writer(output: Path, kind: str, robot: RobotConfig) -> AbstractContextManager[Any]:
-    if kind == FOLDER:
-        return folder_writer(output, robot)
-    images = {camera.picture_topic(): camera.stored for camera in robot.cameras.values()}
-    return open_writer(output, kind, images=images)

@@ -79,15 +79,11 @@ class _Renderer:
         self._loading = threading.Lock()
 
     def __call__(self, index: int) -> Image:
-        noise = np.random.default_rng([0, index])
-        pose = self._poses[index]
-        return photograph(self._load_caster(), self._camera, pose, (1.0, 1.0, 1.0), noise)
-
-    def _load_caster(self) -> Any:
         with self._loading:
             if self._caster is None:
                 self._caster = RayCaster(load_world(self._world).visual)
-            return self._caster
+        noise = np.random.default_rng([0, index])
+        return photograph(self._caster, self._camera, self._poses[index], 1.0, noise)
 
 
 def _upper_part(camera: CameraMount, bottom: int | None) -> CameraMount:

@@ -58,22 +58,7 @@ class RobotConfig(Section):
 
     @model_validator(mode="after")
     def _sensors_fit_together(self) -> "RobotConfig":
-        self._check_pairs()
-        fixed = [transform.child for transform in static_transforms(self)]
-        _check_unique("frame", [self.base_frame, self.odometry.frame_id, WORLD, *fixed])
-        _check_unique("topic", [*OWN_TOPICS, self.odometry.topic, *self._topics()])
-        for child in fixed:
-            base_from(self, child)
-        return self
-
-    def _topics(self) -> list[str]:
-        cameras = self.cameras.values()
-        topics = [lidar.topic for lidar in self.lidars.values()]
-        topics += [camera.picture_topic() for camera in cameras]
-        return topics + [camera.info_topic for camera in cameras]
-
-    def _check_pairs(self) -> None:
-        """Require each right camera to use its left one's frame, as its P does (REP 104)."""
+        # A right camera uses its left one's frame, as its P does (REP 104).
         left = {c.frame_id: c for c in self.cameras.values() if c.side == "left"}
         for name, camera in self.cameras.items():
             other = left.get(camera.frame_id)
@@ -82,6 +67,15 @@ class RobotConfig(Section):
                     f"cameras.{name} is the right one of a pair: expected frame_id, parent, "
                     f"position_m and tilt_deg of the left one, found frame_id {camera.frame_id!r}"
                 )
+        fixed = [transform.child for transform in static_transforms(self)]
+        _check_unique("frame", [self.base_frame, self.odometry.frame_id, WORLD, *fixed])
+        topics = [lidar.topic for lidar in self.lidars.values()]
+        topics += [camera.picture_topic() for camera in self.cameras.values()]
+        topics += [camera.info_topic for camera in self.cameras.values()]
+        _check_unique("topic", [*OWN_TOPICS, self.odometry.topic, *topics])
+        for child in fixed:
+            base_from(self, child)
+        return self
 
 
 WORLD = "world"

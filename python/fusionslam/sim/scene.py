@@ -96,7 +96,10 @@ class RayCaster:
         self._maps = MipMaps(scene.textures)
         self._texel_m = _texel_sizes(scene.mesh, self._maps)
         self._lit = np.stack([_lit(scene.mesh.normals, scene.light, side) for side in (1.0, -1.0)])
-        self._flat = _flat_normals(scene.mesh)
+        a, b, c = scene.mesh.triangles.transpose(1, 0, 2)
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        self._flat: Floats32 = cross / np.maximum(length, 1e-12)
         self._embree = _embree_scene(scene.mesh)
         # The first query builds the tree; later ones only read it, from any thread.
         self.cast(np.zeros(3, np.float32), np.array([[0, 0, 1]], np.float32))
@@ -215,13 +218,6 @@ def _lit(normals: Floats32, light: Light, side: float) -> Floats32:
         light.ambient, np.float32
     )
     return lit
-
-
-def _flat_normals(mesh: Mesh) -> Floats32:
-    a, b, c = mesh.triangles.transpose(1, 0, 2)
-    cross = np.cross(b - a, c - a)
-    normals: Floats32 = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-12)
-    return normals
 
 
 def _texel_sizes(mesh: Mesh, maps: MipMaps) -> Floats32:

@@ -4,9 +4,7 @@
 
 import heapq
 import math
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -43,6 +41,7 @@ from fusionslam.sim.robot import (
 from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
 from fusionslam.storage.arrays import Floats
+from fusionslam.storage.parallel import ordered_results
 
 # Most events in flight per thread: events rendered ahead stay in memory.
 _AHEAD = 8
@@ -298,14 +297,5 @@ def _render_events(tasks: Iterable[Task], jobs: int) -> Iterator[Event]:
     if jobs <= 1:
         yield from (task.event() for task in tasks)
         return
-    waiting: deque[Future[Event]] = deque()
-    with ThreadPoolExecutor(jobs) as pool:
-        try:
-            for task in tasks:
-                waiting.append(pool.submit(task.event))
-                if len(waiting) >= _AHEAD * jobs:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    with ordered_results(Task.event, tasks, jobs, ahead=_AHEAD * jobs) as events:
+        yield from events

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -19,7 +20,7 @@ def available_cores() -> int:
 
 
 def in_order(
-    pool: ThreadPoolExecutor, work: Callable[[int], T], items: Iterable[int], ahead: int
+    pool: ThreadPoolExecutor, work: Callable[[S], T], items: Iterable[S], ahead: int
 ) -> Iterator[T]:
     """Yield the results of ``work`` in the order of the items, with at most ``ahead`` in flight."""
     rest, begun = iter(items), deque[Future[T]]()
@@ -33,7 +34,7 @@ def in_order(
 
 @contextmanager
 def ordered_results(
-    work: Callable[[int], T], items: Iterable[int], jobs: int, *, ahead: int | None = None
+    work: Callable[[S], T], items: Iterable[S], jobs: int, *, ahead: int | None = None
 ) -> Iterator[Iterator[T]]:
     """Yield an iterator over the results of ``work`` in the order of the items.
 

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fusionslam.config import Section, option
-from fusionslam.sim.indoor import home_furniture as home
-from fusionslam.sim.indoor import hospital_furniture as ward
+from fusionslam.sim.indoor import furniture
+from fusionslam.sim.indoor.furnishing import Furnisher
 from fusionslam.sim.indoor.furniture import CLOTHS, Style, make_piece
 from fusionslam.sim.indoor.layout import Layout
 from fusionslam.sim.indoor.objects import Site, Thing
@@ -37,7 +37,7 @@ _CORRIDOR_M = 2.4
 _CORE_M = 4.4
 _DOOR_M = 1.15
 _PASSAGE_M = 1.9
-_DOOR_TINT: Rgb = (0.88, 0.76, 0.58)
+_DOOR_TINT = furniture.PALETTE["OAK"]
 _CURTAINS: tuple[Rgb, ...] = ((0.62, 0.80, 0.84), (0.74, 0.84, 0.62), (0.92, 0.80, 0.60))
 _BLANKETS: tuple[Rgb, ...] = ((0.66, 0.78, 0.88), (0.90, 0.82, 0.62), (0.70, 0.84, 0.72))
 _STRIPES: Mapping[str, Rgb] = {
@@ -102,7 +102,12 @@ def make_hospital(config: HospitalConfig) -> World:
         if room.name.startswith("corridor"):
             _furnish_corridor(site, layout, room, openings, config.clutter, rng)
         else:
-            _FURNISH[room.name.split("_")[0]](layout, config.clutter, rng)
+            kind = room.name.split("_")[0]
+            cloth = WHITE if kind == "store" else CLOTHS[rng.integers(len(CLOTHS))]
+            style = Style(GREY, cloth, cloth)
+            if kind == "office":
+                style = Style(_DOOR_TINT, cloth, GREY)
+            Furnisher(layout, style, config.clutter, rng).also(kind)
     return site.world("hospital", config.seed, rooms[0].centre)
 
 
@@ -172,20 +177,19 @@ def _furnish_ward(site: Site, room: Room, clutter: float, rng: np.random.Generat
         put(make_piece("bedside_cabinet", tint=_DOOR_TINT), -wall + 0.26, y + 0.75, np.pi / 2)
         if rng.random() < clutter:
             put(make_piece("drip_stand"), -wall + rng.uniform(0.9, 1.6), y - 0.82, 0.0)
-    put(ward.bed_curtain(tint, float(rng.uniform(0.4, 1.6))), -wall + 1.15, -0.15, 0.0)
+    put(furniture.bed_curtain(tint, float(rng.uniform(0.4, 1.6))), -wall + 1.15, -0.15, 0.0)
     put(window(2.2, 1.3), 0.0, -wall, np.pi, 0.95)
     put(make_piece("radiator"), 0.9, -wall + 0.08, np.pi)
     put(make_piece("washbasin"), -1.5, wall - 0.23, 0.0)
-    locker = home.cupboard(Style(WHITE, WHITE, WHITE), 1.2, 0.5, 1.9, Look.CUPBOARD, "locker")
-    put(locker, wall - 0.28, -0.9, -np.pi / 2)
+    put(make_piece("locker", Style(WHITE, WHITE, WHITE)), wall - 0.28, -0.9, -np.pi / 2)
     pail = make_piece("bin", tint=CLOTHS[rng.integers(len(CLOTHS))])
     put(pail, wall - 0.2, rng.uniform(-0.05, 1.0), 0.0)
-    put(home.picture(int(rng.integers(16)), 0.6, 0.45), wall, 0.6, -np.pi / 2, 1.2)
+    put(furniture.picture(int(rng.integers(16)), 0.6, 0.45), wall, 0.6, -np.pi / 2, 1.2)
     if rng.random() < clutter:
         seat = make_piece("chair", Style(GREY, CLOTHS[rng.integers(len(CLOTHS))], WHITE))
         put(seat, rng.uniform(0.9, 1.5), -wall + 0.45, np.pi)
     if rng.random() < 0.5 * clutter:
-        put(home.plant(rng), wall - 0.35, -wall + 0.35, 0.0)
+        put(furniture.plant(rng), wall - 0.35, -wall + 0.35, 0.0)
 
 
 def _furnish_corridor(
@@ -204,11 +208,13 @@ def _furnish_corridor(
         for start, end in spans(side.length, found):
             if end - start > 0.8:
                 x, y = side.at((start + end) / 2, WALL_M / 2)
-                site.put(ward.handrail(end - start - 0.4, tint), x, y, side.yaw + np.pi)
+                site.put(furniture.handrail(end - start - 0.4, tint), x, y, side.yaw + np.pi)
         for along, opening in found:
             if opening.leaf_in:
                 x, y = side.at(along + opening.width / 2 + 0.25, WALL_M / 2)
-                site.put(ward.number_plate(number, tint), x, y, side.yaw + np.pi, 1.35)
+                site.put(
+                    make_piece("number", tint=tint, number=number), x, y, side.yaw + np.pi, 1.35
+                )
                 number += 1
     long = max(np.subtract(room.high, room.low))
     for _ in range(round(long / 3.5)):
@@ -216,69 +222,16 @@ def _furnish_corridor(
             layout.along_wall(_corridor_thing(rng))
     layout.along_wall(make_piece("extinguisher"))
     for _ in range(max(1, round(long / 9))):
-        layout.on_wall(home.picture(int(rng.integers(16)), 0.9, 0.7), 1.25)
+        layout.on_wall(furniture.picture(int(rng.integers(16)), 0.9, 0.7), 1.25)
 
 
 def _corridor_thing(rng: np.random.Generator) -> Thing:
     tint = CLOTHS[rng.integers(len(CLOTHS))]
     makers: tuple[Callable[[], Thing], ...] = (
-        lambda: ward.bench((0.24, 0.44, 0.70), 3),
-        lambda: ward.bench((0.24, 0.44, 0.70), 2),
+        lambda: make_piece("bench.three_seats", tint=_STRIPES["south"]),
+        lambda: make_piece("bench.two_seats", tint=_STRIPES["south"]),
         lambda: make_piece("trolley", tint=tint),
-        lambda: home.plant(rng),
+        lambda: furniture.plant(rng),
         lambda: make_piece("bin", tint=tint),
     )
     return makers[rng.integers(len(makers))]()
-
-
-def _office(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    style = Style(_DOOR_TINT, CLOTHS[rng.integers(len(CLOTHS))], GREY)
-    layout.along_wall(make_piece("desk", style))
-    layout.along_wall(home.bookcase(rng, style, 1.2, 1.9))
-    for _ in range(2):
-        layout.along_wall(make_piece("chair", style))
-    _extras(layout, clutter, rng)
-
-
-def _store(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    style = Style(GREY, WHITE, WHITE)
-    for width in (1.5, 1.2, 1.2):
-        layout.along_wall(home.cupboard(style, width, 0.5, 1.9, Look.CUPBOARD, "locker"))
-    for kind in ("wheelchair", "drip_stand", "trolley"):
-        if rng.random() < max(clutter, 0.3):
-            layout.along_wall(make_piece(kind, tint=CLOTHS[3]))
-
-
-def _treatment(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(make_piece("couch", tint=tint))
-    layout.along_wall(make_piece("washbasin"))
-    layout.along_wall(make_piece("trolley", tint=tint))
-    layout.along_wall(make_piece("stool", Style(GREY, tint, tint)))
-    _extras(layout, clutter, rng)
-
-
-def _waiting(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    tint = CLOTHS[rng.integers(len(CLOTHS))]
-    layout.along_wall(make_piece("reception", tint=_DOOR_TINT))
-    for _ in range(3):
-        layout.along_wall(ward.bench(tint, 2))
-    layout.along_wall(home.plant(rng))
-    layout.on_wall(make_piece("lift", tint=tint), 0.0)
-    layout.lay(home.carpet(tint, 2.0, 2.0, Look.CARPET))
-    _extras(layout, clutter, rng)
-
-
-def _extras(layout: Layout, clutter: float, rng: np.random.Generator) -> None:
-    if rng.random() < clutter:
-        layout.along_wall(home.plant(rng))
-    layout.along_wall(make_piece("bin", tint=CLOTHS[rng.integers(len(CLOTHS))]))
-    layout.on_wall(home.picture(int(rng.integers(16)), 0.8, 0.6), 1.2)
-
-
-_FURNISH: Mapping[str, Callable[[Layout, float, np.random.Generator], None]] = {
-    "office": _office,
-    "store": _store,
-    "treatment": _treatment,
-    "waiting": _waiting,
-}

@@ -5,19 +5,19 @@
 Bedrooms and studies share the same few pieces of furniture, so some rooms look alike.
 """
 
-from collections.abc import Callable, Mapping
 from itertools import cycle, islice, pairwise
 
 import numpy as np
 
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
-from fusionslam.sim.indoor import home_furniture as home
-from fusionslam.sim.indoor.furniture import CLOTHS, WOODS, Style, make_piece
+from fusionslam.sim.indoor import furniture
+from fusionslam.sim.indoor.furnishing import Furnisher
+from fusionslam.sim.indoor.furniture import CLOTHS, WOODS, Style
 from fusionslam.sim.indoor.layout import Layout
-from fusionslam.sim.indoor.objects import Site, Thing
+from fusionslam.sim.indoor.objects import Site
 from fusionslam.sim.indoor.rooms import Opening, Room, build_room, sides, window
-from fusionslam.sim.indoor.textures import GREY, WHITE, Look
+from fusionslam.sim.indoor.textures import WHITE, Look
 from fusionslam.sim.mesh import Rgb, paint
 from fusionslam.sim.world import World
 
@@ -87,7 +87,7 @@ def make_house(config: HouseConfig) -> World:
         build_room(site, room, openings, _HEIGHT_M)
         layout = Layout(site, room, openings, rng)
         _put_windows(layout, room, config, rng)
-        _FURNISH[_kind(room.name)](layout, Style.draw(rng), config.clutter, rng)
+        Furnisher(layout, Style.draw(rng), config.clutter, rng).also(_kind(room.name))
     return site.world("house", config.seed, rooms[0].centre)
 
 
@@ -168,125 +168,4 @@ def _put_windows(layout: Layout, room: Room, config: HouseConfig, rng: np.random
         if side.length > 2.2 and np.isclose(at, edges).any():
             width = float(rng.choice((1.2, 1.6, 2.0))) if side.length > 3 else 1.0
             if layout.on_wall(window(width, 1.2), 0.9, number) and rng.random() < 0.6:
-                layout.over_last(home.curtains(tint, width + 0.45, 2.1), 0.15)
-
-
-def _living(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(home.sofa(style, float(rng.choice((1.9, 2.2)))))
-    layout.along_wall(make_piece("television", style))
-    layout.along_wall(make_piece(("fireplace", "piano")[rng.integers(2)], style))
-    layout.along_wall(home.sofa(style, 0.9, "armchair"))
-    layout.along_wall(home.bookcase(rng, style, 1.2, 1.9))
-    layout.anywhere(make_piece("coffee_table", style))
-    layout.lay(home.carpet(style.accent, 2.2, 1.5))
-    _small_things(layout, style, clutter, rng)
-
-
-def _kitchen(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(home.counter(style, 4, oven=int(rng.integers(4))))
-    layout.along_wall(make_piece("fridge", tint=(WHITE, GREY, style.accent)[rng.integers(3)]))
-    _dining(layout, style, rng)
-    layout.along_wall(home.counter(style, 2))
-    _small_things(layout, style, clutter, rng, pictures=1)
-
-
-def _dining(layout: Layout, style: Style, rng: np.random.Generator) -> None:
-    """Put a table with chairs into the room if they fit, else a small table at a wall."""
-    if rng.random() < 0.5:
-        chairs = [(make_piece("chair", style), x, -0.5, 0.0) for x in (-0.35, 0.35)]
-        chairs += [(make_piece("chair", style), x, 0.5, np.pi) for x in (-0.35, 0.35)]
-        base = home.table(style, 1.5, 0.8)
-    else:
-        chairs = [
-            (make_piece("chair", style), 0.0, y, yaw) for y, yaw in ((-0.55, 0.0), (0.55, np.pi))
-        ]
-        base = make_piece("round_table", style)
-    chairs = [(seat, x, y, yaw + np.pi) for seat, x, y, yaw in chairs]
-    whole = home.group("dining_set", [(base, 0.0, 0.0, 0.0), *chairs])
-    if not (layout.anywhere(whole) or layout.along_wall(whole)):
-        layout.along_wall(home.table(style, 1.0, 0.6))
-
-
-def _bedroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    wide = rng.random() < 0.7 and layout.along_wall(home.bed(style, 1.6))
-    if not wide:
-        layout.along_wall(home.bed(style, 0.95))
-    chest = home.cupboard(style, 0.45, 0.4, 0.5, Look.DRAWERS, "nightstand")
-    layout.along_wall(chest)
-    layout.along_wall(home.cupboard(style, 1.5, 0.58, 2.0, Look.CUPBOARD, "wardrobe"))
-    layout.along_wall(home.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
-    layout.lay(home.carpet(style.accent, 1.6, 1.1))
-    _small_things(layout, style, clutter, rng)
-
-
-def _study(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(
-        home.group(
-            "workplace",
-            [
-                (make_piece("desk", style), 0.0, 0.1, 0.0),
-                (make_piece("chair", style), -0.2, -0.3, np.pi),
-            ],
-        )
-    )
-    for width in (1.2, 0.8, 0.8):
-        layout.along_wall(home.bookcase(rng, style, width, float(rng.choice((1.2, 1.9)))))
-    layout.along_wall(home.sofa(style, 0.9, "armchair"))
-    _small_things(layout, style, clutter, rng)
-
-
-def _bathroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(make_piece("bathtub", tint=style.cloth))
-    layout.along_wall(make_piece("washbasin"))
-    layout.along_wall(make_piece("toilet"))
-    layout.along_wall(make_piece("washing_machine"))
-    layout.lay(home.carpet(style.accent, 0.9, 0.6, Look.CARPET))
-    if rng.random() < clutter:
-        layout.along_wall(make_piece("bin", tint=style.accent))
-
-
-def _playroom(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.along_wall(home.bed(style, 0.95))
-    layout.along_wall(home.bookcase(rng, style, 0.8, 1.2))
-    layout.along_wall(home.cupboard(style, 0.9, 0.45, 0.85, Look.DRAWERS, "chest"))
-    for _ in range(3):
-        layout.anywhere(home.toys(rng))
-    layout.anywhere(make_piece("stool", style))
-    layout.lay(home.carpet(style.cloth, 1.8, 1.8, Look.PLAID))
-    _small_things(layout, style, clutter, rng, pictures=3)
-
-
-def _hall(layout: Layout, style: Style, clutter: float, rng: np.random.Generator) -> None:
-    layout.lay(home.carpet(style.cloth, 3.2, 0.8))
-    layout.along_wall(home.cupboard(style, 0.8, 0.3, 0.9, Look.DRAWERS, "shoe_rack"))
-    layout.along_wall(home.cupboard(style, 0.7, 0.3, 1.9, Look.CUPBOARD, "coat_cupboard"))
-    for number in rng.permutation(16)[:6]:
-        layout.on_wall(home.picture(int(number), 0.5, 0.6), 1.2)
-
-
-def _small_things(
-    layout: Layout, style: Style, clutter: float, rng: np.random.Generator, pictures: int = 2
-) -> None:
-    """Put plants, lamps, bins and pictures, which distinguish rooms of one kind."""
-    makers: tuple[Callable[[], Thing], ...] = (
-        lambda: home.plant(rng),
-        lambda: make_piece("lamp", style),
-        lambda: make_piece("bin", tint=style.accent),
-        lambda: make_piece("stool", style),
-    )
-    for make in makers:
-        if rng.random() < clutter:
-            layout.along_wall(make())
-    for number in rng.permutation(16)[:pictures]:
-        layout.on_wall(home.picture(int(number), *rng.uniform(0.4, 0.8, 2)), 1.15)
-
-
-_FURNISH: Mapping[str, Callable[[Layout, Style, float, np.random.Generator], None]] = {
-    "hall": _hall,
-    "living": _living,
-    "kitchen": _kitchen,
-    "bedroom": _bedroom,
-    "study": _study,
-    "bathroom": _bathroom,
-    "playroom": _playroom,
-}
+                layout.over_last(furniture.curtains(tint, width + 0.45, 2.1), 0.15)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fusionslam.sim.indoor.objects import Site, Thing
 from fusionslam.sim.indoor.rooms import WALL_M, Opening, Room, openings_of, sides
-from fusionslam.sim.side import Side
+from fusionslam.sim.mesh import Side
 
 # A robot of 0.22 m radius passes through a lane with room to spare.
 LANE_M = 0.80
@@ -118,8 +118,9 @@ class Layout:
         )
         if (place[:2] < inner[:2]).any() or (place[2:] > inner[2:]).any():
             return False
-        if any(_overlap(place, other) for other in self._taken):
-            return False
+        for other in self._taken:
+            if (place[:2] < other[2:]).all() and (other[:2] < place[2:]).all():
+                return False
         self._taken.append(place)
         self._site.put(thing, x, y, yaw)
         return True
@@ -143,7 +144,3 @@ def _lane(
 def _around(first: NDArray[np.float64], second: NDArray[np.float64], width: float) -> _Rectangle:
     low, high = np.minimum(first, second), np.maximum(first, second)
     return np.concatenate([low - width / 2, high + width / 2])
-
-
-def _overlap(a: _Rectangle, b: _Rectangle) -> bool:
-    return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())

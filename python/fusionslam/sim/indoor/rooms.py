@@ -9,8 +9,7 @@ import numpy as np
 
 from fusionslam.sim.indoor.objects import Site, Thing, block, flat, front, thing
 from fusionslam.sim.indoor.textures import WHITE, Look, fit
-from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, join_meshes, paint, panels
-from fusionslam.sim.side import Side
+from fusionslam.sim.mesh import Mesh, Paint, Rgb, Side, box, join_meshes, level, paint
 
 WALL_M = 0.16
 DOOR_M = 2.05
@@ -81,8 +80,9 @@ def openings_of(side: Side, openings: Sequence[Opening]) -> list[tuple[float, Op
 def build_room(site: Site, room: Room, openings: Sequence[Opening], height: float) -> None:
     """Add floor, ceiling, walls and open door leaves of a room to the site."""
     extent = room.high[0] - room.low[0], room.high[1] - room.low[1]
-    floor = _slab(extent, room.floor, upward=True)
-    ceiling = _slab(extent, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
+    high = np.array(extent) / 2
+    floor = level(-high, high, 0.0, room.floor)
+    ceiling = level(-high, high, 0.0, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
     site.put(Thing(f"floor_{room.name}", floor, floor, extent, is_ground=True), *room.centre)
     site.put(Thing(f"ceiling_{room.name}", ceiling, ceiling, extent), *room.centre, z=height)
     visual: list[Mesh] = []
@@ -107,12 +107,6 @@ def window(width: float, height: float) -> Thing:
     x = width / 2 + 0.05
     sill = block((-x, -0.06, -0.04), (x, 0, 0), paint(Look.PLAIN, WHITE))
     return flat("window", [pane, sill])
-
-
-def _slab(extent: tuple[float, float], cover: Paint, *, upward: bool) -> Mesh:
-    x, y = extent[0] / 2, extent[1] / 2
-    corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
-    return panels([corners if upward else corners[::-1]], cover)
 
 
 def spans(length: float, found: Sequence[tuple[float, Opening]]) -> list[tuple[float, float]]:

@@ -1,17 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The indoor worlds' textures: wood, tiles, carpets, cardboard, doors and windows."""
+"""The indoor worlds' textures: wood, tiles, carpets, cardboard, doors, windows, pictures."""
 
-from collections.abc import Mapping
 from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 
-from fusionslam.sim.canvas import SIDE, Canvas, Painter, noise, paint_textures, rough
-from fusionslam.sim.indoor import posters
+from fusionslam.sim.canvas import SIDE, Canvas, follow, paint_textures, read_steps
 from fusionslam.sim.mesh import Paint, Rgb, Texture
-from fusionslam.storage.arrays import Image
+from fusionslam.storage.arrays import Floats, Image
 
+# A sheet of pictures or numbers holds CELLS x CELLS, numbered from the lower left, row by row.
+CELLS = 4
 GREY: Rgb = (0.62, 0.63, 0.65)
 DARK: Rgb = (0.22, 0.22, 0.24)
 WHITE: Rgb = (0.97, 0.97, 0.95)
@@ -52,8 +53,8 @@ class Look(Texture):
     HAZARD = 26, 0.6, 0.6
     SCREEN = 27, 1.0, 0.6
     OVEN = 28, 0.6, 0.9
-    PICTURES = 29, 1.0, 1.0
-    LABELS = 30, 1.0, 1.0
+    PICTURES = 29, 4.0, 4.0
+    LABELS = 30, 4.0, 4.0
 
 
 def fit(look: Look, width: float, height: float, tint: Rgb = (1.0, 1.0, 1.0)) -> Paint:
@@ -63,270 +64,175 @@ def fit(look: Look, width: float, height: float, tint: Rgb = (1.0, 1.0, 1.0)) ->
 
 def cut(look: Look, number: int, width: float, height: float, tint: Rgb = (1, 1, 1)) -> Paint:
     """One cell of an atlas (``PICTURES`` or ``LABELS``), fitted to a panel of this size."""
-    row, column = divmod(number % posters.CELLS**2, posters.CELLS)
-    across = (width * posters.CELLS, height * posters.CELLS)
-    return Paint(int(look), tint, across, (column / posters.CELLS, row / posters.CELLS))
+    row, column = divmod(number % CELLS**2, CELLS)
+    across = (width * CELLS, height * CELLS)
+    return Paint(int(look), tint, across, (column / CELLS, row / CELLS))
 
 
 @lru_cache(maxsize=4)
 def indoor_textures(seed: int) -> tuple[Image, ...]:
     """The images indexed by ``Look``: uint8 (512, 512, 4) each, made from a seed."""
-    return paint_textures(seed, 0x1D00, (_PAINTERS[look] for look in Look))
+    steps = read_steps(Path(__file__).with_suffix(".yaml"))
 
-
-def _stripes(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.STRIPES, (0.92, 0.92, 0.92), 0.04)(rng)
-    for x in np.arange(0, 1.2, 0.2):
-        canvas.rectangle((x, 0), (0.1, 1.2), (0.99, 0.98, 0.95), 0.4)
-    canvas.shade(0.03 * noise(rng, 0.6))
-    return canvas
-
-
-def _flowers(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.FLOWERS, (0.93, 0.93, 0.93), 0.04)(rng)
-    for x, y in [(0.25, 0.25), (0.75, 0.75), (0.75, 0.25), (0.25, 0.75)]:
-        for angle in np.arange(5) * 2 * np.pi / 5:
-            petal = (x + 0.06 * np.cos(angle), y + 0.06 * np.sin(angle))
-            canvas.disc(petal, 0.04, (0.99, 0.97, 0.92) if x == y else (0.62, 0.62, 0.62), 0.5)
-        canvas.disc((x, y), 0.03, (0.85, 0.65, 0.2), 0.0)
-    return canvas
-
-
-def _grain(rng: np.random.Generator, look: Look, contrast: float) -> Canvas:
-    """Wood grain: streaks along y."""
-    canvas = Canvas(look.extent, (0.84, 0.84, 0.84), 1.0)
-    streaks = noise(rng, 0.9)
-    low_pass = np.exp(-((np.arange(SIDE // 2 + 1) / 6.0) ** 2))
-    along = np.fft.irfft(np.fft.rfft(streaks, axis=0) * low_pass[:, None], SIDE, axis=0)
-    canvas.shade((contrast * along / along.std()).astype(np.float32))
-    return canvas
-
-
-def _planks(rng: np.random.Generator) -> Canvas:
-    canvas = _grain(rng, Look.PLANKS, 0.07)
-    canvas.bricks(rng, brick=(0.15, 1.2), joint=0.005, joint_rgb=(0.4, 0.38, 0.36), spread=0.14)
-    return canvas
-
-
-def _parquet(rng: np.random.Generator) -> Canvas:
-    """Squares of five staves, alternately along and across."""
-    canvas = _grain(rng, Look.PARQUET, 0.05)
-    for row, column in np.ndindex(4, 4):
-        for stave in range(5):
-            shade = float(rng.uniform(0.70, 1.0))
-            low, size = (column * 0.4, row * 0.4 + stave * 0.08), (0.395, 0.076)
-            if (row + column) % 2:
-                low, size = (column * 0.4 + stave * 0.08, row * 0.4), (0.076, 0.395)
-            canvas.rectangle(low, size, (shade, shade, shade), 1.0)
-    canvas.shade(0.05 * noise(rng, 0.5))
-    return canvas
-
-
-def _tiles(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.TILES.extent, (0.94, 0.94, 0.94), 1.0)
-    canvas.bricks(rng, brick=(0.3, 0.3), joint=0.008, joint_rgb=(0.55, 0.55, 0.54), spread=0.05)
-    canvas.shade(0.03 * noise(rng, 0.8))
-    return canvas
-
-
-def _linoleum(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.LINOLEUM, (0.86, 0.86, 0.86), 0.04)(rng)
-    speckles = noise(rng, 0.25)
-    canvas.rgb[speckles > 2.0] *= 0.72
-    canvas.rgb[speckles < -2.0] = 0.97
-    return canvas
-
-
-def _concrete(rng: np.random.Generator) -> Canvas:
-    """Stained slabs with joints every three metres."""
-    canvas = rough(Look.CONCRETE, (0.62, 0.62, 0.61), 0.07)(rng)
-    canvas.shade(0.08 * noise(rng, 1.5))
-    for at in (0.0, 3.0):
-        canvas.rectangle((at, 0), (0.02, 6), (0.36, 0.36, 0.35), 1.0)
-        canvas.rectangle((0, at), (6, 0.02), (0.36, 0.36, 0.35), 1.0)
-    for _ in range(14):
-        spot = rng.uniform(0.5, 5.5, 2)
-        canvas.disc(spot, rng.uniform(0.02, 0.14), (rng.uniform(0.38, 0.56),) * 3, 1.0)
-    canvas.shade(0.05 * noise(rng, 0.3))
-    return canvas
-
-
-def _rug(rng: np.random.Generator) -> Canvas:
-    """A carpet with a border and diamonds."""
-    canvas = Canvas(Look.RUG.extent, (0.85, 0.85, 0.85), 1.0)
-    canvas.rectangle((0.06, 0.06), (1.88, 1.28), (0.93, 0.88, 0.72), 0.2)
-    canvas.rectangle((0.14, 0.14), (1.72, 1.12), (0.70, 0.70, 0.70), 1.0)
-    for x in np.arange(0.36, 1.8, 0.32):
-        for half in np.arange(0.14, 0.02, -0.02):
-            rgb = (0.95, 0.9, 0.75) if round(half / 0.02) % 2 else (0.25, 0.22, 0.25)
-            height = 3.0 * half
-            canvas.rectangle((x - half, 0.7 - height / 2), (2 * half, height), rgb, 0.3)
-    canvas.shade(0.12 * noise(rng, 0.2))
-    return canvas
-
-
-def _plaid(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.PLAID, (0.9, 0.9, 0.9), 0.07, 0.3)(rng)
-    for at, width, factor in ((0.05, 0.1, 0.6), (0.25, 0.04, 1.15), (0.45, 0.1, 0.6)):
-        low, high = (int(edge / 0.8 * SIDE) for edge in (at, at + width))
-        canvas.rgb[:, low:high] *= factor
-        canvas.rgb[low:high] *= factor
-    return canvas
-
-
-def _cardboard(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.CARDBOARD, (0.74, 0.58, 0.40), 0.05)(rng)
-    canvas.rectangle((0.0, 0.0), (0.6, 0.008), (0.42, 0.32, 0.2), 1.0)
-    canvas.rectangle((0.0, 0.0), (0.006, 0.5), (0.42, 0.32, 0.2), 1.0)
-    canvas.rectangle((0.26, 0.0), (0.07, 0.5), (0.82, 0.72, 0.52), 0.6)
-    canvas.rectangle((0.04, 0.28), (0.18, 0.13), (0.95, 0.95, 0.93), 0.0)
-    for x in np.arange(0.055, 0.2, 0.012):
-        canvas.rectangle((x, 0.3), (rng.uniform(0.002, 0.008), 0.05), (0.1, 0.1, 0.1), 0.0)
-    canvas.rectangle((0.055, 0.375), (0.1, 0.02), (0.2, 0.2, 0.2), 0.0)
-    canvas.rectangle((0.42, 0.06), (0.12, 0.1), (0.45, 0.3, 0.18), 0.8)
-    return canvas
-
-
-def _crate(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.CRATE, (0.9, 0.9, 0.9), 0.04)(rng)
-    for x in np.arange(0.02, 0.38, 0.06):
-        canvas.rectangle((x, 0.06), (0.035, 0.16), (0.5, 0.5, 0.5), 1.0)
-    canvas.rectangle((0.0, 0.0), (0.4, 0.012), (0.4, 0.4, 0.4), 1.0)
-    canvas.rectangle((0.14, 0.245), (0.12, 0.03), (0.25, 0.25, 0.25), 1.0)
-    return canvas
-
-
-def _books(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.BOOKS.extent, (0.12, 0.10, 0.09), 0.0)
-    x = 0.0
-    while x < 0.94:
-        width, height = rng.uniform(0.018, 0.055), rng.uniform(0.2, 0.33)
-        rgb = rng.uniform(0.12, 0.95, 3)
-        canvas.rectangle((x, 0), (width, height), rgb, 0.0)
-        canvas.rectangle((x + 0.004, 0.7 * height), (width - 0.008, 0.02), 1.0 - 0.6 * rgb, 0.0)
-        x += width + (0.06 if rng.random() < 0.1 else 0.003)
-    return canvas
-
-
-def _door(rng: np.random.Generator) -> Canvas:
-    canvas = _grain(rng, Look.DOOR, 0.05)
-    for y in (0.2, 1.15):
-        canvas.rectangle((0.15, y), (0.6, 0.7), (0.66, 0.66, 0.66), 1.0)
-        canvas.rectangle((0.18, y + 0.03), (0.54, 0.64), (0.84, 0.84, 0.84), 1.0)
-    canvas.rectangle((0.78, 0.98), (0.09, 0.03), (0.55, 0.55, 0.58), 0.0)
-    canvas.rectangle((0.0, 0.0), (0.9, 0.12), (0.6, 0.6, 0.6), 1.0)
-    return canvas
-
-
-def _cupboard(rng: np.random.Generator) -> Canvas:
-    canvas = _grain(rng, Look.CUPBOARD, 0.05)
-    canvas.rectangle((0.0, 0.0), (0.6, 0.09), (0.3, 0.3, 0.3), 1.0)
-    canvas.rectangle((0.0, 0.0), (0.006, 0.9), (0.3, 0.3, 0.3), 1.0)
-    canvas.rectangle((0.06, 0.15), (0.48, 0.68), (0.78, 0.78, 0.78), 1.0)
-    canvas.rectangle((0.5, 0.55), (0.015, 0.14), (0.3, 0.3, 0.32), 0.0)
-    return canvas
-
-
-def _drawers(rng: np.random.Generator) -> Canvas:
-    canvas = _grain(rng, Look.DRAWERS, 0.05)
-    for y in (0.0, 0.3, 0.6):
-        canvas.rectangle((0.0, y), (0.8, 0.012), (0.25, 0.25, 0.25), 1.0)
-        canvas.rectangle((0.33, y + 0.15), (0.14, 0.02), (0.3, 0.3, 0.32), 0.0)
-    return canvas
-
-
-def _window(rng: np.random.Generator) -> Canvas:
-    """A window view: sky, trees and a lawn behind two panes."""
-    canvas = Canvas(Look.WINDOW.extent, (0.72, 0.85, 0.97), 0.0)
-    canvas.rectangle((0, 0), (1.4, 0.3), (0.48, 0.62, 0.34), 0.0)
-    for _ in range(16):
-        at = (rng.uniform(0, 1.4), rng.uniform(0.3, 0.55))
-        rgb = np.array((0.28, 0.44, 0.22)) * rng.uniform(0.7, 1.4)
-        canvas.disc(at, rng.uniform(0.06, 0.16), rgb, 0.0)
-    canvas.shade(0.06 * noise(rng, 0.8))
-    for x in (0.0, 0.67, 1.34):
-        canvas.rectangle((x, 0), (0.06, 1.2), (0.96, 0.96, 0.95), 1.0)
-    for y in (0.0, 1.14):
-        canvas.rectangle((0, y), (1.4, 0.06), (0.96, 0.96, 0.95), 1.0)
-    return canvas
-
-
-def _waves(look: Look, count: int, depth: float, *, upright: bool, noisy: float = 0.04) -> Painter:
-    """A painter of ``count`` folds or ribs, repeated along x, or along y if not upright."""
-
-    def paint_it(rng: np.random.Generator) -> Canvas:
-        canvas = rough(look, (0.88, 0.88, 0.88), noisy)(rng)
-        wave = depth * np.sin(np.arange(SIDE) * 2 * np.pi * count / SIDE).astype(np.float32)
-        canvas.shade(np.tile(wave, (SIDE, 1)) if upright else np.tile(wave[:, None], (1, SIDE)))
+    def paint(look: Look, rng: np.random.Generator) -> Canvas:
+        canvas = IndoorCanvas(look.extent, rng)
+        follow(canvas, steps[look.name.lower()])
         return canvas
 
-    return paint_it
+    return paint_textures(seed, 0x1D00, (partial(paint, look) for look in Look))
 
 
-def _panels(rng: np.random.Generator) -> Canvas:
-    """Panels of a suspended ceiling."""
-    canvas = rough(Look.PANELS, (0.97, 0.97, 0.96), 0.03, 0.3)(rng)
-    for at in (0.0, 0.6):
-        canvas.rectangle((at, 0), (0.02, 1.2), (0.75, 0.75, 0.75), 1.0)
-        canvas.rectangle((0, at), (1.2, 0.02), (0.75, 0.75, 0.75), 1.0)
-    return canvas
+class IndoorCanvas(Canvas):
+    """A canvas for what homes, wards and halls are covered with."""
+
+    def grain(self, contrast: float) -> None:
+        """Wood grain: streaks along y."""
+        self.fill((0.84, 0.84, 0.84), 1.0)
+        streaks = self.noise(0.9)
+        low_pass = np.exp(-((np.arange(SIDE // 2 + 1) / 6.0) ** 2))
+        along = np.fft.irfft(np.fft.rfft(streaks, axis=0) * low_pass[:, None], SIDE, axis=0)
+        self.brighten((contrast * along / along.std()).astype(np.float32))
+
+    def waves(self, count: int, depth: float, *, upright: bool) -> None:
+        """Folds or ribs, repeated along x, or along y if not upright."""
+        wave = depth * np.sin(np.arange(SIDE) * 2 * np.pi * count / SIDE).astype(np.float32)
+        self.brighten(np.tile(wave, (SIDE, 1)) if upright else np.tile(wave[:, None], (1, SIDE)))
+
+    def bands(self, start: float, width: float, factor: float) -> None:
+        """A band in each direction, brighter or darker by a factor."""
+        low, high = (int(edge / self.extent[0] * SIDE) for edge in (start, start + width))
+        self.rgb[:, low:high] *= factor
+        self.rgb[low:high] *= factor
+
+    def diagonals(self, rgb: Rgb) -> None:
+        """Stripes at 45 degrees, which take no tint."""
+        steps = np.add.outer(np.arange(SIDE), np.arange(SIDE)) * 4 // SIDE
+        self.rgb[steps % 2 == 1] = rgb
+        self.tint[:] = 0.0
+
+    def flower(self, centre: tuple[float, float], rgb: Rgb) -> None:
+        """Five petals."""
+        x, y = centre
+        for angle in np.arange(5) * 2 * np.pi / 5:
+            self.disc((x + 0.06 * np.cos(angle), y + 0.06 * np.sin(angle)), 0.04, rgb, 0.5)
+        self.disc(centre, 0.03, (0.85, 0.65, 0.2), 0.0)
+
+    def staves(self) -> None:
+        """Squares of five staves, alternately along and across."""
+        for row, column in np.ndindex(4, 4):
+            for stave in range(5):
+                shade = float(self.rng.uniform(0.70, 1.0))
+                low, size = (column * 0.4, row * 0.4 + stave * 0.08), (0.395, 0.076)
+                if (row + column) % 2:
+                    low, size = (column * 0.4 + stave * 0.08, row * 0.4), (0.076, 0.395)
+                self.rectangle(low, size, (shade, shade, shade), 1.0)
+
+    def speckles(self) -> None:
+        """Dark and light flakes."""
+        speckles = self.noise(0.25)
+        self.rgb[speckles > 2.0] *= 0.72
+        self.rgb[speckles < -2.0] = 0.97
+
+    def stains(self, count: int) -> None:
+        """Round grey spots."""
+        for _ in range(count):
+            spot = self.rng.uniform(0.5, 5.5, 2)
+            radius, grey = self.rng.uniform(0.02, 0.14), self.rng.uniform(0.38, 0.56)
+            self.disc(spot, radius, (grey,) * 3, 1.0)
+
+    def diamonds(self) -> None:
+        """A row of nested diamonds."""
+        for x in np.arange(0.36, 1.8, 0.32):
+            for half in np.arange(0.14, 0.02, -0.02):
+                rgb = (0.95, 0.9, 0.75) if round(half / 0.02) % 2 else (0.25, 0.22, 0.25)
+                height = 3.0 * half
+                self.rectangle((x - half, 0.7 - height / 2), (2 * half, height), rgb, 0.3)
+
+    def bar_code(self) -> None:
+        """Bars of random width."""
+        for x in np.arange(0.055, 0.2, 0.012):
+            bar = (self.rng.uniform(0.002, 0.008), 0.05)
+            self.rectangle((x, 0.3), bar, (0.1, 0.1, 0.1), 0.0)
+
+    def books(self) -> None:
+        """Backs of books, with gaps."""
+        x = 0.0
+        while x < 0.94:
+            width, height = self.rng.uniform(0.018, 0.055), self.rng.uniform(0.2, 0.33)
+            rgb = self.rng.uniform(0.12, 0.95, 3)
+            self.rectangle((x, 0), (width, height), rgb, 0.0)
+            self.rectangle((x + 0.004, 0.7 * height), (width - 0.008, 0.02), 1.0 - 0.6 * rgb, 0.0)
+            x += width + (0.06 if self.rng.random() < 0.1 else 0.003)
+
+    def trees(self, count: int) -> None:
+        """Round green crowns at the horizon."""
+        for _ in range(count):
+            at = (self.rng.uniform(0, 1.4), self.rng.uniform(0.3, 0.55))
+            rgb = np.array((0.28, 0.44, 0.22)) * self.rng.uniform(0.7, 1.4)
+            self.disc(at, self.rng.uniform(0.06, 0.16), rgb, 0.0)
+
+    def pictures(self) -> None:
+        """Landscapes, discs and blocks, no two of the same colours."""
+        order = self.rng.permutation(len(_COLOURS))
+        makers = (self._landscape, self._discs, self._blocks)
+        for number, (row, column) in enumerate(np.ndindex(CELLS, CELLS)):
+            low = np.array((column + 0.07, row + 0.07))
+            first, second = (
+                _COLOURS[order[(number + k) % len(order)]] for k in (0, 1 + number // 12)
+            )
+            self.rectangle(low, (0.86, 0.86), first, 0.0)
+            makers[number % 3](low, np.asarray(second))
+
+    def _landscape(self, low: Floats, rgb: Floats) -> None:
+        skyline = 0.25 + 0.15 * self.rng.random() + 0.1 * np.cumsum(self.rng.uniform(-0.5, 0.5, 20))
+        for k, height in enumerate(np.clip(skyline, 0.1, 0.6)):
+            self.rectangle(np.add(low, (0.043 * k, 0)), (0.043, height), rgb, 0.0)
+        self.disc(np.add(low, (self.rng.uniform(0.2, 0.7), 0.7)), 0.09, (0.97, 0.93, 0.75), 0.0)
+
+    def _discs(self, low: Floats, rgb: Floats) -> None:
+        for radius, factor in ((0.36, 1.0), (0.26, 0.6), (0.15, 1.3)):
+            middle = low + 0.43 + self.rng.uniform(-0.05, 0.05, 2)
+            self.disc(middle, radius, np.clip(rgb * factor, 0, 1), 0.0)
+
+    def _blocks(self, low: Floats, rgb: Floats) -> None:
+        for _ in range(6):
+            size = self.rng.uniform(0.1, 0.45, 2)
+            corner = low + self.rng.uniform(0, 0.86 - size)
+            self.rectangle(corner, size, np.clip(rgb * self.rng.uniform(0.5, 1.4), 0, 1), 0.0)
+
+    def labels(self) -> None:
+        """The numbers 1 to 16 in segments."""
+        for number, (row, column) in enumerate(np.ndindex(CELLS, CELLS), 1):
+            start = column + 0.5 - 0.2 * len(str(number))
+            for place, digit in enumerate(str(number)):
+                corner = (start + 0.4 * place + 0.05, row + 0.2)
+                for name in _DIGITS[int(digit)]:
+                    x, y, width, height = (0.3 * value for value in _SEGMENTS[name])
+                    self.rectangle(np.add(corner, (x, y)), (width, height), (0.08, 0.08, 0.1), 0.0)
 
 
-def _hazard(rng: np.random.Generator) -> Canvas:
-    """Black and yellow hazard stripes at 45 degrees."""
-    canvas = rough(Look.HAZARD, (0.95, 0.78, 0.10), 0.05)(rng)
-    steps = np.add.outer(np.arange(SIDE), np.arange(SIDE)) * 4 // SIDE
-    canvas.rgb[steps % 2 == 1] = (0.10, 0.10, 0.11)
-    canvas.tint[:] = 0.0
-    return canvas
-
-
-def _screen(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.SCREEN.extent, (0.05, 0.05, 0.06), 0.0)
-    canvas.rectangle((0.03, 0.03), (0.94, 0.54), (0.10, 0.12, 0.16), 0.0)
-    canvas.shade(0.25 * noise(rng, 1.3))
-    return canvas
-
-
-def _oven(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.OVEN, (0.82, 0.83, 0.84), 0.04)(rng)
-    canvas.rectangle((0.05, 0.14), (0.5, 0.46), (0.08, 0.08, 0.09), 0.0)
-    canvas.rectangle((0.06, 0.64), (0.48, 0.025), (0.4, 0.4, 0.42), 0.0)
-    for x in (0.1, 0.22, 0.34, 0.46):
-        canvas.disc((x + 0.02, 0.8), 0.028, (0.15, 0.15, 0.16), 0.0)
-    return canvas
-
-
-_PAINTERS: Mapping[Look, Painter] = {
-    Look.PLAIN: rough(Look.PLAIN, (0.92, 0.92, 0.92), 0.03),
-    Look.PLASTER: rough(Look.PLASTER, (0.94, 0.94, 0.94), 0.035),
-    Look.STRIPES: _stripes,
-    Look.FLOWERS: _flowers,
-    Look.WOOD: partial(_grain, look=Look.WOOD, contrast=0.055),
-    Look.PLANKS: _planks,
-    Look.PARQUET: _parquet,
-    Look.TILES: _tiles,
-    Look.LINOLEUM: _linoleum,
-    Look.CONCRETE: _concrete,
-    Look.CARPET: rough(Look.CARPET, (0.85, 0.85, 0.85), 0.14, 0.25),
-    Look.RUG: _rug,
-    Look.FABRIC: _waves(Look.FABRIC, 32, 0.08, upright=False, noisy=0.08),
-    Look.PLAID: _plaid,
-    Look.CARDBOARD: _cardboard,
-    Look.CRATE: _crate,
-    Look.BOOKS: _books,
-    Look.DOOR: _door,
-    Look.CUPBOARD: _cupboard,
-    Look.DRAWERS: _drawers,
-    Look.WINDOW: _window,
-    Look.CURTAIN: _waves(Look.CURTAIN, 9, 0.22, upright=True),
-    Look.CORRUGATED: _waves(Look.CORRUGATED, 12, 0.12, upright=True),
-    Look.SHUTTER: _waves(Look.SHUTTER, 24, 0.12, upright=False),
-    Look.PANELS: _panels,
-    Look.LEAVES: rough(Look.LEAVES, (0.80, 0.85, 0.75), 0.35),
-    Look.HAZARD: _hazard,
-    Look.SCREEN: _screen,
-    Look.OVEN: _oven,
-    Look.PICTURES: posters.pictures,
-    Look.LABELS: lambda rng: posters.labels(),
+_COLOURS: tuple[Rgb, ...] = (
+    (0.80, 0.16, 0.14),
+    (0.93, 0.52, 0.10),
+    (0.95, 0.82, 0.20),
+    (0.42, 0.68, 0.22),
+    (0.10, 0.46, 0.34),
+    (0.16, 0.62, 0.72),
+    (0.14, 0.30, 0.66),
+    (0.46, 0.24, 0.58),
+    (0.86, 0.46, 0.62),
+    (0.92, 0.88, 0.78),
+    (0.30, 0.22, 0.18),
+    (0.12, 0.12, 0.14),
+)
+# Segments of a digit, each (x, y, width, height) in a cell 1 wide and 2 high.
+_SEGMENTS = {
+    "a": (0.0, 1.8, 1.0, 0.2),
+    "b": (0.8, 1.0, 0.2, 1.0),
+    "c": (0.8, 0.0, 0.2, 1.0),
+    "d": (0.0, 0.0, 1.0, 0.2),
+    "e": (0.0, 0.0, 0.2, 1.0),
+    "f": (0.0, 1.0, 0.2, 1.0),
+    "g": (0.0, 0.9, 1.0, 0.2),
 }
+_DIGITS = ("abcdef", "bc", "abged", "abgcd", "fgbc", "afgcd", "afgcde", "abc", "abcdefg", "abcfgd")

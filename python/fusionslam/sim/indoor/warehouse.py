@@ -14,7 +14,7 @@ from fusionslam.config import Section, option
 from fusionslam.sim.indoor import warehouse_furniture as furniture
 from fusionslam.sim.indoor.furniture import CLOTHS, make_piece
 from fusionslam.sim.indoor.layout import Layout
-from fusionslam.sim.indoor.objects import Site, Thing
+from fusionslam.sim.indoor.objects import Site
 from fusionslam.sim.indoor.rooms import Room, build_room, window
 from fusionslam.sim.indoor.textures import GREY, Look
 from fusionslam.sim.mesh import paint
@@ -25,7 +25,6 @@ _YARD_M = 7.0
 # Distance from the gates to the centre of the lane along the marked bays.
 _LANE_M = 2.9
 _CROSS_M = 2.6
-_GATE_M = 3.0
 # Least aisle width at which goods of 0.8 m beside a rack leave the middle free.
 _SPACIOUS_M = 2.3
 _YELLOW = (0.95, 0.80, 0.15)
@@ -88,7 +87,10 @@ def make_warehouse(config: WarehouseConfig) -> World:
     """Build the warehouse with visual and collision scene."""
     rng = np.random.default_rng([config.seed, 0x57])
     plan, site = _plan(config), Site()
-    hall = _hall(plan)
+    high = (plan.width / 2, plan.depth / 2)
+    wall = paint(Look.CORRUGATED, (0.80, 0.86, 0.92))
+    floor, skirting = paint(Look.CONCRETE), paint(Look.PLASTER, GREY)
+    hall = Room("hall", (-high[0], -high[1]), high, wall, floor, skirting)
     build_room(site, hall, (), _HEIGHT_M)
     _put_racks(site, plan, config, rng)
     _put_yard(site, plan, config, rng)
@@ -98,12 +100,6 @@ def make_warehouse(config: WarehouseConfig) -> World:
         for _ in range(3):
             layout.on_wall(window(2.0, 1.0), 2.6, number)
     return site.world("warehouse", config.seed, (0.0, plan.yard_y))
-
-
-def _hall(plan: _Plan) -> Room:
-    x, y = plan.width / 2, plan.depth / 2
-    wall = paint(Look.CORRUGATED, (0.80, 0.86, 0.92))
-    return Room("hall", (-x, -y), (x, y), wall, paint(Look.CONCRETE), paint(Look.PLASTER, GREY))
 
 
 def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
@@ -117,7 +113,7 @@ def _put_racks(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
         for y, yaw in ((ends[0], 0.0), (ends[1], np.pi)):
             outward = -np.cos(yaw)
             site.put(make_piece("guard_rail"), x, y + 0.2 * outward)
-            site.put(furniture.row_sign(number), x, y, yaw, z=1.6)
+            site.put(make_piece("sign", number=number), x, y, yaw, z=1.6)
 
 
 def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.Generator) -> None:
@@ -126,12 +122,14 @@ def _put_yard(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.G
     count = max(1, int(plan.width // 4.6))
     for number in range(count):
         x = (number + 0.5) * plan.width / count - plan.width / 2
-        site.put(furniture.gate(number, _GATE_M, 3.2), x, south + 0.08, np.pi)
+        site.put(make_piece("gate", number=number), x, south + 0.08, np.pi)
         tint = _YELLOW if number % 2 else (0.92, 0.92, 0.92)
         site.put(furniture.marking(3.0, 2.2, tint), x, south + 1.45)
         for u, v in ((-0.7, 0.9), (0.7, 0.9), (-0.7, 1.95), (0.7, 1.95)):
             if rng.random() < config.clutter:
-                _put_askew(site, furniture.loaded_pallet(rng), x + u, south + v, rng)
+                # Nearly square, as a fork-lift driver does.
+                goods = furniture.loaded_pallet(rng)
+                site.put(goods, x + u, south + v, float(rng.normal(0, 0.03)))
         if number and rng.random() < config.clutter:
             between = x - plan.width / count / 2
             site.put(furniture.pallet_stack(rng), between, south + 1.0, np.pi / 2)
@@ -165,8 +163,3 @@ def _put_goods(site: Site, plan: _Plan, config: WarehouseConfig, rng: np.random.
                 x,
                 plan.depth / 2 - 0.52,
             )
-
-
-def _put_askew(site: Site, goods: Thing, x: float, y: float, rng: np.random.Generator) -> None:
-    """Put goods down nearly square, as a fork-lift driver does."""
-    site.put(goods, x, y, float(rng.normal(0, 0.03)))

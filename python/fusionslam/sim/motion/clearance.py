@@ -33,9 +33,12 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
         first = int(np.argmax(blocked))
         seconds = float(np.gradient(times)[blocked].sum())
         what = "meets an obstacle" if inside[first] else "leaves the map"
-        why = (
-            f"a robot of radius {radius_m} m has no room there" if inside[first] else _extent(grid)
-        )
+        low, cells = np.array(grid.origin), np.array(grid.occupied.shape[::-1])
+        high = low + cells * grid.resolution_m
+        why = f"a robot of radius {radius_m} m has no room there"
+        if not inside[first]:
+            why = f"it has x from {low[0]:.2f} to {high[0]:.2f} m and y from {low[1]:.2f} to "
+            why += f"{high[1]:.2f} m"
         at = (_digits(times[first]), f"{x[first]:.2f}", f"{y[first]:.2f}", _digits(seconds))
         raise DataError(
             f"the trajectory {what} at {at[0]} s at ({at[1]}, {at[2]}) m: {why}; {at[3]} s of "
@@ -43,12 +46,6 @@ def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float
             code="blocked" if inside[first] else "off-map",
             fields=at,
         )
-
-
-def _extent(grid: OccupancyMap) -> str:
-    (x, y), (rows, columns) = grid.origin, grid.occupied.shape
-    x_end, y_end = x + columns * grid.resolution_m, y + rows * grid.resolution_m
-    return f"it has x from {x:.2f} to {x_end:.2f} m and y from {y:.2f} to {y_end:.2f} m"
 
 
 def _digits(seconds: float) -> str:

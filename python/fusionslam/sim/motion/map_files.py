@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -37,7 +36,10 @@ def read_map(path: PathLike) -> OccupancyMap:
     """
     path = Path(path)
     values = _read_description(path)
-    grey = _read_grey(path.parent / values.image).astype(np.float64)
+    image = read_image(path.parent / values.image)
+    if image.ndim != 2:
+        raise DataError(f"{path.parent / values.image} has colours, expected a map in grey")
+    grey = image[::-1].astype(np.float64)  # row 0 at the lowest y
     occupancy = (grey if values.negate else 255 - grey) / 255
     occupied = occupancy > values.occupied_thresh
     free = largest_part(occupancy < values.free_thresh)
@@ -125,11 +127,3 @@ def _read_description(path: Path) -> _Description:
             code="map-file",
             fields=(key,),
         ) from error
-
-
-def _read_grey(path: Path) -> NDArray[np.uint8]:
-    """The image, row 0 at the lowest y."""
-    grey = read_image(path)
-    if grey.ndim != 2:
-        raise DataError(f"{path} has colours, expected a map in grey")
-    return grey[::-1]

@@ -119,13 +119,6 @@ def largest_part(free: Mask) -> Mask:
     return part
 
 
-def part_holding(free: Mask, row: int, column: int) -> Mask:
-    """The 4-connected part of a grid that contains a cell; empty if that cell is not free."""
-    labels, _ = _label_parts(free)
-    part: Mask = (labels == labels[row, column]) & free
-    return part if free[row, column] else np.zeros_like(free)
-
-
 def occupancy_of(
     *scenes: Scene,
     low_m: float = 0.03,
@@ -166,7 +159,11 @@ def occupancy_of(
     occupied = find_touched_cells(triangles, (low_m, high_m), origin, shape, resolution_m)
     free = ~occupied
     if start is None:
-        reachable = _main_part(free)
+        labels, _ = _label_parts(free)
+        edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+        reachable = largest_part(free & ~np.isin(labels, edge))
+        if reachable.sum() < _ROOM_SHARE * free.size:
+            reachable = largest_part(free)
     else:
         bare = OccupancyMap(occupied, free, resolution_m, origin)
         if not bare.is_free(*start):
@@ -176,7 +173,8 @@ def occupancy_of(
                 fields=tuple(map(str, start)),
             )
         row, column, _ = bare.cells(*start)
-        reachable = part_holding(free, int(row), int(column))
+        labels, _ = _label_parts(free)
+        reachable = labels == labels[row, column]
     return OccupancyMap(occupied, reachable, resolution_m, origin)
 
 
@@ -205,14 +203,6 @@ def _grid(
         )
     x, y = first * resolution
     return (float(x), float(y)), (int(rows), int(columns))
-
-
-def _main_part(free: Mask) -> Mask:
-    """The largest part that does not touch the map's edge, if it is a room; else the largest."""
-    labels, _ = _label_parts(free)
-    edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    room = largest_part(free & ~np.isin(labels, edge))
-    return room if room.sum() >= _ROOM_SHARE * free.size else largest_part(free)
 
 
 def _label_parts(free: Mask) -> tuple[NDArray[np.int32], int]:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.config import Section, option
-from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.motion.smoothing import lengths
 from fusionslam.storage.arrays import Floats
@@ -63,22 +62,15 @@ def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
     v' k + v^2 dk/ds; each of the two terms may use half the limit.
 
     Args:
-        paths: (N, 2) each, N >= 2 points x, y in metres, joined by a cubic spline; each path
-            starts where the one before ends.
+        paths: (N, 2) each, N >= 2 points x, y in metres, not all the same, joined by a cubic
+            spline; each path starts where the one before ends.
         limits: of the robot.
 
-    Raises:
-        ShapeError: no path, or a path of another shape.
-        DataError: a path of zero length, with a value that is not finite, or with a gap before it.
     """
-    checked = [_check_path(np.asarray(path, np.float64), k) for k, path in enumerate(paths)]
-    if not checked:
-        raise ShapeError("there are no paths to drive: expected at least one of shape (N, 2)")
-    for number, (before, path) in enumerate(pairwise(checked), start=1):
-        if np.linalg.norm(path[0] - before[-1]) > 1e-6:
-            raise DataError(f"path {number} starts at {path[0]}, the one before ends elsewhere")
     legs: list[_Leg] = []
-    for path in chain.from_iterable(map(_without_corners, checked)):
+    for path in chain.from_iterable(
+        _without_corners(np.asarray(path, np.float64)) for path in paths
+    ):
         leg = _follow(path, limits)
         if legs:
             legs.append(_turn(path[0], legs[-1].last_yaw, leg.first_yaw, limits))
@@ -86,20 +78,10 @@ def drive(paths: Sequence[ArrayLike], limits: DriveLimits) -> Trajectory:
     return _sample_legs(legs, limits.rate_hz)
 
 
-def _check_path(path: Floats, number: int) -> Floats:
-    if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2:
-        raise ShapeError(f"path {number} has shape {path.shape}, expected (N, 2), N >= 2")
-    if not np.isfinite(path).all():
-        raise DataError(f"path {number} has a value that is not finite")
+def _without_corners(path: Floats) -> list[Floats]:
+    """The parts of a path between its sharp corners, without repeated points."""
     moved = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-9
     path = path[np.concatenate([[True], moved])]
-    if len(path) < 2:
-        raise DataError(f"path {number} has no length: all its points are the same")
-    return path
-
-
-def _without_corners(path: Floats) -> list[Floats]:
-    """The parts of a path between its sharp corners."""
     ways = np.diff(path, axis=0)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     corners = 1 + np.flatnonzero((ways[1:] * ways[:-1]).sum(axis=1) < np.cos(_CORNER_RAD))

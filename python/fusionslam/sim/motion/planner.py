@@ -152,16 +152,12 @@ def _join_legs(legs: list[Floats]) -> list[Floats]:
     """Join consecutive legs unless the path turns sharply between them."""
     paths = [legs[0]]
     for leg in legs[1:]:
-        if _turns_sharply(paths[-1], leg):
+        came, goes = -_heading(paths[-1][::-1]), _heading(leg)
+        if came @ goes < np.cos(_SHARP_RAD) * np.linalg.norm(came) * np.linalg.norm(goes):
             paths.append(leg)
         else:
             paths[-1] = np.concatenate([paths[-1], leg[1:]])
     return paths
-
-
-def _turns_sharply(before: Floats, after: Floats) -> bool:
-    came, goes = -_heading(before[::-1]), _heading(after)
-    return bool(came @ goes < np.cos(_SHARP_RAD) * np.linalg.norm(came) * np.linalg.norm(goes))
 
 
 def _heading(path: Floats) -> Floats:

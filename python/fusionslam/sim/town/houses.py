@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.sim.mesh import Mesh, Paint, Rgb, box, join_meshes, paint, panels
-from fusionslam.sim.town.facades import FACADES, FLOOR_M
-from fusionslam.sim.town.textures import Look
+from fusionslam.sim.town.textures import FACADES, FLOOR_M, Look
 
 WALL_TINTS: tuple[Rgb, ...] = (
     (0.72, 0.36, 0.28),

@@ -12,28 +12,30 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 from pydantic import model_validator
 
 from fusionslam.config import Section, option
+from fusionslam.datasets import write_cloud
 from fusionslam.errors import DataError
 from fusionslam.evaluation.loops.revisits import visits
-from fusionslam.sim.camera import photograph
+from fusionslam.sensors.frame import Cloud
+from fusionslam.sim.camera import LensConfig, parent_from_camera, photograph, projection
+from fusionslam.sim.folder_writer import calibration_text, write_bytes, write_png
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
-from fusionslam.sim.town.car import CarConfig, car_from_lidar
+from fusionslam.sim.town.car import RING, CarConfig, car_from_lidar, car_from_ring_camera
 from fusionslam.sim.town.layout import TownConfig, make_town
-from fusionslam.sim.town.recording_layout import Layout, layout_of
 from fusionslam.sim.town.route import Drive, DriveConfig, make_drive
+from fusionslam.storage.arrays import Floats
 from fusionslam.storage.cache import cache_folder
-from fusionslam.storage.files import atomic_path, reading
-from fusionslam.storage.parallel import available_cores
+from fusionslam.storage.files import reading
+from fusionslam.storage.parallel import available_cores, ordered_results
 from fusionslam.storage.progress import Progress
 
 # Part of the cache key: increment when the same configuration gives different bytes.
@@ -63,41 +65,127 @@ class SimConfig(Section):
         return self
 
 
+class _Shots(NamedTuple):
+    """The images of one camera.
+
+    Attributes:
+        folder: where they are.
+        lens: of the camera.
+        car_from_camera: float64 (4, 4).
+        gains: of red, green and blue on each lap, (L, 3); the last one serves later laps.
+    """
+
+    folder: str
+    lens: LensConfig
+    car_from_camera: Floats
+    gains: Floats
+
+
+class _Layout(NamedTuple):
+    """Where a recording has its files; paths are relative to its folder.
+
+    Attributes:
+        scans: folder of the scans.
+        shots: the images of each camera.
+        texts: path and text of calibration, times and poses.
+    """
+
+    scans: str
+    shots: tuple[_Shots, ...]
+    texts: dict[str, str]
+
+
+def _kitti_layout(car: CarConfig, drive: Drive) -> _Layout:
+    """Sequence 00 of KITTI odometry, whose poses are those of the left camera."""
+    lens = car.camera
+    left = parent_from_camera(lens)
+    cameras = drive.poses @ left
+    shots = tuple(
+        _Shots(
+            f"sequences/00/image_{number}",
+            lens,
+            parent_from_camera(lens, right=number == 3),
+            np.array(lens.exposure),
+        )
+        for number in (2, 3)
+    )
+    first, second = (projection(lens, right=right) for right in (False, True))
+    lidar = np.linalg.inv(left) @ car_from_lidar(car)
+    rows = {"P0": first, "P1": second, "P2": first, "P3": second, "Tr": lidar[:3]}
+    texts = {
+        "sequences/00/times.txt": _times(drive),
+        "sequences/00/calib.txt": _lines([f"{name}: {_row(rows[name])}" for name in rows]),
+        "poses/00.txt": _lines([_row(pose[:3]) for pose in np.linalg.inv(cameras[0]) @ cameras]),
+    }
+    return _Layout("sequences/00/velodyne", shots, texts)
+
+
+def _folder_layout(car: CarConfig, drive: Drive) -> _Layout:
+    """A plain folder with the images of the four cameras, whose poses are those of the LiDAR."""
+    ring, lidar = car.ring, car_from_lidar(car)
+    shots = tuple(
+        _Shots(name, ring, car_from_ring_camera(ring, name), gain * np.array(ring.exposure))
+        for name, gain in zip(RING, np.array(ring.gains), strict=True)
+    )
+    cameras = {shot.folder: (ring, projection(ring), shot.car_from_camera) for shot in shots}
+    texts = {
+        "times.txt": _times(drive),
+        "calib.yaml": calibration_text(lidar, cameras),
+        "poses.txt": _lines([_row(pose[:3]) for pose in drive.poses @ lidar]),
+    }
+    return _Layout("clouds", shots, texts)
+
+
+def _times(drive: Drive) -> str:
+    return _lines([f"{second:.6e}" for second in drive.seconds])
+
+
+def _row(matrix: Floats) -> str:
+    return " ".join(f"{value:.12e}" for value in matrix.ravel())
+
+
+def _lines(lines: list[str]) -> str:
+    return "\n".join(lines) + "\n"
+
+
 @dataclass(frozen=True)
 class _Recorder:
     """Writes single frames; shared by all threads."""
 
     config: SimConfig
     drive: Drive
-    layout: Layout
+    layout: _Layout
     root: Path
 
-    def missing(self, lap: int) -> list[int]:
-        """Frames of one lap that have yet to be written."""
-        frames = np.flatnonzero(self.drive.lap == lap).tolist()
-        return [k for k in frames if not all(path.exists() for path in self._paths(k))]
+    def write_frames(self, jobs: int) -> Iterator[int]:
+        """Write the missing frames lap by lap; yield the number of frames that exist."""
+        laps = self.drive.lap
+        missing = [k for k in range(len(laps)) if not all(p.exists() for p in self._paths(k))]
+        done = len(laps) - len(missing)
+        for lap in np.unique(laps[missing]).tolist():
+            caster = RayCaster(make_town(self.config.town, lap))
+            frames = [k for k in missing if laps[k] == lap]
+            with ordered_results(partial(self._write, caster), frames, jobs) as written:
+                for _ in written:
+                    done += 1
+                    yield done
 
-    def write(self, caster: RayCaster, frame: int) -> None:
+    def _write(self, caster: RayCaster, frame: int) -> None:
         """Simulate and write one frame: LiDAR sweep and images."""
-        (scans, *images), car = self._paths(frame), self.config.car
+        (cloud, *images), car = self._paths(frame), self.config.car
         world_from_car = self.drive.poses[frame]
         swept = world_from_car @ car_from_lidar(car)
         sweep = scan(caster, car.lidar, swept, self._rng(frame, 0))
-        points = np.column_stack([sweep.points, sweep.intensity])
-        _write_bytes(scans, points.tobytes())
-        for sensor, (path, shots) in enumerate(
-            zip(images, self.layout.shots, strict=True), start=1
-        ):
+        write_cloud(cloud, Cloud(sweep.points, None, sweep.intensity))
+        for sensor, (path, shots) in enumerate(zip(images, self.layout.shots, strict=True), 1):
             gain = shots.gains[min(self.drive.lap[frame], len(shots.gains) - 1)]
-            seen = world_from_car @ shots.car_from_camera
-            rng = self._rng(frame, sensor)
-            _write_png(path, photograph(caster, shots.lens, seen, gain, rng))
+            pose, rng = world_from_car @ shots.car_from_camera, self._rng(frame, sensor)
+            write_png(path, photograph(caster, shots.lens, pose, gain, rng))
 
     def _paths(self, frame: int) -> list[Path]:
         """The scan's, then those of the images."""
-        scans, shots = self.root / self.layout.scans, self.layout.shots
-        images = [self.root / shot.folder / f"{frame:06d}.png" for shot in shots]
-        return [scans / f"{frame:06d}.bin", *images]
+        images = [self.root / shot.folder / f"{frame:06d}.png" for shot in self.layout.shots]
+        return [self.root / self.layout.scans / f"{frame:06d}.bin", *images]
 
     def _rng(self, frame: int, sensor: int) -> np.random.Generator:
         return np.random.default_rng([self.config.seed, frame, sensor])
@@ -128,14 +216,17 @@ def record(
     drive = make_drive(config.drive, config.town.block_m, config.seed)
     if _claim(root, config):
         return root
-    layout = layout_of(config.car, drive)
+    layout = (_folder_layout if config.car.cameras == "four" else _kitti_layout)(config.car, drive)
     for name, text in layout.texts.items():
-        _write_bytes(root / name, text.encode())
-    recorder = _Recorder(config, drive, layout, root)
-    for done in _write_frames(recorder, max(jobs, 1)):
+        write_bytes(root / name, text.encode())
+    for done in _Recorder(config, drive, layout, root).write_frames(jobs):
         if progress is not None:
             progress(done, len(drive.poses))
-    _write_json(root / _DONE, _summary(config, drive))
+    frames = [
+        {"lap": int(lap), "visit": visit.kind, "earlier": visit.earlier}
+        for lap, visit in zip(drive.lap, visits(drive.poses), strict=True)
+    ]
+    _write_json(root / _DONE, _identity(config) | {"frames": frames})
     (root / _STARTED).unlink(missing_ok=True)
     return root
 
@@ -158,25 +249,6 @@ def embedded_folder() -> Path:
     return cache_folder() / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
-def _write_frames(recorder: _Recorder, jobs: int) -> Iterator[int]:
-    """Write the missing frames lap by lap; yield the number of frames that exist."""
-    done = len(recorder.drive.poses)
-    todo = {lap: recorder.missing(lap) for lap in np.unique(recorder.drive.lap).tolist()}
-    done -= sum(len(frames) for frames in todo.values())
-    with ThreadPoolExecutor(jobs) as pool:
-        try:
-            for lap, frames in todo.items():
-                if not frames:
-                    continue
-                caster = RayCaster(make_town(recorder.config.town, lap))
-                for _ in pool.map(lambda k, c=caster: recorder.write(c, k), frames):
-                    done += 1
-                    yield done
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
-
-
 def _identity(config: SimConfig) -> dict[str, object]:
     values = config.model_dump(mode="json")
     if values["car"]["cameras"] == "stereo":
@@ -189,7 +261,10 @@ def _claim(root: Path, config: SimConfig) -> bool:
     """Return True if the folder holds this complete recording; otherwise mark it as started."""
     for name in (_DONE, _STARTED):
         if (root / name).exists():
-            if _read_identity(root / name) != _identity(config):
+            with reading(root / name, "the identity of a recording"):
+                read = json.loads((root / name).read_text())
+                found = {key: read[key] for key in ("format", "config")}
+            if found != _identity(config):
                 raise DataError(
                     f"{root} holds another recording: choose another folder", code="other-recording"
                 )
@@ -204,29 +279,5 @@ def _claim(root: Path, config: SimConfig) -> bool:
     return False
 
 
-def _read_identity(path: Path) -> dict[str, object]:
-    with reading(path, "the identity of a recording"):
-        read = json.loads(path.read_text())
-        return {key: read[key] for key in ("format", "config")}
-
-
-def _summary(config: SimConfig, drive: Drive) -> dict[str, object]:
-    frames = [
-        {"lap": int(lap), "visit": visit.kind, "earlier": visit.earlier}
-        for lap, visit in zip(drive.lap, visits(drive.poses), strict=True)
-    ]
-    return _identity(config) | {"frames": frames}
-
-
 def _write_json(path: Path, value: dict[str, object]) -> None:
-    _write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    with atomic_path(path, durable=False) as temporary:
-        temporary.write_bytes(data)
-
-
-def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    with atomic_path(path, durable=False) as temporary:
-        Image.fromarray(image).save(temporary, format="PNG", compress_level=1)
+    write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.config import Section, option
-from fusionslam.sim.mesh import Mesh, box, join_meshes, paint, panels
+from fusionslam.sim.mesh import Mesh, Side, box, join_meshes, level, paint, panels
 from fusionslam.sim.scene import Scene
-from fusionslam.sim.side import Side
 from fusionslam.sim.town import street_furniture as street
 from fusionslam.sim.town.houses import WALL_TINTS, HouseType, house, house_type
 from fusionslam.sim.town.textures import Look, town_textures
@@ -230,7 +229,7 @@ def _green(
 def _streets(config: TownConfig, rng: np.random.Generator) -> Mesh:
     columns, rows = config.blocks
     half, step = ROAD_M / 2, config.block_m
-    parts = [_countryside(config)]
+    parts = [level((-1500.0, -1500.0), (1500.0, 1500.0), -0.05, paint(Look.GRASS))]
     for x, y in np.ndindex(columns + 3, rows + 3):
         centre = np.array((x - 1, y - 1)) * step
         parts.append(_quad(centre, (-half, -half), (half, half), Look.CROSSING, turned=False))
@@ -252,9 +251,3 @@ def _quad(
     (x0, y0), (x1, y1) = centre + np.asarray(low), centre + np.asarray(high)
     corners = [(x0, y0, 0.0), (x1, y0, 0.0), (x1, y1, 0.0), (x0, y1, 0.0)]
     return panels([corners[1:] + corners[:1] if turned else corners], paint(look))
-
-
-def _countryside(config: TownConfig) -> Mesh:
-    reach, z = 1500.0, -0.05
-    corners = [(-reach, -reach, z), (reach, -reach, z), (reach, reach, z), (-reach, reach, z)]
-    return panels([corners], paint(Look.GRASS))

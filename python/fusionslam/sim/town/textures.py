@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The town's textures: walls, streets, leaves and cars, with the contrast that stereo needs."""
 
+from dataclasses import dataclass
 from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 
-from fusionslam.sim.canvas import Canvas, Painter, noise, paint_textures, rough
-from fusionslam.sim.mesh import Texture
-from fusionslam.sim.town.facades import FACADES, paint_facade
+from fusionslam.sim.canvas import Canvas, follow, paint_textures, read_steps
+from fusionslam.sim.mesh import Rgb, Texture
 from fusionslam.storage.arrays import Image
+
+FLOOR_M = 3.0
 
 
 class Look(Texture):
@@ -34,108 +37,110 @@ class Look(Texture):
     FACADE = 16, 12.0, 12.0
 
 
+@dataclass(frozen=True)
+class FacadeStyle:
+    """A kind of wall: material, number of bays in 12 m, window size in metres, extras."""
+
+    material: str
+    bays: int
+    window: tuple[float, float]
+    frame: Rgb = (0.88, 0.88, 0.86)
+    shutters: bool = False
+    balconies: bool = False
+
+    @property
+    def bay_m(self) -> float:
+        """Width of one bay; a wall whose length is a multiple of it cuts through no window."""
+        return Look.FACADE.extent[0] / self.bays
+
+
+FACADES: tuple[FacadeStyle, ...] = (
+    FacadeStyle("brick", 4, (1.1, 1.5)),
+    FacadeStyle("brick", 3, (1.9, 1.4), frame=(0.25, 0.22, 0.20)),
+    FacadeStyle("plaster", 4, (1.0, 1.4), shutters=True),
+    FacadeStyle("plaster", 3, (2.2, 1.3)),
+    FacadeStyle("plaster", 6, (0.8, 1.6), frame=(0.30, 0.30, 0.32)),
+    FacadeStyle("stone", 4, (1.1, 1.8)),
+    FacadeStyle("stone", 3, (1.5, 1.7), shutters=True),
+    FacadeStyle("panel", 3, (2.4, 1.5), balconies=True),
+    FacadeStyle("panel", 4, (2.0, 1.4)),
+)
+
+
 @lru_cache(maxsize=4)
 def town_textures(seed: int) -> tuple[Image, ...]:
     """The images indexed by ``Look``, then the facades: uint8 (512, 512, 4) each, from a seed."""
-    painters: list[Painter] = [*_PAINTERS, *(partial(paint_facade, style) for style in FACADES)]
-    return paint_textures(seed, 0x7E87, painters)
+    steps = read_steps(Path(__file__).with_suffix(".yaml"))
+
+    def paint(look: Look, name: str, style: FacadeStyle | None, rng: np.random.Generator) -> Canvas:
+        canvas = TownCanvas(look.extent, rng)
+        follow(canvas, steps[name])
+        if style is not None:
+            canvas.windows(style)
+        return canvas
+
+    plain = [partial(paint, look, look.name.lower(), None) for look in Look if look != Look.FACADE]
+    facades = [partial(paint, Look.FACADE, f"facade_{kind.material}", kind) for kind in FACADES]
+    return paint_textures(seed, 0x7E87, [*plain, *facades])
 
 
-def _roof(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.ROOF.extent, (0.75, 0.75, 0.75), 1.0)
-    canvas.bricks(rng, brick=(0.375, 0.375), joint=0.05, joint_rgb=(0.35, 0.35, 0.35), spread=0.18)
-    canvas.shade(0.14 * noise(rng, 0.9))
-    return canvas
+class TownCanvas(Canvas):
+    """A canvas for streets and facades."""
 
+    def redden(self, contrast: float, roughness: float) -> None:
+        """Noise in red alone."""
+        self.rgb[..., 0] *= 1 + contrast * self.noise(roughness)
 
-def _pavement(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.PAVEMENT.extent, (0.62, 0.60, 0.58), 1.0)
-    canvas.bricks(rng, brick=(0.75, 0.75), joint=0.03, joint_rgb=(0.38, 0.38, 0.37), spread=0.09)
-    canvas.shade(0.12 * noise(rng, 0.7))
-    return canvas
+    def asphalt(self, patches: int) -> None:
+        """Grey asphalt with repairs, stains and manholes."""
+        self.fill((0.40, 0.40, 0.41), 1.0)
+        for _ in range(patches):
+            corner = self.rng.uniform((0, 0), self.extent)
+            size = self.rng.uniform((0.3, 0.4), (1.8, 4.0))
+            self.rectangle(corner, size, (self.rng.uniform(0.28, 0.52),) * 3, 1.0)
+        for _ in range(3):
+            corner = self.rng.uniform((0, 0), self.extent)
+            self.rectangle(corner, (0.6, 0.6), (0.22, 0.21, 0.20), 0.0)
+        self.shade(0.17, 0.55)
 
+    def windows(self, style: FacadeStyle) -> None:
+        """Four floors of windows on a wall."""
+        self.shade(0.10, 0.8)
+        for floor in range(4):
+            self.rectangle((0, floor * FLOOR_M), (12, 0.12), (0.72, 0.71, 0.69), 0.4)
+            for bay in range(style.bays):
+                self._window(style, (bay + 0.5) * style.bay_m, floor * FLOOR_M)
+        self.shade(0.05, 0.4)
 
-def _wood(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.WOOD.extent, (0.72, 0.66, 0.58), 1.0)
-    canvas.bricks(rng, brick=(0.125, 4.0), joint=0.03, joint_rgb=(0.18, 0.16, 0.14), spread=0.2)
-    canvas.shade(0.16 * noise(rng, 0.7))
-    return canvas
+    def _window(self, style: FacadeStyle, centre: float, floor_y: float) -> None:
+        width, height = style.window
+        left, bottom = centre - width / 2, floor_y + 0.95
+        self.rectangle((left - 0.1, bottom - 0.1), (width + 0.2, height + 0.2), style.frame, 0.0)
+        self._glass((left, bottom), (width, height))
+        self.rectangle((centre - 0.03, bottom), (0.06, height), style.frame, 0.0)
+        if width < 1.6:
+            self.rectangle((left, bottom + 0.65 * height), (width, 0.06), style.frame, 0.0)
+        if style.shutters:
+            for x in (left - 0.55, left + width + 0.1):
+                self.rectangle((x, bottom - 0.05), (0.45, height + 0.1), (0.42, 0.47, 0.42), 0.5)
+        if style.balconies and self.rng.random() < 0.6:
+            self.rectangle((left - 0.2, floor_y), (width + 0.4, 0.95), (0.55, 0.55, 0.58), 0.3)
+        else:
+            self.rectangle((left - 0.15, bottom - 0.2), (width + 0.3, 0.1), (0.7, 0.69, 0.67), 0.0)
 
-
-def _grass(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.GRASS, (0.34, 0.44, 0.20), 0.26)(rng)
-    canvas.rgb[..., 0] *= 1 + 0.15 * noise(rng, 1.2)
-    return canvas
-
-
-def _leaves(rng: np.random.Generator) -> Canvas:
-    canvas = rough(Look.LEAVES, (0.80, 0.85, 0.75), 0.38)(rng)
-    canvas.shade(0.2 * noise(rng, 0.2))
-    return canvas
-
-
-def _door(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.DOOR.extent, (0.8, 0.8, 0.8), 1.0)
-    for y in (0.25, 1.2):
-        canvas.rectangle((0.2, y), (0.8, 0.7), (0.6, 0.6, 0.6), 1.0)
-    canvas.rectangle((1.02, 1.0), (0.08, 0.15), (0.8, 0.7, 0.3), 0.0)
-    canvas.shade(0.06 * noise(rng, 0.7))
-    return canvas
-
-
-def _sign(rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(Look.SIGN.extent, (0.95, 0.95, 0.95), 1.0)
-    canvas.rectangle((0.08, 0.08), (0.54, 0.54), (0.97, 0.97, 0.97), 0.0)
-    canvas.rectangle((0.28, 0.16), (0.14, 0.38), (0.1, 0.1, 0.1), 0.0)
-    canvas.shade(0.03 * noise(rng, 0.7))
-    return canvas
-
-
-def _road(rng: np.random.Generator, patches: int) -> Canvas:
-    """A street's full width: a dashed centre line, and a line beside each parking strip."""
-    canvas = _asphalt(rng, Look.ROAD, patches)
-    white = (0.80, 0.80, 0.78)
-    for y in np.arange(1.5, 24.0, 6.0):
-        canvas.rectangle((5.43, y), (0.14, 3.0), white, 0.0)
-    for x in (2.0, 8.9):
-        canvas.rectangle((x, 0.0), (0.1, 24.0), white, 0.0)
-    for y in np.arange(0.0, 24.0, 6.0):
-        canvas.rectangle((0.0, y), (2.0, 0.1), white, 0.0)
-        canvas.rectangle((9.0, y), (2.0, 0.1), white, 0.0)
-    canvas.shade(0.10 * noise(rng, 0.3))
-    return canvas
-
-
-def _asphalt(rng: np.random.Generator, look: Look, patches: int) -> Canvas:
-    """Grey asphalt with repairs, stains and manholes."""
-    extent = look.extent
-    canvas = Canvas(extent, (0.40, 0.40, 0.41), 1.0)
-    for _ in range(patches):
-        corner = rng.uniform((0, 0), extent)
-        size = rng.uniform((0.3, 0.4), (1.8, 4.0))
-        canvas.rectangle(corner, size, (rng.uniform(0.28, 0.52),) * 3, 1.0)
-    for _ in range(3):
-        canvas.rectangle(rng.uniform((0, 0), extent), (0.6, 0.6), (0.22, 0.21, 0.20), 0.0)
-    canvas.shade(0.17 * noise(rng, 0.55))
-    return canvas
-
-
-# In the order of ``Look``, without the facades.
-_PAINTERS: tuple[Painter, ...] = (
-    rough(Look.PLAIN, (0.9, 0.9, 0.9), 0.05),
-    rough(Look.PLASTER, (0.85, 0.85, 0.85), 0.10),
-    _roof,
-    rough(Look.GRAVEL, (0.42, 0.42, 0.43), 0.16),
-    _pavement,
-    _grass,
-    _leaves,
-    rough(Look.BARK, (0.36, 0.30, 0.24), 0.30),
-    _wood,
-    rough(Look.GLASS, (0.16, 0.19, 0.22), 0.25),
-    rough(Look.CARPAINT, (0.92, 0.92, 0.92), 0.06),
-    _door,
-    _sign,
-    lambda rng: _road(rng, patches=6),
-    lambda rng: _road(rng, patches=26),
-    lambda rng: _asphalt(rng, Look.CROSSING, patches=8),
-)
+    def _glass(self, corner: tuple[float, float], size: tuple[float, float]) -> None:
+        """Paint dark panes that reflect the sky towards the top, some with curtains or a blind."""
+        dark = self.rng.uniform(0.10, 0.24)
+        for step in range(4):
+            level = dark + 0.05 * step
+            rgb = (0.85 * level, 0.95 * level, 1.1 * level)
+            y = corner[1] + step * size[1] / 4
+            self.rectangle((corner[0], y), (size[0], size[1] / 4), rgb, 0.0)
+        cloth = self.rng.uniform(0.5, 0.85) * np.array((1.0, 0.97, 0.9))
+        kind = self.rng.random()
+        if kind < 0.3:
+            for x in (corner[0], corner[0] + 0.75 * size[0]):
+                self.rectangle((x, corner[1]), (0.25 * size[0], size[1]), cloth, 0.0)
+        elif kind < 0.5:
+            part = self.rng.uniform(0.25, 0.8) * size[1]
+            self.rectangle((corner[0], corner[1] + size[1] - part), (size[0], part), cloth, 0.0)

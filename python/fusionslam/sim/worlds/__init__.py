@@ -10,7 +10,7 @@ from fusionslam.geometry.trajectory import read_trajectory
 from fusionslam.sim.motion.map_files import read_map
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds.gltf import read_glb
-from fusionslam.sim.worlds.missing_resources import Unresolved
+from fusionslam.sim.worlds.resource_paths import Unresolved
 from fusionslam.sim.worlds.sdf import read_sdf
 
 __all__ = ["load_world", "world_file"]

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from trimesh import creation
 
-from fusionslam.sim.worlds.materials import Color
 from fusionslam.sim.worlds.meshes import read_mesh
-from fusionslam.sim.worlds.poses import numbers_of
 from fusionslam.sim.worlds.resource_paths import Library
+from fusionslam.sim.worlds.sdf_values import Color, numbers_of
 from fusionslam.sim.worlds.surfaces import Look, Piece, triangles_of
 from fusionslam.storage.arrays import Floats
 
@@ -111,26 +111,19 @@ class GeometryReader:
 
 def _box(size: Floats) -> Floats:
     """A box of twelve triangles; size (3,) in metres."""
-    import trimesh
-
-    return triangles_of(trimesh.creation.box(extents=size))
+    return triangles_of(creation.box(extents=size))
 
 
 def _cylinder(radius: Floats, length: Floats) -> Floats:
     """A closed cylinder along z; radius and length (1,) in metres."""
-    import trimesh
-
-    (wide,), (long,) = radius.tolist(), length.tolist()
-    shape = trimesh.creation.cylinder(radius=wide, height=long, sections=_COLUMN_SIDES)
-    return triangles_of(shape)
+    return triangles_of(
+        creation.cylinder(radius=radius.item(), height=length.item(), sections=_COLUMN_SIDES)
+    )
 
 
 def _sphere(radius: Floats) -> Floats:
     """A sphere of nearly equal triangles whose corners lie on it; radius (1,) in metres."""
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=_BALL_SUBDIVISIONS, radius=float(radius[0]))
-    return triangles_of(ball)
+    return triangles_of(creation.icosphere(_BALL_SUBDIVISIONS, radius.item()))
 
 
 def _plane(normal: Floats, size: Floats) -> Floats:

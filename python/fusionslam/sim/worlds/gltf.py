@@ -21,7 +21,7 @@ from fusionslam.errors import DataError
 from fusionslam.sim.scene import INDOOR_LIGHT, Scene
 from fusionslam.sim.world import scene_of
 from fusionslam.sim.worlds.ground import parts_of
-from fusionslam.sim.worlds.missing_resources import Unresolved
+from fusionslam.sim.worlds.resource_paths import Unresolved
 from fusionslam.sim.worlds.surfaces import (
     Look,
     Piece,
@@ -62,28 +62,22 @@ def _check(path: Path, missing: Unresolved) -> None:
     needed = [n for n in header.get("extensionsRequired", ()) if not n.startswith(_HARMLESS)]
     if needed:
         raise DataError(f"{path}: requires {', '.join(needed)}, expected glTF without extensions")
-    _check_accessors(path, header)
-    for image in header.get("images", ()):
-        uri = image.get("uri", "data:")
-        if not uri.startswith("data:") and not _is_beside(uri, path):
-            missing.add("texture", uri, f"is not in {path.parent}")
-        elif not uri.startswith("data:") and not (path.parent / uri).is_file():
-            missing.add("texture", uri, f"no such file in {path.parent}")
-
-
-def _check_accessors(path: Path, header: dict[str, Any]) -> None:
-    """Refuse arrays that would take more memory than the file can fill."""
     with reading(path, "binary glTF"):
+        # Arrays that would take more memory than the file can fill are refused.
         numbers = sum(
             max(int(each["count"]), 0) * _COMPONENTS.get(each["type"], 16)
             for each in header.get("accessors", ())
         )
         check_expansion(4 * numbers, path.stat().st_size)
-
-
-def _is_beside(uri: str, path: Path) -> bool:
     folder = os.path.abspath(path.parent)
-    return Path(os.path.abspath(path.parent / unquote(uri))).is_relative_to(folder)
+    for uri in (image.get("uri", "data:") for image in header.get("images", ())):
+        if uri.startswith("data:"):
+            continue
+        place = Path(os.path.abspath(path.parent / unquote(uri)))
+        if not place.is_relative_to(folder):
+            missing.add("texture", uri, f"is not in {path.parent}")
+        elif not (path.parent / uri).is_file():
+            missing.add("texture", uri, f"no such file in {path.parent}")
 
 
 def _read_header(path: Path) -> dict[str, Any]:
@@ -138,17 +132,12 @@ def _pieces(scene: Any) -> dict[str, list[Piece]]:
     for world_from_node, geometry, node in sorted(nodes, key=lambda n: (order[n[1]], n[2])):
         mesh = scene.geometry[geometry]
         if getattr(mesh, "faces", None) is not None and len(mesh.faces):
-            name = _object_name(scene, node, mesh)
+            # The reader adds a child node for each material of a mesh.
+            split = mesh.metadata.get("from_gltf_primitive")
+            name = str(scene.graph.transforms.parents[node] if split else node)
             (piece,) = count.add([check_piece(_piece(mesh))])
             found.setdefault(name, []).append(piece.move(world_from_node))
     return found
-
-
-def _object_name(scene: Any, node: str, mesh: Any) -> str:
-    """Name of the file's node; the reader adds a child node for each material of a mesh."""
-    if mesh.metadata.get("from_gltf_primitive"):
-        return str(scene.graph.transforms.parents[node])
-    return str(node)
 
 
 def _piece(mesh: Any) -> Piece:

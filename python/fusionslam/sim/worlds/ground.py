@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fusionslam.sim.mesh import Mesh
 from fusionslam.sim.world import Part
 
-GROUND_WORDS = ("floor", "ground", "carpet", "rug", "road", "pavement", "asphalt")
+GROUND_WORDS = {"floor", "ground", "carpet", "rug", "road", "pavement", "asphalt"}
 # Metres. Robots of this size drive over lower objects.
 LOW_M = 0.05
 # Things on a floor that are no thicker than this are part of it.
@@ -48,7 +48,9 @@ def area_m2(mesh: Mesh, chosen: NDArray[np.bool_]) -> float:
 
 
 def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
-    if _is_ground_name(name) and mesh.triangles[:, :, 2].max() <= LOW_M:
+    # Words of a name like "aws_FloorB_01" or "ground_plane".
+    words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+", name)}
+    if words & GROUND_WORDS and mesh.triangles[:, :, 2].max() <= LOW_M:
         return [Part(name, mesh, is_ground=True)]
     level = level_triangles(mesh)
     if area_m2(mesh, level) < LARGE_M2:
@@ -61,9 +63,3 @@ def _parts(name: str, mesh: Mesh) -> Sequence[Part]:
         Part(name, mesh.select(~floor)),
         Part(f"{name} ground", mesh.select(floor), is_ground=True),
     ]
-
-
-def _is_ground_name(name: str) -> bool:
-    """True if a word in a name like "aws_FloorB_01" or "ground_plane" means ground."""
-    words = re.findall(r"[A-Z]?[a-z]+", name)
-    return any(word.lower() in GROUND_WORDS for word in words)

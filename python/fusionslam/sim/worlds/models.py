@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fusionslam.errors import DataError
-from fusionslam.sim.worlds.poses import pose_of
 from fusionslam.sim.worlds.resource_paths import Library
+from fusionslam.sim.worlds.sdf_values import pose_of
 from fusionslam.storage.arrays import Matrix
 
 log = logging.getLogger(__name__)
@@ -46,7 +46,14 @@ def shapes_of(path: Path, library: Library) -> Iterator[Shape]:
     Raises:
         DataError: the file cannot be read, is not XML, or contains no world.
     """
-    world = _world(path)
+    root = _root(path)
+    world = root.find("world")
+    if world is None:
+        world = root
+        if root.find("model") is None:
+            raise DataError(
+                f"{path}: expected <world> or <model> inside <sdf>, found neither", code="not-sdf"
+            )
     states = {state.get("name"): state for state in world.findall("state/model")}
     people = [actor.get("name") for actor in world.findall("actor")]
     if people:
@@ -94,7 +101,10 @@ class _Walk:
         for link in model.findall("link"):
             name = f"{owner}/{link.get('name')}"
             world_from_link = pose @ pose_of(link, name, self._missing)
-            yield from self._link(link, folder, top, name, world_from_link)
+            for element in (e for e in link if e.tag in ("visual", "collision")):
+                inside = f"{name}/{element.get('name')}"
+                placed = world_from_link @ pose_of(element, inside, self._missing)
+                yield Shape(element, top, inside, folder, placed)
         for element in (e for e in model if e.tag in ("model", "include")):
             resolved = self._resolve(element, folder)
             if resolved is None:
@@ -104,14 +114,6 @@ class _Walk:
             holder = _pose_holder(element, inner)
             world_from_inner = pose @ pose_of(holder, name, self._missing)
             yield from self._inside(inner, inner_folder, top, name, world_from_inner, depth + 1)
-
-    def _link(
-        self, link: ET.Element, folder: Path, top: str, owner: str, pose: Matrix
-    ) -> Iterator[Shape]:
-        for element in (e for e in link if e.tag in ("visual", "collision")):
-            name = f"{owner}/{element.get('name')}"
-            placed = pose @ pose_of(element, name, self._missing)
-            yield Shape(element, top, name, folder, placed)
 
     def _resolve(self, element: ET.Element, folder: Path) -> tuple[ET.Element, Path] | None:
         """The model and the folder of its file; None, and recorded, if it cannot be read."""
@@ -144,18 +146,6 @@ class _Walk:
 def _pose_holder(element: ET.Element, model: ET.Element) -> ET.Element:
     """The element whose pose applies: an include's own pose overrides the included model's."""
     return element if element.find("pose") is not None else model
-
-
-def _world(path: Path) -> ET.Element:
-    root = _root(path)
-    world = root.find("world")
-    if world is not None:
-        return world
-    if root.find("model") is not None:
-        return root
-    raise DataError(
-        f"{path}: expected <world> or <model> inside <sdf>, found neither", code="not-sdf"
-    )
 
 
 def _root(path: Path) -> ET.Element:

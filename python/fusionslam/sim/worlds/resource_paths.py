@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Find the files that an SDF world refers to."""
+"""Find the files that an SDF world refers to, and collect what is missing or not supported."""
 
+import logging
 import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -10,11 +11,50 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fusionslam.sim.worlds.missing_resources import Unresolved
+from fusionslam.errors import DataError
 from fusionslam.sim.worlds.surfaces import rgb_of
+
+log = logging.getLogger(__name__)
 
 # Environment variables in which Gazebo, old and new, looks for models.
 MODEL_PATHS = ("GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH")
+
+
+class Unresolved:
+    """Collects missing resources, so that one message can list them all.
+
+    Attributes:
+        items: each missing resource once, like
+            "texture floor.png: no such file beside models/hall/meshes/hall.dae".
+    """
+
+    def __init__(self) -> None:
+        self.items: list[str] = []
+        self._seen: set[tuple[str, str]] = set()
+
+    def add(self, kind: str, name: str, why: str) -> None:
+        """Record that ``name`` is missing; the first reason is kept."""
+        if (kind, name) not in self._seen:
+            self._seen.add((kind, name))
+            self.items.append(f"{kind} {name}: {why}")
+
+    def settle(self, path: Path, lenient: bool) -> tuple[str, ...]:
+        """If lenient, log and return the missing resources.
+
+        Raises:
+            DataError: not lenient and something is missing; the message lists all of it.
+        """
+        if self.items and not lenient:
+            listed = "".join(f"\n  {item}" for item in self.items)
+            raise DataError(
+                f"{path}: {len(self.items)} resources are missing or not supported, lenient "
+                f"loading (--lenient) skips them{listed}",
+                code="unresolved",
+                fields=tuple(self.items),
+            )
+        for item in self.items:
+            log.warning("%s: skipped %s", path, item)
+        return tuple(self.items)
 
 
 class Library:
@@ -78,7 +118,12 @@ class Library:
         """Decode an image, uint8 (H, W, 3); None, and recorded, if it cannot be decoded."""
         key = file.resolve()
         if key not in self._images:
-            self._images[key] = self._decode(file)
+            self._images[key] = None
+            try:
+                with Image.open(file) as image:
+                    self._images[key] = rgb_of(image)
+            except (OSError, ValueError, SyntaxError) as error:
+                self.missing.add("texture", str(file), f"cannot be read: {error}")
         return self._images[key]
 
     def texture_places(self, written: str, mesh: Path) -> list[Path]:
@@ -98,14 +143,6 @@ class Library:
             *(place / inner for place in above),
         ]
         return [place for place in places if self._is_allowed(place, folder.parent)]
-
-    def _decode(self, file: Path) -> NDArray[np.uint8] | None:
-        try:
-            with Image.open(file) as image:
-                return rgb_of(image)
-        except (OSError, ValueError, SyntaxError) as error:
-            self.missing.add("texture", str(file), f"cannot be read: {error}")
-            return None
 
 
 class MeshFolder:
@@ -137,8 +174,6 @@ def _sdf_files(config: Path) -> list[tuple[tuple[int, ...], str]]:
         entries = ET.parse(config).getroot().findall("sdf")
     except (ET.ParseError, OSError, LookupError, ValueError):
         return []
-    return [(_version(entry.get("version", "0")), (entry.text or "").strip()) for entry in entries]
-
-
-def _version(text: str) -> tuple[int, ...]:
-    return tuple(int(number) if number.isdigit() else 0 for number in text.split("."))
+    versions = (entry.get("version", "0").split(".") for entry in entries)
+    numbers = [tuple(int(n) if n.isdigit() else 0 for n in version) for version in versions]
+    return list(zip(numbers, ((entry.text or "").strip() for entry in entries), strict=True))

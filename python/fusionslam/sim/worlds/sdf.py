@@ -14,10 +14,9 @@ from fusionslam.sim.scene import INDOOR_LIGHT, Scene
 from fusionslam.sim.world import scene_of
 from fusionslam.sim.worlds.geometry import GeometryReader
 from fusionslam.sim.worlds.ground import LARGE_M2, area_m2, level_triangles, parts_of
-from fusionslam.sim.worlds.materials import color_of
-from fusionslam.sim.worlds.missing_resources import Unresolved
 from fusionslam.sim.worlds.models import Shape, shapes_of
-from fusionslam.sim.worlds.resource_paths import Library
+from fusionslam.sim.worlds.resource_paths import Library, Unresolved
+from fusionslam.sim.worlds.sdf_values import color_of
 from fusionslam.sim.worlds.surfaces import Piece, TexturePool, TriangleCount, mesh_of
 
 # How far a visual plane is lowered below a floor laid on it, and the tolerance for "on it".
@@ -57,23 +56,17 @@ def _scene(shapes: Iterable[Shape], kind: str, library: Library) -> Scene | None
         name = shape.model
         if shape.element.find("geometry/plane") is not None:
             planes.add(name)
-        pieces.setdefault(name, []).extend(_pieces(shape, reader, library, count))
+        color = color_of(shape.element.find("material"), shape.owner, library.missing)
+        found = count.add(reader.read(shape.element, shape.folder, shape.owner, color))
+        placed = [piece.move(shape.world_from_shape) for piece in found]
+        pieces.setdefault(name, []).extend(placed)
     pool = TexturePool()
-    meshes = {name: mesh_of(found, pool) for name, found in pieces.items() if found}
+    meshes = {name: mesh_of(parts, pool) for name, parts in pieces.items() if parts}
     if not meshes:
         return None
     if kind == "visual":
         meshes = _lower_planes(meshes, planes & meshes.keys())
     return scene_of(parts_of(meshes), pool.textures, INDOOR_LIGHT)
-
-
-def _pieces(
-    shape: Shape, reader: GeometryReader, library: Library, count: TriangleCount
-) -> list[Piece]:
-    material = shape.element.find("material")
-    color = color_of(material, shape.owner, library.missing)
-    found = count.add(reader.read(shape.element, shape.folder, shape.owner, color))
-    return [piece.move(shape.world_from_shape) for piece in found]
 
 
 def _lower_planes(meshes: Mapping[str, Mesh], planes: Iterable[str]) -> dict[str, Mesh]:

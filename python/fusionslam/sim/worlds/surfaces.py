@@ -122,12 +122,17 @@ def mesh_of(pieces: Sequence[Piece], pool: TexturePool) -> Mesh:
     counts = [len(piece.triangles) for piece in pieces]
     textures = np.array([pool.index(piece.look.image) for piece in pieces], np.int32)
     tints = [np.broadcast_to(p.look.tint, (n, 3)) for p, n in zip(pieces, counts, strict=True)]
+    uv = [np.zeros((len(p.triangles), 3, 2)) if p.uv is None else p.uv for p in pieces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    # Triangles without area are never hit, but need a valid unit normal.
+    normals = np.where(length > 0, cross / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
     return Mesh(
         corners.astype(np.float32),
-        np.concatenate([_coordinates(piece) for piece in pieces]),
+        np.concatenate(uv).astype(np.float32),
         np.repeat(textures, counts),
         np.concatenate(tints).astype(np.float32),
-        _normals(corners),
+        normals.astype(np.float32),
     )
 
 
@@ -151,18 +156,3 @@ def triangles_of(mesh: Any) -> NDArray[np.float64]:
     """Corners of a trimesh mesh, (T, 3, 3)."""
     corners: NDArray[np.float64] = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces)]
     return corners
-
-
-def _coordinates(piece: Piece) -> NDArray[np.float32]:
-    if piece.uv is None:
-        return np.zeros((len(piece.triangles), 3, 2), np.float32)
-    return np.asarray(piece.uv, np.float32)
-
-
-def _normals(corners: NDArray[np.float64]) -> NDArray[np.float32]:
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
-    # Triangles without area are never hit, but need a valid unit normal.
-    flat = np.broadcast_to(np.array([0.0, 0.0, 1.0]), cross.shape)
-    unit = np.where(length > 0, cross / np.maximum(length, 1e-300), flat)
-    return unit.astype(np.float32)

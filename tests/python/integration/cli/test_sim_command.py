@@ -208,14 +208,14 @@ def test_frames_written_before_an_error_are_kept(tmp_path: Path) -> None:
 
 
 def test_no_half_frame_is_kept(tmp_path: Path, way: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = folder._write
+    whole = folder.write_png
 
-    def full(path: Path, data: bytes) -> None:
+    def full(path: Path, data: np.ndarray) -> None:
         if path.name == "000002.png":
             raise DataError(f"cannot write {path}: No space left on device")
         whole(path, data)
 
-    monkeypatch.setattr(folder, "_write", full)
+    monkeypatch.setattr(folder, "write_png", full)
     line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", "--trajectory", way, *QUICK)
     assert "000002.png: No space left on device" in line
     assert len(open_dataset(tmp_path / "out")) == 2

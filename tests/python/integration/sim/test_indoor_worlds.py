@@ -33,9 +33,8 @@ from fusionslam.sim.indoor import (
     make_indoor,
 )
 from fusionslam.sim.indoor.furniture import WOODS, Style, make_piece
-from fusionslam.sim.indoor.home_furniture import table
 from fusionslam.sim.indoor.layout import Layout
-from fusionslam.sim.indoor.objects import Site
+from fusionslam.sim.indoor.objects import Site, thing
 from fusionslam.sim.indoor.rooms import Opening, Room
 from fusionslam.sim.indoor.textures import WHITE, Look, cut, indoor_textures
 from fusionslam.sim.mesh import Paint, box, paint
@@ -294,7 +293,7 @@ def cell_with_door(seed: int) -> tuple[Site, Room, Layout]:
 def test_nothing_is_put_between_a_door_and_the_middle_of_a_room() -> None:
     for seed in range(5):
         site, room, layout = cell_with_door(seed)
-        while layout.along_wall(table(STYLE, 1.0, 0.6)):
+        while layout.along_wall(make_piece("table.small", STYLE)):
             pass
         while layout.anywhere(make_piece("chair", STYLE)):
             pass
@@ -308,7 +307,7 @@ def test_nothing_is_put_between_a_door_and_the_middle_of_a_room() -> None:
 
 def test_things_in_a_room_do_not_stand_in_each_other() -> None:
     site, room, layout = cell_with_door(1)
-    while layout.along_wall(table(STYLE, 1.0, 0.6)):
+    while layout.along_wall(make_piece("table.small", STYLE)):
         pass
     scene = site.world("cell", 0, room.centre).collision
     boxes = []
@@ -322,8 +321,10 @@ def test_things_in_a_room_do_not_stand_in_each_other() -> None:
 
 def test_a_thing_that_does_not_fit_is_not_placed() -> None:
     _, _, layout = cell_with_door(0)
-    assert not layout.along_wall(table(STYLE, 5.0, 0.6))
-    assert not layout.anywhere(table(STYLE, 5.0, 5.0))
+    for size in ((2.5, 0.3, 1.0), (2.5, 2.5, 1.0)):
+        wide = [box(np.negative(size), size, paint(Look.PLAIN))]
+        assert not layout.along_wall(thing("table", wide, wide))
+        assert not layout.anywhere(thing("table", wide, wide))
 
 
 def test_each_print_of_a_sheet_is_addressed_by_its_number() -> None:
@@ -335,13 +336,27 @@ def test_each_print_of_a_sheet_is_addressed_by_its_number() -> None:
 
 def test_every_piece_of_the_furniture_table_can_be_built() -> None:
     pieces = yaml.safe_load(Path(furniture.__file__).with_suffix(".yaml").read_text())
-    options = {"mirror", "around", "sides", "along", "texture", "fit", "tint", "hit", "seen"}
+    options = {
+        "mirror",
+        "around",
+        "sides",
+        "along",
+        "texture",
+        "fit",
+        "cell",
+        "tint",
+        "hit",
+        "seen",
+    }
     for kind, shapes in pieces.items():
         for shape in shapes:
             assert len(shape.keys() - options) == 1, (kind, shape)  # no misspelt option
         piece = make_piece(kind, STYLE)
-        assert piece.kind == kind and len(piece.visual) > 0
+        assert piece.kind == kind.partition(".")[0] and len(piece.visual) > 0
         low, high = (getattr(piece.visual.triangles, end)(axis=(0, 1)) for end in ("min", "max"))
+        if piece.collision is None:
+            assert all(not shape.get("hit", True) for shape in shapes)
+            continue
         corners = piece.collision.triangles
         assert (corners >= low - 0.01).all() and (corners <= high + 0.01).all()
 
@@ -365,7 +380,7 @@ def test_a_closed_box_has_six_faces_that_look_outwards() -> None:
 
 
 def test_a_disc_covers_its_area_and_is_cut_at_the_edge() -> None:
-    canvas = Canvas((2.0, 2.0), (0.0, 0.0, 0.0), 0.0)
+    canvas = Canvas((2.0, 2.0), np.random.default_rng(0))
     canvas.disc((1.0, 0.5), 0.25, (1.0, 0.0, 0.0), 1.0)
     texels = (SIDE / 2.0) ** 2
     assert canvas.tint.sum() / texels == pytest.approx(np.pi * 0.25**2, rel=0.01)

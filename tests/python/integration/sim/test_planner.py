@@ -15,7 +15,7 @@ from scipy import ndimage
 from benchmarks.accuracy.drives import exceeds, measure_coverage, revisits
 from error_codes import has_code
 from fusionslam.config import merged
-from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.indoor import INDOOR_WORLDS, make_indoor
 from fusionslam.sim.motion.clearance import check_trajectory
@@ -91,19 +91,6 @@ def test_drives_take_the_time_of_a_trapezoid_and_turn_on_the_spot() -> None:
     assert turned.sum() == pytest.approx(found.yaw[-1] - found.yaw[0], abs=0.02)
     assert abs(found.yaw[-1] - found.yaw[0] + np.pi / 2) == pytest.approx(np.pi, abs=1e-6)
     assert np.cos(found.yaw[-1] - np.pi / 2) == pytest.approx(1)
-
-
-def test_paths_that_cannot_be_driven_are_refused() -> None:
-    with pytest.raises(ShapeError, match="paths"):
-        drive([], DriveLimits())
-    with pytest.raises(ShapeError, match="path 0"):
-        drive([np.zeros((2, 3))], DriveLimits())
-    with pytest.raises(DataError, match="path 0"):
-        drive([np.zeros((4, 2))], DriveLimits())
-    with pytest.raises(DataError, match="path 0"):
-        drive([[(0, 0), (np.nan, 1)]], DriveLimits())
-    with pytest.raises(DataError, match="path 1"):
-        drive([[(0, 0), (1, 0)], [(2, 0), (3, 0)]], DriveLimits())
 
 
 @given(arrays(np.bool_, (7, 8)))
