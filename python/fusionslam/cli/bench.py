@@ -88,7 +88,7 @@ def compare_worlds(
     The results of each seed are kept in a folder of its own below ``output``.
     """
     from fusionslam.pipelines.compare_descriptors import benchmark
-    from fusionslam.report.loops.several import tables_over, write_several
+    from fusionslam.report.loops.comparison import tables_over, write_several
     from fusionslam.report.loops.stored import write_stored_metrics
 
     found = {}

@@ -3,9 +3,8 @@
 """HTML reports on place recognition and mapping, with their figures as files."""
 
 from fusionslam.report.loops.page import write_report
-from fusionslam.report.maps.map_figures import map_figure
+from fusionslam.report.maps.map_figures import map_figure, path_figure
 from fusionslam.report.maps.page import write_ratslam_report
-from fusionslam.report.maps.path_figure import path_figure
 from fusionslam.report.views.false_positives import write_false_positive
 from fusionslam.report.views.page import (
     has_view_runs,

@@ -14,12 +14,10 @@ from fusionslam.service.batches import QueryBatches
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import CountRequests, Metrics
-from fusionslam.service.place_count import PlaceCount
-from fusionslam.service.places import ServedPlaces
+from fusionslam.service.places import PlaceCount, ServedPlaces
 from fusionslam.service.problems import answer_problems
-from fusionslam.service.rates import Rates
-from fusionslam.service.routes import pages, searches, sites, status
-from fusionslam.service.state import State, check_framing
+from fusionslam.service.routes import lookups, pages, searches
+from fusionslam.service.state import Rates, State, check_framing
 from fusionslam.service.workers import Room, Workers
 
 _NICENESS = 5
@@ -80,6 +78,6 @@ def create_app(
     app.state.shared = shared
     app.add_middleware(CountRequests, metrics=shared.metrics)
     answer_problems(app)
-    for each in (searches, sites, status, pages):
-        app.include_router(each.router)
+    for router in (searches.router, lookups.places, lookups.status, pages.router):
+        app.include_router(router)
     return app

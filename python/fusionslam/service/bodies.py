@@ -73,14 +73,14 @@ async def body_file(request: Request, config: ServiceConfig, suffix: str) -> Asy
     with tempfile.TemporaryDirectory(prefix="fusionslam-") as folder:
         path = Path(folder) / f"cloud.{suffix}"
         with path.open("wb") as file:
-            await _receive(request, config, file.write, _bytes_of(config))
+            await _receive(request, config, file.write, config.max_bytes)
         yield path
 
 
 async def read_body(request: Request, config: ServiceConfig, most: int) -> bytes:
     """Return the body of a request of at most so many bytes; errors as of ``body_file``."""
     buffer = io.BytesIO()
-    await _receive(request, config, buffer.write, min(most, _bytes_of(config)))
+    await _receive(request, config, buffer.write, min(most, config.max_bytes))
     return buffer.getvalue()
 
 
@@ -116,10 +116,6 @@ async def _receive(
         raise RequestError(422, "the request has no body", code="no-body")
 
 
-def _bytes_of(config: ServiceConfig) -> int:
-    return int(config.max_request_mb * 1e6)
-
-
 def _too_long(most: int) -> RequestError:
     message = f"the body has more than {most} bytes"
     return RequestError(413, message, code="too-long", fields=(str(most),))
@@ -133,7 +129,7 @@ def load_cloud(path: Path, config: ServiceConfig) -> Cloud:
             many bytes.
     """
     if path.suffix == ".pcd":
-        _check_unpacked(path, _EXPANSION * _bytes_of(config))
+        _check_unpacked(path, _EXPANSION * config.max_bytes)
     most_points = config.max_points
     try:
         cloud = _load_npy(path) if path.suffix == ".npy" else read_cloud(path)

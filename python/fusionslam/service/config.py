@@ -36,3 +36,8 @@ class ServiceConfig(Section):
     behind_proxy: bool = option(
         False, "whether a proxy on this machine says in X-Forwarded-For who asks"
     )
+
+    @property
+    def max_bytes(self) -> int:
+        """Bytes of the largest body."""
+        return int(self.max_request_mb * 1e6)

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The places that are served: those of a folder of ``fusionslam fleet``, as they are now."""
 
+import asyncio
 import logging
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,3 +160,36 @@ class ServedPlaces:
         """Return numbers that stay the same while places are added."""
         settings, database = (self._folder / FILE).stat(), (self._folder / DATABASE).stat()
         return settings.st_ino, settings.st_ctime_ns, database.st_ino
+
+
+class PlaceCount:
+    """Counts places in a thread of its own, so that heavy queries do not delay it.
+
+    Whoever asks while they are counted gets that number, too: nobody, not even without a key, can
+    keep more than this thread busy. To be used from the event loop only.
+
+    Args:
+        places: that are counted.
+    """
+
+    def __init__(self, places: ServedPlaces) -> None:
+        self._places = places
+        self._pool = ThreadPoolExecutor(1, "fusionslam-count")
+        self._counting: asyncio.Future[int | None] | None = None
+
+    async def get(self) -> int | None:
+        """Return the number of places; None if they cannot be read."""
+        if self._counting is None or self._counting.done():
+            loop = asyncio.get_running_loop()
+            self._counting = loop.run_in_executor(self._pool, self._count)
+        return await asyncio.shield(self._counting)  # the client may be gone before
+
+    def close(self) -> None:
+        """End the thread."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _count(self) -> int | None:
+        try:
+            return len(self._places)
+        except FusionSlamError:
+            return None

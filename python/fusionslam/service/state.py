@@ -1,24 +1,58 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all routes of one application share, and who may use them."""
+"""What all routes of one application share, who may use them, and how often."""
 
 import ipaddress
+import math
 import re
+import time
 from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from limits import RateLimitItemPerMinute
+from limits.storage import MemoryStorage
+from limits.strategies import SlidingWindowCounterRateLimiter
 
 from fusionslam.service.batches import QueryBatches
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import ApiKeys
 from fusionslam.service.metrics import Metrics
-from fusionslam.service.place_count import PlaceCount
-from fusionslam.service.places import ServedPlaces
+from fusionslam.service.places import PlaceCount, ServedPlaces
 from fusionslam.service.problems import RequestError
-from fusionslam.service.rates import Rates
 from fusionslam.service.workers import Room, Workers
+
+
+class Rates:
+    """Counts the requests of each client in the last minute.
+
+    Args:
+        most: requests a minute; 0 is no limit.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._limit = RateLimitItemPerMinute(most) if most else None
+        # Two counters a client, whatever it sends; they go with their minute.
+        self._counters = SlidingWindowCounterRateLimiter(MemoryStorage())
+
+    def count(self, client: str) -> None:
+        """Count a request.
+
+        Raises:
+            RequestError: 429, too many; the header says when to try again.
+        """
+        if self._limit is None or self._counters.hit(self._limit, client):
+            return
+        reset = self._counters.get_window_stats(self._limit, client).reset_time
+        seconds = max(1, math.ceil(reset - time.time()))
+        raise RequestError(
+            429,
+            f"more than {self._limit.amount} requests a minute; try again in {seconds} s",
+            code="too-many-requests",
+            fields=(str(self._limit.amount),),
+            headers={"Retry-After": str(seconds)},
+        )
 
 
 @dataclass(frozen=True)

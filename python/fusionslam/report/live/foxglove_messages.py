@@ -3,6 +3,7 @@
 """Values of the library as messages of Foxglove's well-known schemas."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fusionslam.datasets.bags.image_messages import compressed_parts
 from fusionslam.report.live.foxglove_sdk import messages as fox
-from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Picture, Scan
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransforms, Picture, Scan
 from fusionslam.storage.arrays import Floats
 
 _UNCOLOURED = 160
@@ -35,8 +36,7 @@ def cloud_message(scan: Scan) -> fox.PointCloud:
     packed["colors"][:, :3] = _UNCOLOURED if scan.colors is None else scan.colors
     packed["colors"][:, 3] = 255
     return fox.PointCloud(
-        timestamp=time_of(scan.stamp_ns),
-        frame_id=plain_frame(scan.frame_id),
+        **_head(scan.stamp_ns, scan.frame_id),
         pose=_pose(_IDENTITY),
         point_stride=_CLOUD.itemsize,
         fields=[fox.PackedElementField(name=n, offset=o, type=t) for n, o, t in _FIELDS],
@@ -47,8 +47,7 @@ def cloud_message(scan: Scan) -> fox.PointCloud:
 def image_message(picture: Picture) -> fox.CompressedImage:
     """Return an image as JPEG. Raises DataError as ``compressed_parts``."""
     return fox.CompressedImage(
-        timestamp=time_of(picture.stamp_ns),
-        frame_id=plain_frame(picture.frame_id),
+        **_head(picture.stamp_ns, picture.frame_id),
         data=compressed_parts(picture.image, "jpeg")["data"].tobytes(),
         format="jpeg",
     )
@@ -68,7 +67,7 @@ def map_message(
         nodes: float64 (n, 2 or more), x and y in metres.
         links, loops: int (m, 2), the nodes that they join; loops are drawn wider.
     """
-    size = fox.Vector3(x=_NODE_M, y=_NODE_M, z=_NODE_M)
+    size = _vector([_NODE_M] * 3)
     places = nodes[:, :2].tolist()
     dots = [
         fox.SpherePrimitive(pose=_pose((x, y, *_IDENTITY[2:])), size=size, color=_NODE)
@@ -81,8 +80,7 @@ def map_message(
     return fox.SceneUpdate(
         entities=[
             fox.SceneEntity(
-                timestamp=time_of(stamp_ns),
-                frame_id=plain_frame(frame),
+                **_head(stamp_ns, frame),
                 id=name,
                 spheres=spheres,
                 lines=lines,
@@ -98,23 +96,31 @@ def map_message(
 
 def path_message(stamp_ns: int, frame: str, poses: Floats) -> fox.PosesInFrame:
     """Return a path of poses (n, 7): x, y, z and the quaternion x, y, z, w."""
-    return fox.PosesInFrame(
-        timestamp=time_of(stamp_ns),
-        frame_id=plain_frame(frame),
-        poses=[_pose(pose) for pose in poses.tolist()],
-    )
+    poses_shown = [_pose(pose) for pose in poses.tolist()]
+    return fox.PosesInFrame(**_head(stamp_ns, frame), poses=poses_shown)
 
 
 def pose_message(stamp_ns: int, frame: str, pose: Sequence[float]) -> fox.PoseInFrame:
     """Return a pose, as one of ``path_message``."""
-    return fox.PoseInFrame(
-        timestamp=time_of(stamp_ns), frame_id=plain_frame(frame), pose=_pose(pose)
-    )
+    return fox.PoseInFrame(**_head(stamp_ns, frame), pose=_pose(pose))
 
 
 def transforms_message(found: FrameTransforms) -> fox.FrameTransforms:
     """Return transforms; static ones have the stamp zero, so that they hold from the beginning."""
-    return fox.FrameTransforms(transforms=[_transform(each) for each in found.transforms])
+    return fox.FrameTransforms(
+        transforms=[
+            fox.FrameTransform(
+                timestamp=time_of(0 if link.static else link.stamp_ns),
+                parent_frame_id=plain_frame(link.parent),
+                child_frame_id=plain_frame(link.child),
+                translation=_vector(link.parent_from_child[:3, 3].tolist()),
+                rotation=_quaternion(
+                    Rotation.from_matrix(link.parent_from_child[:3, :3]).as_quat().tolist()
+                ),
+            )
+            for link in found.transforms
+        ]
+    )
 
 
 def text_message(stamp_ns: int, text: str, *, is_warning: bool) -> fox.Log:
@@ -134,6 +140,10 @@ def plain_frame(name: str) -> str:
     return name.lstrip("/")
 
 
+def _head(stamp_ns: int, frame: str) -> dict[str, Any]:
+    return {"timestamp": time_of(stamp_ns), "frame_id": plain_frame(frame)}
+
+
 def _lines(
     points: list[fox.Point3], ends: NDArray[np.integer], width: float, color: fox.Color
 ) -> list[fox.LinePrimitive]:
@@ -151,21 +161,13 @@ def _lines(
     ]
 
 
-def _transform(link: FrameTransform) -> fox.FrameTransform:
-    x, y, z = link.parent_from_child[:3, 3].tolist()
-    turn = Rotation.from_matrix(link.parent_from_child[:3, :3]).as_quat()
-    return fox.FrameTransform(
-        timestamp=time_of(0 if link.static else link.stamp_ns),
-        parent_frame_id=plain_frame(link.parent),
-        child_frame_id=plain_frame(link.child),
-        translation=fox.Vector3(x=x, y=y, z=z),
-        rotation=_quaternion(turn.tolist()),
-    )
-
-
 def _pose(pose: Sequence[float]) -> fox.Pose:
-    x, y, z = pose[:3]
-    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=_quaternion(pose[3:]))
+    return fox.Pose(position=_vector(pose[:3]), orientation=_quaternion(pose[3:]))
+
+
+def _vector(values: Sequence[float]) -> fox.Vector3:
+    x, y, z = values
+    return fox.Vector3(x=x, y=y, z=z)
 
 
 def _quaternion(values: Sequence[float]) -> fox.Quaternion:

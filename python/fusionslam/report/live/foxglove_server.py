@@ -75,7 +75,8 @@ class FoxgloveServer:
         )
         self.port = self._server.port
         self.url = f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
-        if not _is_loopback(host):
+        addresses = {str(info[4][0]).split("%")[0] for info in socket.getaddrinfo(host, None)}
+        if not all(ipaddress.ip_address(each).is_loopback for each in addresses):
             logger.warning(
                 "the live view listens on %s: anyone who reaches port %d of this machine can read "
                 "all that it shows; %s keeps it on this machine",
@@ -98,7 +99,12 @@ class FoxgloveServer:
         """Publish a message of the topic's schema, or numbers by name."""
         stamp_ns = max(stamp_ns, 0)
         self._last[topic] = stamp_ns, message
-        self._announce_time(stamp_ns)
+        # Viewers show the time of the stamps, not that of the wall clock. The SDK disconnects those
+        # that it has to tell more than they can take.
+        now = time.monotonic()
+        if now - self._announced >= _ANNOUNCE_S:
+            self._announced = now
+            self._server.broadcast_time(stamp_ns)
         self._channels[topic].log(message, log_time=stamp_ns)
 
     def close(self) -> None:
@@ -118,16 +124,6 @@ class FoxgloveServer:
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
         """Do nothing; called by the SDK."""
-
-    def _announce_time(self, stamp_ns: int) -> None:
-        """Let viewers show the time of the stamps, not that of the wall clock.
-
-        The SDK disconnects viewers that it has to tell more than they can take.
-        """
-        now = time.monotonic()
-        if now - self._announced >= _ANNOUNCE_S:
-            self._announced = now
-            self._server.broadcast_time(stamp_ns)
 
 
 def _make_channel(topic: str, kind: Schema, context: Any) -> Any:
@@ -152,8 +148,3 @@ def _start(host: str, port: int, **more: Any) -> Any:
                 socket.create_server(address[:2], family=family).close()
         problem = f"the live view cannot listen on port {port} of {host!r}: {error}"
         raise ConfigError(problem, code="no-server", fields=fields) from error
-
-
-def _is_loopback(host: str) -> bool:
-    found = {info[4][0] for info in socket.getaddrinfo(host, None)}
-    return all(ipaddress.ip_address(str(each).split("%")[0]).is_loopback for each in found)

@@ -111,10 +111,8 @@ class FoxgloveView(RunView):
     def _show_item(self, item: Any, slam: RatSlam) -> bool:
         image = image_of(item, slam) if self._server.is_wanted("image") else None
         if image is not None:
-            self._show(
-                "image",
-                image_message(Picture(stamp_ns=self._stamp_ns, frame_id="camera", image=image)),
-            )
+            picture = Picture(stamp_ns=self._stamp_ns, frame_id="camera", image=image)
+            self._show("image", image_message(picture))
         cloud = _cloud_of(item, slam) if self._server.is_wanted("cloud") else None
         if cloud is not None:
             scan = Scan(

@@ -65,9 +65,16 @@ class RerunView(RunView):
         name: str = "RatSLAM",
         truth: "Trajectory | None" = None,
     ) -> None:
-        if path is not None:
-            _check(Path(path))
-        self._rerun = _rerun()
+        if path is not None:  # errors that would otherwise appear at the end
+            if Path(path).suffix != ".rrd":
+                raise ConfigError(f"live view into {path}: expected a name that ends in .rrd")
+            if Path(path).is_dir():
+                raise DataError(f"cannot write {path}: it is a folder")
+        with needing("live", "the live view needs rerun"):
+            import rerun
+        self._rerun: Any = rerun
+        batches = self._rerun.ChunkBatcherConfig.DEFAULT()
+        batches.flush_tick = timedelta(days=1)  # by size only, as nobody waits for those of a file
         super().__init__(truth)
         self._files = ExitStack()
         # Without properties: they hold the wall clock's time, as does log_time.
@@ -75,42 +82,38 @@ class RerunView(RunView):
             # Characters that rerun accepts in an application id; it warns about other names.
             "fusionslam " + re.sub(r"[^A-Za-z0-9 _-]", "-", name),
             send_properties=False,
-            batcher_config=None if path is None else _large_chunks(self._rerun),
+            batcher_config=None if path is None else batches,
         )
         self._recording.set_log_time_enabled(False)
         self._temporary = None if path is None else self._files.enter_context(atomic_path(path))
         # In memory: rerun's own writer may wait forever on a full disk.
         self._kept = None if path is None else self._recording.binary_stream()
         if self._kept is None:
-            self._open_viewer()
+            try:
+                self._recording.spawn()
+                self._recording.flush(timeout_sec=_ANSWER_S)
+            except (RuntimeError, OSError) as error:
+                problem = (
+                    f"the viewer of rerun does not start ({error}): is there a screen? A .rrd file "
+                    "needs none"
+                )
+                raise FusionSlamError(problem, code="no-viewer") from error
         self._recording.send_blueprint(_blueprint())
 
-    def _open_viewer(self) -> None:
-        try:
-            self._recording.spawn()
-            self._recording.flush(timeout_sec=_ANSWER_S)
-        except (RuntimeError, OSError) as error:
-            problem = (
-                f"the viewer of rerun does not start ({error}): is there a screen? A .rrd file "
-                "needs none"
-            )
-            raise FusionSlamError(problem, code="no-viewer") from error
-
     def _end(self) -> None:
-        """Close the file, or the connection. Raises DataError if the file cannot be written."""
+        """Close the file, or the connection. Raises DataError if the file cannot be written.
+
+        A viewer that was closed by the user is not an error of the run.
+        """
         with self._files:
             if self._temporary is not None and self._kept is not None:
                 self._temporary.write_bytes(self._kept.read() or b"")
         if self._temporary is None:
-            self._leave_viewer()
+            try:
+                self._recording.flush(timeout_sec=_ANSWER_S)
+            except RuntimeError as error:
+                logger.warning("the viewer of rerun was closed before the end: %s", error)
         self._recording.disconnect()
-
-    def _leave_viewer(self) -> None:
-        """Disconnect from the viewer; a viewer closed by the user is not an error of the run."""
-        try:
-            self._recording.flush(timeout_sec=_ANSWER_S)
-        except RuntimeError as error:
-            logger.warning("the viewer of rerun was closed before the end: %s", error)
 
     def _show_robot(self, which: str, place: list[float], heading: float) -> None:
         ahead = [0.4 * np.cos(heading), 0.4 * np.sin(heading), 0.0]
@@ -163,21 +166,6 @@ class RerunView(RunView):
         self._recording.log(entity, what)
 
 
-def _check(path: Path) -> None:
-    """Raise at the start the errors that would otherwise appear at the end."""
-    if path.suffix != ".rrd":
-        raise ConfigError(f"live view into {path}: expected a name that ends in .rrd")
-    if path.is_dir():
-        raise DataError(f"cannot write {path}: it is a folder")
-
-
-def _large_chunks(rerun: Any) -> Any:
-    """Batch rows of a file by size only, as nobody waits for them."""
-    config = rerun.ChunkBatcherConfig.DEFAULT()
-    config.flush_tick = timedelta(days=1)
-    return config
-
-
 def _blueprint() -> Any:
     """Map and paths from above on the left; cells, views, image and log on the right."""
     import rerun.blueprint as rrb
@@ -199,9 +187,3 @@ def _blueprint() -> Any:
         rrb.TimePanel(timeline=ELAPSED),
         collapse_panels=True,
     )
-
-
-def _rerun() -> Any:
-    with needing("live", "the live view needs rerun"):
-        import rerun
-    return rerun

@@ -3,7 +3,6 @@
 """``RunView``: decides when a growing map is shown, whatever shows it."""
 
 from abc import ABC, abstractmethod
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -58,12 +57,7 @@ class RunView(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def step(self, step: Step, slam: RatSlam, event: Event | None = None) -> None:
@@ -82,17 +76,22 @@ class RunView(ABC):
         if self._first_ns is None:
             self._first_ns = step.stamp_ns
         begins, self._last = self._last is None, (step, slam)
-        self._set_time(step.stamp_ns)
-        if begins or step.looked or step.stamp_ns - self._robots_ns >= _ROBOT_NS:
-            self._robots_ns = step.stamp_ns
-            self._robots(step)
+        now = step.stamp_ns
+        self._set_time(now)
+        if begins or step.looked or now - self._robots_ns >= _ROBOT_NS:
+            self._robots_ns = now
+            self._show_robots(step)
         if step.looked:
             self._show_view(step, slam)
-            self._look(step, slam, event)
+            if self._seen_ns is None or now - self._seen_ns >= _ITEM_NS:
+                item = event.item if isinstance(event, Look) else event
+                if self._show_item(item, slam):
+                    self._seen_ns = now
         if step.why:
             self._show_text(step.why, is_refusal=step.refused is not None)
-        if begins or step.stamp_ns - self._grown_ns >= self._pause_ns():
-            self._grown_ns = step.stamp_ns
+        pause = max(_GROWN_NS, (self._grown_ns - self._first_ns) // _GROWTH)
+        if begins or now - self._grown_ns >= pause:
+            self._grown_ns = now
             self._show_map(slam)
 
     def close(self) -> None:
@@ -135,23 +134,18 @@ class RunView(ABC):
     def _end(self) -> None:
         """Let go of whatever shows it."""
 
-    def _look(self, step: Step, slam: RatSlam, event: Event | None) -> None:
-        if self._seen_ns is None or step.stamp_ns - self._seen_ns >= _ITEM_NS:
-            item = event.item if isinstance(event, Look) else event
-            if self._show_item(item, slam):
-                self._seen_ns = step.stamp_ns
-
-    def _pause_ns(self) -> int:
-        return max(_GROWN_NS, (self._grown_ns - (self._first_ns or 0)) // _GROWTH)
-
-    def _robots(self, step: Step) -> None:
-        self._robot("live", step.pose)
-        self._robot("dead_reckoning", step.dead_reckoning)
-        if self._truth is None:
-            return
-        truth = true_poses(self._truth, [step.stamp_ns])
-        if np.isfinite(truth).all():
-            self._robot("truth", self._on_map(truth, step)[0])
+    def _show_robots(self, step: Step) -> None:
+        poses = {"live": step.pose, "dead_reckoning": step.dead_reckoning}
+        if self._truth is not None:
+            truth = true_poses(self._truth, [step.stamp_ns])
+            if np.isfinite(truth).all():
+                poses["truth"] = self._on_map(truth, step)[0]
+        for which, pose in poses.items():
+            x, y, heading = (float(value) for value in pose)
+            way, place = self._ways[which], [x, y, 0.0]
+            if not way or np.hypot(x - way[-1][0], y - way[-1][1]) >= _APART_M:
+                way.append(place)
+            self._show_robot(which, place, heading)
 
     def _on_map(self, truth: Floats, step: Step) -> Floats:
         """Move true poses (n, 3) so that the first one ever shown lies on dead reckoning."""
@@ -161,13 +155,6 @@ class RunView(ABC):
             x, y = np.array(step.dead_reckoning[:2]) - there[:2]
             self._moved = RigidMotion(float(x), float(y), float(turn))
         return self._moved.apply(truth)
-
-    def _robot(self, which: str, pose: Any) -> None:
-        x, y, heading = (float(value) for value in pose)
-        way, place = self._ways[which], [x, y, 0.0]
-        if not way or np.hypot(x - way[-1][0], y - way[-1][1]) >= _APART_M:
-            way.append(place)
-        self._show_robot(which, place, heading)
 
 
 def image_of(item: Any, slam: RatSlam) -> NDArray[np.uint8] | None:

@@ -1,29 +1,38 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors side by side: accuracy with and without verification, and cost, in one table."""
+"""Descriptors side by side: accuracy with and without verification, and cost, in one table.
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+``write_several`` writes comparison.html, over several recordings.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fusionslam.evaluation import DIRECTIONS, DescriptorRun, Evaluation, VerifiedRun
+from fusionslam.evaluation import DescriptorRun, Evaluation, VerifiedRun
 from fusionslam.report.loops.labels import run_label, source_name
-from fusionslam.report.page.figures import CURVE_COLORS, new_figure
-from fusionslam.report.page.html import group_by
-from fusionslam.report.page.tables import Cell, Column, Table, build_table
+from fusionslam.report.page.figures import CURVE_COLORS, new_figure, use_style
+from fusionslam.report.page.html import about_report, check_extra, group_by, write_page
+from fusionslam.report.page.images import keep
+from fusionslam.report.page.tables import (
+    DASH,
+    Column,
+    Table,
+    build_cells,
+    build_table,
+    columns_of,
+    table_of,
+)
 from fusionslam.storage.csv_files import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-COSTS_CAPTION = (
-    "Accuracy over the time to make a descriptor and to compare it with all frames before; up and "
-    "left is better. The area of a mark grows with the bytes of a descriptor."
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,77 +80,17 @@ def comparison_columns(compared: Sequence[Compared], protocol: str) -> Columns:
 
 def accuracy_columns(protocol: str) -> Columns:
     """Figures of the descriptor's own matches."""
-
-    def column(title: str, hint: str, figure: str) -> Column[Compared]:
-        return Column(title, hint, _of_curve("plain", protocol, figure), "{:.3f}", max)
-
-    def ranked(k: int) -> Column[Compared]:
-        def read(item: Compared) -> float | None:
-            curve = item.plain.curves.get(protocol)
-            recalls = getattr(curve, "recall_at_k", None) or {}
-            return recalls.get(k)
-
-        return Column(f"r@{k}", f"revisits with a correct one among {k}", read, "{:.3f}", max)
-
-    titles = {"same": "same way", "opposite": "opposite", "crossing": "crossing"}
-    return [
-        column("top-1", "revisits whose nearest is correct", "top1"),
-        *(
-            Column(
-                titles[kind],
-                f"top-1 of revisits by direction: {kind}",
-                f"plain.by_direction.{protocol}.{kind}.top1",
-                "{:.3f}",
-                max,
-            )
-            for kind in DIRECTIONS
-        ),
-        ranked(5),
-        ranked(10),
-        column("R@100P", "recall at 100 % precision", "recall_at_full_precision"),
-        column("max F1", "largest 2PR / (P + R)", "max_f1"),
-        column("AP", "average precision", "average_precision"),
-    ]
+    return columns_of("descriptors.accuracy", protocol=protocol)
 
 
 def verified_columns(protocol: str) -> Columns:
     """Figures of the loops among the descriptor's candidates that registration proves."""
-    top = _of_curve("verified", protocol, "top1")
-    full = _of_curve("verified", protocol, "recall_at_full_precision")
-    loops = f"verified.accepted.{protocol}"
-    return [
-        Column(
-            "top-1 ver.", "verified: revisits whose most probable is correct", top, "{:.3f}", max
-        ),
-        Column("R@100P ver.", "verified: recall at 100 % precision", full, "{:.3f}", max),
-        Column("loops", "verified and accepted", f"{loops}.loops", "{:.0f}"),
-        Column("wrong", "of these loops", f"{loops}.wrong", "{:.0f}", min),
-    ]
+    return columns_of("descriptors.verified", protocol=protocol)
 
 
 def cost_columns() -> Columns:
     """What a descriptor costs: size, time and memory."""
-    costs = "plain.costs"
-    peak = "working memory to make the descriptor of the largest cloud"
-    make = "to make one descriptor of a cloud: median, ms"
-    compare = "to compare one query with all frames before it: median, ms"
-    return [
-        Column("bytes", "of one descriptor", f"{costs}.bytes_per_descriptor", "{:,.0f}", min),
-        Column("make ms", make, f"{costs}.stages.describe.median_ms", "{:.1f}", min),
-        Column("compare ms", compare, f"{costs}.stages.match.median_ms", "{:.2f}", min),
-        Column("MiB", peak, f"{costs}.peak_memory_bytes", "{:,.1f}", min, scale=2**-20),
-    ]
-
-
-def _of_curve(which: str, protocol: str, figure: str) -> Callable[[Compared], Any]:
-    """Reader of a figure that some protocols' curves lack."""
-
-    def read(item: Compared) -> Any:
-        evaluation: Evaluation | None = getattr(item, which)
-        curve = None if evaluation is None else evaluation.curves.get(protocol)
-        return getattr(curve, figure, None)
-
-    return read
+    return columns_of("descriptors.costs")
 
 
 def row_labels(compared: Sequence[Compared]) -> list[str]:
@@ -175,12 +124,36 @@ def table_over(
     everything = [each for recording in recordings for each in recording]
     if columns is None:
         columns = comparison_columns(everything, protocol)
-    rows = group_by(everything, lambda each: "\0".join(each.key))
-    labels = row_labels([row[0] for row in rows.values()])
-    values = [[_values(column, row) for row in rows.values()] for column in columns]
-    cells = [_mark_best(column, found) for column, found in zip(columns, values, strict=True)]
-    heads = [(column.title, column.hint) for column in columns]
-    return Table(heads, [(label, [c[row] for c in cells]) for row, label in enumerate(labels)])
+    rows = _by_descriptor(everything)
+    labels = row_labels([row[0] for row in rows])
+    cells = []
+    for column in columns:
+        values = [_values(column, row) for row in rows]
+        means = [float(np.mean(row)) if row else None for row in values]
+        ranges = [mean_and_range(row, column.show) if row else DASH for row in values]
+        cells.append(build_cells(column, means, ranges))
+    return table_of(columns, labels, cells)
+
+
+def tables_over(recordings: Mapping[str, Sequence[Evaluation]], protocol: str) -> dict[str, Table]:
+    """Tables by name of the source: mean and range over the recordings of each descriptor."""
+    compared = [pair_up(evaluations) for evaluations in recordings.values()]
+    everything = [each for recording in compared for each in recording]
+    sources = list(dict.fromkeys(each.key[0] for each in everything))
+    columns = comparison_columns(everything, protocol)
+    return {
+        source_name(source, sources): table_over(
+            [[each for each in recording if each.key[0] == source] for recording in compared],
+            protocol,
+            columns,
+        )
+        for source in sources
+    }
+
+
+def _by_descriptor(everything: Sequence[Compared]) -> list[list[Compared]]:
+    """Group those of one source and descriptor."""
+    return [*group_by(everything, lambda each: each.key).values()]
 
 
 def _values(column: Column[Compared], row: Sequence[Compared]) -> list[float]:
@@ -193,41 +166,73 @@ def mean_and_range(values: Sequence[float], show: str = "{:.3f}") -> str:
     return mean if low == high else f"{mean} ({low} to {high})"
 
 
-def _mark_best(column: Column[Compared], rows: Sequence[Sequence[float]]) -> list[Cell]:
-    means = [float(np.mean(values)) for values in rows if values]
-    best = column.show.format(column.best(means)) if column.best and len(means) > 1 else None
-    return [
-        Cell(mean_and_range(values, column.show), column.show.format(np.mean(values)) == best)
-        if values
-        else Cell("\N{EN DASH}")
-        for values in rows
-    ]
-
-
-def comparison_rows(
-    recordings: Mapping[str, Sequence[Compared]], protocol: str
-) -> tuple[list[str], Iterator[list[object]]]:
-    """Heads and rows of comparison.csv: unrounded, one row per recording and descriptor."""
-    everything = [each for recording in recordings.values() for each in recording]
-    columns = comparison_columns(everything, protocol)
-    heads = ["recording", "source", "descriptor", *(column.title for column in columns)]
-
-    def rows() -> Iterator[list[object]]:
-        for name, compared in recordings.items():
-            for each in compared:
-                values = (column.read(each) for column in columns)
-                yield [name, *each.key, *("" if value is None else value for value in values)]
-
-    return heads, rows()
-
-
 def write_comparison(
     folder: Path, recordings: Mapping[str, Sequence[Compared]], protocol: str
 ) -> Path:
-    """Write comparison.csv into a folder; return its path. Raises DataError."""
-    path = folder / "comparison.csv"
-    write_csv(path, *comparison_rows(recordings, protocol))
-    return path
+    """Write comparison.csv into a folder: unrounded, one row per recording and descriptor.
+
+    Returns its path. Raises DataError.
+    """
+    everything = [each for recording in recordings.values() for each in recording]
+    columns = comparison_columns(everything, protocol)
+    rows = (
+        [
+            name,
+            *each.key,
+            *("" if (value := column.read(each)) is None else value for column in columns),
+        ]
+        for name, compared in recordings.items()
+        for each in compared
+    )
+    heads = ["recording", "source", "descriptor", *(column.title for column in columns)]
+    write_csv(folder / "comparison.csv", heads, rows)
+    return folder / "comparison.csv"
+
+
+def write_several(
+    folder: str | os.PathLike[str],
+    recordings: Mapping[str, Sequence[Evaluation]],
+    *,
+    protocol: str,
+    command: str,
+    config: Mapping[str, Any],
+    page: bool = True,
+) -> Path:
+    """Write comparison.csv and, beside it, comparison.html with its picture.
+
+    Args:
+        folder: created if missing.
+        recordings: evaluations by name of the recording.
+        protocol: that judges matches.
+        command, config: that the evaluations were made with.
+        page: whether to write more than the table.
+
+    Returns:
+        The path of the page, or of the table without one.
+
+    Raises:
+        DataError: the folder cannot be written.
+        FusionSlamError: matplotlib or jinja2 is not installed.
+    """
+    target = Path(folder)
+    compared = {name: pair_up(evaluations) for name, evaluations in recordings.items()}
+    path = write_comparison(target, compared, protocol)
+    if not page:
+        return path
+    check_extra()
+    with use_style():
+        costs = draw_costs([*compared.values()], protocol)
+        picture = keep(target, "accuracy_cost", costs)
+    return write_page(
+        target / "comparison.html",
+        "comparison.html.j2",
+        about_report(", ".join(recordings), command, config),
+        title="Descriptors compared",
+        recordings=[*recordings],
+        protocol=protocol,
+        tables=tables_over(recordings, protocol),
+        costs=picture,
+    )
 
 
 def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figure | None":
@@ -239,22 +244,26 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
 
     everything = [each for recording in recordings for each in recording]
     columns = {column.title: column for column in comparison_columns(everything, protocol)}
-    rows = group_by(everything, lambda each: "\0".join(each.key))
+    rows = _by_descriptor(everything)
     panels = [name for name in ("top-1", "R@100P", "R@100P ver.") if name in columns]
-    points = [
-        {title: _mean(column, row) for title, column in columns.items()} for row in rows.values()
+    points: list[dict[str, float | None]] = [
+        {
+            title: float(np.mean(values)) if (values := _values(column, row)) else None
+            for title, column in columns.items()
+        }
+        for row in rows
     ]
     panels = [name for name in panels if any(point[name] is not None for point in points)]
     if not panels:
         return None
-    sources = [row[0].key[0] for row in rows.values()]
+    labels = [run_label(row[0].plain.run) for row in rows]
+    sources = [row[0].key[0] for row in rows]
+    colors = dict(zip(dict.fromkeys(sources), cycle(CURVE_COLORS), strict=False))
     figure = new_figure(4.6 * len(panels), 4.8)
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     for axis, name in zip(axes, panels, strict=True):
-        for label, source, point in zip(
-            [run_label(row[0].plain.run) for row in rows.values()], sources, points, strict=True
-        ):
-            _mark(axis, label, point, name, list(dict.fromkeys(sources)).index(source))
+        for label, source, point in zip(labels, sources, points, strict=True):
+            _mark(axis, label, point, name, colors[source])
         axis.set(xlabel="ms to make and to compare", xscale="log", title=columns[name].hint)
         axis.margins(x=0.15)
         axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -262,9 +271,9 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
         axis.xaxis.set_minor_formatter("")
         axis.set_ylim(-0.03, 1.03)
         axis.grid(color="#eeeeee", zorder=0)
-    if len(set(sources)) > 1:
-        for place, source in enumerate(dict.fromkeys(sources)):
-            axes[0].plot([], [], "o", color=_color(place), label=source_name(source, sources))
+    if len(colors) > 1:
+        for source, color in colors.items():
+            axes[0].plot([], [], "o", color=color, label=source_name(source, sources))
         figure.legend(loc="outside lower center", ncols=3)
     figure.canvas.draw()  # sets the layout, on which it depends what overlaps
     for axis in axes:
@@ -272,20 +281,15 @@ def draw_costs(recordings: Sequence[Sequence[Compared]], protocol: str) -> "Figu
     return figure
 
 
-def _mean(column: Column[Compared], row: Sequence[Compared]) -> float | None:
-    values = _values(column, row)
-    return float(np.mean(values)) if values else None
-
-
 def _mark(
-    axis: "Axes", label: str, point: Mapping[str, float | None], figure: str, place: int
+    axis: "Axes", label: str, point: Mapping[str, float | None], figure: str, color: str
 ) -> None:
     make, value = point["make ms"], point[figure]
     if make is None or value is None:
         return
     cost = make + (point["compare ms"] or 0.0)
     area = 12 + 6 * np.sqrt((point["bytes"] or 0.0) / 256)
-    axis.scatter(cost, value, s=area, color=_color(place), alpha=0.75, zorder=2, lw=0)
+    axis.scatter(cost, value, s=area, color=color, alpha=0.75, zorder=2, lw=0)
     line = {"arrowstyle": "-", "color": "#999999", "lw": 0.4, "shrinkA": 0, "shrinkB": 2}
     axis.annotate(
         label,
@@ -324,7 +328,3 @@ def _separate_labels(axis: "Axes") -> None:
             if not any(extent.overlaps(other) for other in placed):
                 break
         placed.append(extent)
-
-
-def _color(place: int) -> str:
-    return CURVE_COLORS[place % len(CURVE_COLORS)]

@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.evaluation import Evaluation, VerifiedRun, find_protocol
 from fusionslam.report.loops.labels import short_labels, source_name
-from fusionslam.report.page.tables import Column, Table, build_table
+from fusionslam.report.page.tables import Column, Table, build_table, columns_of
 
 PUBLISHED_PROTOCOL = "perdomo2019"
 _FIGURES = {
@@ -44,7 +43,7 @@ def summary_table(evaluations: Sequence[Evaluation], protocol: str) -> Table:
     """One row per source and descriptor: accuracy, time of a frame, memory."""
     accuracy = _accuracy_columns(protocol) if any(e.curves for e in evaluations) else []
     if any(e.accepted for e in evaluations):
-        accuracy += _accepted_columns(protocol)
+        accuracy += columns_of("loops.accepted", protocol=protocol)
     columns = accuracy + _published_columns(evaluations, protocol) + _cost_columns()
     runs = [e.run for e in evaluations]
     sources = {run.source for run in runs}
@@ -92,20 +91,20 @@ def peers_table(evaluations: Sequence[Evaluation], protocol: str) -> Table | Non
 
 def cost_table(evaluations: Sequence[Evaluation]) -> Table:
     """One row per run: median times and memory, in few columns: registration is a match, too."""
+
+    def matching_ms(evaluation: Evaluation) -> float | None:
+        stages = evaluation.costs.stages
+        spread = stages.get("register") or stages.get("match")
+        return None if spread is None else spread.median_ms
+
     columns = [column for column in _cost_columns(_stages(evaluations)) if column.title != "p95"]
     titles = [column.title for column in columns]
     if "match" in titles and "register" in titles:
         del columns[titles.index("register")]
         at = titles.index("match")
-        columns[at] = replace(columns[at], value=_matching_time)
+        columns[at] = replace(columns[at], value=matching_ms)
     columns[0] = replace(columns[0], title="frame")
     return _table_of_runs(columns, evaluations)
-
-
-def _matching_time(evaluation: Evaluation) -> float | None:
-    stages = evaluation.costs.stages
-    spread = stages.get("register") or stages.get("match")
-    return None if spread is None else spread.median_ms
 
 
 def time_table(evaluations: Sequence[Evaluation]) -> Table:
@@ -126,19 +125,15 @@ def time_table(evaluations: Sequence[Evaluation]) -> Table:
 def reasons_table(run: VerifiedRun) -> Table:
     """One row per reason for which candidates were rejected, the most frequent one first."""
     codes, counts = np.unique(run.rejected["code"], return_counts=True)
-    order = np.argsort(-counts, kind="stable")
-    rows = [run.rejected[run.rejected["code"] == code] for code in codes[order]]
-    columns: list[Column[NDArray[np.void]]] = [
-        Column("rejected", "candidates, or poses of them", len, "{:,d}"),
-        Column("median", "of the number that was not good enough", _typical_number, "{:.3g}"),
-        Column("of", "the number", lambda rejected: _NUMBERS.get(rejected["code"][0])),
-    ]
-    return build_table(columns, rows, codes[order].tolist())
-
-
-def _typical_number(rejected: NDArray[np.void]) -> float | None:
-    known = rejected["code"][0] in _NUMBERS
-    return float(np.median(rejected["number"])) if known else None
+    ranked = sorted(
+        zip(codes.tolist(), counts.tolist(), strict=True), key=lambda counted: -counted[1]
+    )
+    rows: list[Mapping[str, Any]] = []
+    for code, count in ranked:
+        numbers = run.rejected["number"][run.rejected["code"] == code]
+        median = float(np.median(numbers)) if code in _NUMBERS else None
+        rows.append({"rejected": count, "median": median, "of": _NUMBERS.get(code)})
+    return build_table(columns_of("loops.reasons"), rows, [code for code, _ in ranked])
 
 
 def _table_of_runs(columns: Columns, evaluations: Sequence[Evaluation]) -> Table:
@@ -175,15 +170,6 @@ def _accuracy_columns(protocol: str) -> Columns:
         Column("same way", "top-1 of revisits in the same direction", same, "{:.3f}", max),
         Column("opposite", "top-1 of revisits head-on", opposite, "{:.3f}", max),
         Column("recall@5", "revisits with a correct one among 5", ranked, "{:.3f}", max),
-    ]
-
-
-def _accepted_columns(protocol: str) -> Columns:
-    loops = "loops that the detector accepted once it had verified them"
-    return [
-        Column("loops", loops, f"accepted.{protocol}.loops", "{:d}"),
-        Column("wrong", "of these loops", f"accepted.{protocol}.wrong", "{:d}", min),
-        Column("recall", "of these loops", f"accepted.{protocol}.recall", "{:.3f}", max),
     ]
 
 

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""A RatSLAM run ready to draw: map, dead reckoning and truth in one frame, loops judged."""
+"""A RatSLAM run ready to draw: map, dead reckoning and truth in one frame, loops judged, time."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,13 @@ from fusionslam._core import ActionKind
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.se2 import wrapped
+from fusionslam.report.page.figures import PATH
 from fusionslam.storage.arrays import Floats, Integers, Mask
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_PAUSE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,17 @@ class Scene:
     def right(self) -> Mask:
         """Bool (l), links that are loops and not false."""
         return self.loops & ~self.false
+
+    @property
+    def loop_count(self) -> int:
+        """Number of links that are loops."""
+        return int(self.loops.sum())
+
+    @property
+    def misfit(self) -> float | None:
+        """Root mean square of ``measure_misfits``; None without links."""
+        apart = measure_misfits(self.run)
+        return float(np.sqrt((apart**2).mean())) if apart.size else None
 
 
 def scene_of(run: RatSlamRun, report: MapReport) -> Scene:
@@ -131,3 +149,50 @@ def _find_arrivals(run: RatSlamRun) -> Integers:
     with_node = run.actions[steps, 0] == ActionKind.CREATE_NODE
     with_node &= run.actions[steps, 2] == run.links["target"]
     return np.where((steps >= 0) & ~with_node, steps, -1)
+
+
+def new_views(ids: Integers) -> Mask:
+    """Mask of the ids that occur for the first time; -1 is none."""
+    new = np.zeros(len(ids), bool)
+    new[np.unique(ids, return_index=True)[1]] = True
+    return new & (ids >= 0)
+
+
+@dataclass(frozen=True)
+class DrawnTime:
+    """Times of a run for the axis of a plot, in which the pauses between recordings are short.
+
+    A pause is longer than a minute and than half of the time without pauses.
+
+    Attributes:
+        seconds: float64 (n), time of each step on the axis.
+        pauses: float64 (p), the middles of the pauses on the axis.
+        left_out: seconds that the axis is shorter than the run.
+    """
+
+    seconds: Floats
+    pauses: Floats
+    left_out: float
+
+    @classmethod
+    def of(cls, run: RatSlamRun) -> "DrawnTime":
+        gaps = np.diff(run.seconds, prepend=run.seconds[:1])
+        driven = float(gaps[gaps <= _PAUSE_S].sum())
+        is_pause = (gaps > max(_PAUSE_S, driven / 2)) & (driven > 0)
+        short = np.where(is_pause, 0.03 * driven, gaps)
+        seconds = np.cumsum(short)
+        return cls(seconds, (seconds - short / 2)[is_pause], float((gaps - short).sum()))
+
+    def at(self, run: RatSlamRun, stamps_ns: Integers) -> Floats:
+        """Place stamps of a run on the axis."""
+        return np.asarray(
+            np.interp((stamps_ns - run.stamps_ns[0]) / 1e9, run.seconds, self.seconds)
+        )
+
+    def label(self, axis: "Axes", *others: "Axes") -> None:
+        """Label the axis, and draw a line at each pause, also into other axes above it."""
+        left_out = f", {self.left_out:,.0f} s of pauses left out" if self.pauses.size else ""
+        axis.set_xlabel(f"time (s{left_out})")
+        for each in (axis, *others):
+            for pause in self.pauses:
+                each.axvline(pause, color=PATH, lw=1, ls=":")

@@ -1,20 +1,26 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of a RatSLAM run over time: pose cells, views and actions, errors."""
+"""Plots of a RatSLAM run over time: pose cells, views and actions, errors, times of a step."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.report.maps.aligned_run import Scene, align_poses
-from fusionslam.report.maps.map_figures import DENIED, MAP, RECKONED, RIGHT, WRONG
-from fusionslam.report.maps.tables import new_views
-from fusionslam.report.page.figures import CURVE_COLORS, PATH, new_figure
-from fusionslam.storage.arrays import Floats, Integers
+from fusionslam.report.maps.aligned_run import DrawnTime, Scene, align_poses, new_views
+from fusionslam.report.maps.tables import STAGES, percentile
+from fusionslam.report.page.figures import (
+    CURVE_COLORS,
+    DENIED,
+    MAP,
+    PATH,
+    RECKONED,
+    RIGHT,
+    WRONG,
+    new_figure,
+)
+from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,91 +28,50 @@ if TYPE_CHECKING:
 
 _COLUMNS = 900
 _WIDTH = 9.2
-_PAUSE_S = 60.0
-
-
-@dataclass(frozen=True)
-class DrawnTime:
-    """Times of a run for the axis of a plot, in which the pauses between recordings are short.
-
-    A pause is longer than a minute and than half of the time without pauses.
-
-    Attributes:
-        seconds: float64 (n), time of each step on the axis.
-        pauses: float64 (p), the middles of the pauses on the axis.
-        left_out: seconds that the axis is shorter than the run.
-    """
-
-    seconds: Floats
-    pauses: Floats
-    left_out: float
-
-    @classmethod
-    def of(cls, run: RatSlamRun) -> "DrawnTime":
-        gaps = np.diff(run.seconds, prepend=run.seconds[:1])
-        driven = float(gaps[gaps <= _PAUSE_S].sum())
-        is_pause = (gaps > max(_PAUSE_S, driven / 2)) & (driven > 0)
-        short = np.where(is_pause, 0.03 * driven, gaps)
-        seconds = np.cumsum(short)
-        return cls(seconds, (seconds - short / 2)[is_pause], float((gaps - short).sum()))
-
-    def at(self, run: RatSlamRun, stamps_ns: Integers) -> Floats:
-        """Place stamps of a run on the axis."""
-        return np.asarray(
-            np.interp((stamps_ns - run.stamps_ns[0]) / 1e9, run.seconds, self.seconds)
-        )
-
-    def label(self, axis: "Axes", *others: "Axes") -> None:
-        """Label the axis, and draw a line at each pause, also into other axes above it."""
-        left_out = f", {self.left_out:,.0f} s of pauses left out" if self.pauses.size else ""
-        axis.set_xlabel(f"time (s{left_out})")
-        for each in (axis, *others):
-            for pause in self.pauses:
-                each.axvline(pause, color=PATH, lw=1, ls=":")
+_STAGE_COLORS = (RIGHT, DENIED, MAP)
 
 
 def draw_activity(run: RatSlamRun) -> "Figure | None":
-    """Draw the pose cells' activity along each axis over time; None without a view step."""
+    """Draw the pose cells' activity along each axis over time; None without a view step.
+
+    Each image has columns at even times, each with the latest activity at that time.
+    """
+    from matplotlib.colors import PowerNorm
+
     if not run.is_view.any():
         return None
     time = DrawnTime.of(run)
+    seconds = time.seconds[run.is_view]
+    start, end = float(seconds[0]), float(max(seconds[-1], seconds[0] + 1e-3))
+    moments = np.linspace(start, end, min(_COLUMNS, max(2, len(seconds))))
+    latest = np.searchsorted(seconds, moments + 1e-9, side="right") - 1
     figure = new_figure(_WIDTH, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
-    rows = ((run.activity_th, "th (deg)", 360.0), (run.activity_x, "x (cells)", None))
-    for axis, (activity, label, reach), column in zip(
-        panels, (*rows, (run.activity_y, "y (cells)", None)), (2, 0, 1), strict=True
-    ):
+    rows = (
+        (run.activity_th, 2, "th (deg)", 360.0),
+        (run.activity_x, 0, "x (cells)", None),
+        (run.activity_y, 1, "y (cells)", None),
+    )
+    for axis, (activity, column, label, reach) in zip(panels, rows, strict=True):
         size = activity.shape[1]
         top = reach or float(size)
-        _draw_activity_image(axis, time.seconds[run.is_view], activity, top)
+        axis.imshow(
+            activity[latest].T,
+            extent=(start, end, 0, top),
+            origin="lower",
+            aspect="auto",
+            cmap="magma",
+            # Activity spreads over many cells: a square root keeps its fringes visible.
+            norm=PowerNorm(0.5, vmin=0, vmax=1),
+        )
         decoded = run.cells[run.is_view, column] * top / size
-        axis.plot(time.seconds[run.is_view], decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
+        axis.plot(seconds, decoded, ".", ms=1.6, mew=0, color="white", alpha=0.8)
         axis.set(ylabel=label, ylim=(0, top))
     panels[0].set_yticks(range(0, 361, 90))
     time.label(panels[-1], *panels[:-1])
     shown = panels[0].images[0]
     figure.colorbar(shown, ax=list(panels), shrink=0.6, pad=0.01, label="share of the activity")
     return figure
-
-
-def _draw_activity_image(
-    axis: "Axes", stamps: Floats, activity: NDArray[np.float32], top: float
-) -> None:
-    """Draw an image with columns at even times, each with the latest activity at that time."""
-    start, end = float(stamps[0]), float(max(stamps[-1], stamps[0] + 1e-3))
-    moments = np.linspace(start, end, min(_COLUMNS, max(2, len(stamps))))
-    rows = np.searchsorted(stamps, moments + 1e-9, side="right") - 1
-    from matplotlib.colors import PowerNorm
-
-    axis.imshow(
-        activity[rows].T,
-        extent=(start, end, 0, top),
-        origin="lower",
-        aspect="auto",
-        cmap="magma",
-        # Activity spreads over many cells: a square root keeps its fringes visible.
-        norm=PowerNorm(0.5, vmin=0, vmax=1),
-    )
 
 
 def draw_views(scene: Scene) -> "Figure | None":
@@ -177,5 +142,35 @@ def draw_errors(scene: Scene) -> "Figure | None":
     axis.set_ylabel("metres from the truth")
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.25)
+    figure.legend(loc="outside upper left", ncols=3)
+    return figure
+
+
+def draw_step_times(run: RatSlamRun) -> "Figure | None":
+    """Draw the time of each stage per step, over time and over the size of the map.
+
+    None if nothing was timed.
+    """
+    times = np.where(run.step_seconds > 0, run.step_seconds * 1e3, np.nan)
+    if not np.isfinite(times).any():
+        return None
+    time = DrawnTime.of(run)
+    figure = new_figure(_WIDTH, 3.6)
+    left, right = figure.subplots(1, 2, sharey=True)
+    changed = run.actions[:, 0] != ActionKind.NONE
+    nodes = np.cumsum(run.actions[:, 0] == ActionKind.CREATE_NODE)
+    for stage, (name, color) in enumerate(zip(STAGES, _STAGE_COLORS, strict=True)):
+        half, most = (percentile(run, stage, share) for share in (50, 95))
+        if half is not None and most is not None:
+            label = f"{name}: p50 {half:.3g}, p95 {most:.3g} ms"
+            left.plot(time.seconds, times[:, stage], ".", ms=2, color=color)
+            left.plot([], [], "o", color=color, label=label)
+    right.plot(nodes[changed], times[changed, 2], ".", ms=3, color=_STAGE_COLORS[2])
+    time.label(left)
+    left.set(ylabel="milliseconds", yscale="log", title="every step")
+    right.set(xlabel="nodes of the map", title="map, in steps that change it")
+    left.yaxis.set_major_formatter("{x:g}")
+    for axis in (left, right):
+        axis.grid(alpha=0.25)
     figure.legend(loc="outside upper left", ncols=3)
     return figure

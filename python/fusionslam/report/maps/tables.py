@@ -1,31 +1,38 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the report of maps: errors against dead reckoning, and single loops."""
+"""Tables of the report of maps: errors, single loops, times, configurations."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
+from fusionslam.config import flatten, unit_of, walk
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
+from fusionslam.ratslam.slam import RatSlamConfig
 from fusionslam.report.maps.aligned_run import (
+    DrawnTime,
     Scene,
     find_denied,
-    measure_misfits,
     measure_offsets,
     near,
+    new_views,
 )
-from fusionslam.report.page.tables import DASH, Cell, Column, Table, build_table
-from fusionslam.storage.arrays import Floats, Integers, Mask
+from fusionslam.report.page.tables import DASH, Column, Table, build_table, columns_of
+from fusionslam.storage.arrays import Floats
 
 MOST = 100
 """Largest number of rows in a table of single events."""
 REFUSALS = ("linked later", "false: prevented", "right: lost")
 """Verdicts on refused loops: confirmed by later loops, or kept out of the map."""
+STAGES = ("looking", "pose cells", "map")
+"""Names of the columns of ``step_seconds``."""
+_BUSY = ("steps that looked", "steps that moved or looked", "steps that changed the map")
 _EFFECTS = {
     ActionKind.NONE: "",
     ActionKind.CREATE_NODE: "node made",
@@ -34,82 +41,6 @@ _EFFECTS = {
 
 Event = Mapping[str, Any]
 """A loop, closed or refused: fields of its link or of ``REFUSED``, and those of the columns."""
-
-_ENDS: tuple[Column[Event], ...] = (
-    Column("from node", "where the robot was last", "source"),
-    Column("to node", "where it arrived", "target"),
-)
-_JUDGEMENT: tuple[Column[Event], ...] = (
-    Column(
-        "metres off",
-        "the true place of the robot from where the node was made",
-        "metres",
-        "{:.2f}",
-    ),
-    Column("degrees off", "the same of its heading", "degrees", "{:.0f}"),
-    Column("verdict", "by the view radius", "verdict"),
-)
-_REFUSED_COLUMNS: tuple[Column[Event], ...] = (
-    _ENDS[0],
-    Column("to node", "where it would have arrived", "target"),
-    Column("misfit m", "between the loop and the odometry", "error_m", "{:.2f}"),
-    Column("allowed m", "error that the odometry may have", "allowed_m", "{:.2f}"),
-    Column("misfit deg", "the same of the heading", "error_rad", "{:.1f}", scale=180 / np.pi),
-    Column("allowed deg", "the same of the heading", "allowed_rad", "{:.1f}", scale=180 / np.pi),
-    *_JUDGEMENT,
-)
-_PATH = "every step on the map as it is in the end, RMSE (absolute trajectory error)"
-_ERROR_COLUMNS: tuple[Column[Mapping[str, PoseErrors | None]], ...] = (
-    Column(
-        "nodes, m",
-        "nodes in the end against where the robot truly was when it made them, RMSE",
-        "nodes.rmse_m",
-        "{:.3f}",
-        min,
-    ),
-    Column("path, m", _PATH, "path.rmse_m", "{:.3f}", min),
-    Column("path, largest m", "the largest error of a step", "path.max_m", "{:.3f}", min),
-    Column("heading, deg", "of every step, RMSE", "path.heading_rmse_deg", "{:.2f}", min),
-    Column("live, m", "every step as the map was then, RMSE", "live.rmse_m", "{:.3f}", min),
-)
-_TRUTH_COLUMNS: tuple[Column[Scene], ...] = (
-    Column(
-        "right loops",
-        "links of loops that join places near each other",
-        "report.near_loop_link_share",
-        "{:.1%}",
-        max,
-    ),
-    Column(
-        "linked revisits",
-        "looks from where an older look was that the map joins with it",
-        "report.linked_revisit_share",
-        "{:.1%}",
-        max,
-    ),
-    Column(
-        "false arrivals",
-        "arrivals at a known node while the robot was elsewhere",
-        "report.false_loops",
-        best=min,
-    ),
-    Column("wrongly refused", "refused loops that were right", "report.refused_true", best=min),
-)
-_MAP_COLUMNS: tuple[Column[Scene], ...] = (
-    Column(
-        "loops", "links made by an arrival at a known node", lambda scene: int(scene.loops.sum())
-    ),
-    Column("arrivals", "arrivals at a known node", "report.loops"),
-    Column("refused", "loops that did not fit the odometry", "report.refused"),
-    Column("nodes", "of the map in the end", "report.node_count"),
-    Column("links", "of the map in the end", "report.link_count"),
-    Column(
-        "misfit of links, m",
-        "places of targets by their links, against the final map, RMS",
-        lambda scene: _compute_misfit(scene),
-        "{:.3f}",
-    ),
-)
 
 
 def error_table(labels: Sequence[str], reports: Sequence[MapReport]) -> Table | None:
@@ -124,18 +55,14 @@ def error_table(labels: Sequence[str], reports: Sequence[MapReport]) -> Table | 
     errors += [{"nodes": one.nodes, "path": one.trajectory, "live": one.live} for one in reports]
     if not any(row["path"] for row in errors):
         return None
-    return build_table(_ERROR_COLUMNS, errors, names)
+    return build_table(columns_of("maps.errors"), errors, names)
 
 
 def joins_table(labels: Sequence[str], scenes: Sequence[Scene]) -> Table:
     """Build the table of each map's size, its links, and how well they fit together."""
     known = any(scene.report.near_links is not None for scene in scenes)
-    return build_table([*(_TRUTH_COLUMNS if known else ()), *_MAP_COLUMNS], scenes, labels)
-
-
-def _compute_misfit(scene: Scene) -> float | None:
-    apart = measure_misfits(scene.run)
-    return float(np.sqrt((apart**2).mean())) if apart.size else None
+    truth = columns_of("maps.truth") if known else []
+    return build_table([*truth, *columns_of("maps.joins")], scenes, labels)
 
 
 def loop_table(scene: Scene) -> Table | None:
@@ -147,8 +74,10 @@ def loop_table(scene: Scene) -> Table | None:
     metres, degrees = measure_offsets(run, steps, run.links["target"][rows])
     verdicts[np.isnan(metres)] = DASH
     verdicts[run.actions[steps, 0] != ActionKind.CREATE_EDGE] += ", refused at first"
-    columns, links = [*_ENDS, *_JUDGEMENT], run.links[rows]
-    return _table_of_events(columns, links, run.seconds[steps], metres, degrees, verdicts.tolist())
+    links = run.links[rows]
+    return _table_of_events(
+        "maps.ends", links, run.seconds[steps], metres, degrees, verdicts.tolist()
+    )
 
 
 def refused_table(scene: Scene) -> Table | None:
@@ -157,12 +86,12 @@ def refused_table(scene: Scene) -> Table | None:
     metres, degrees = measure_offsets(run, run.steps_at(refused["stamp_ns"]), refused["target"])
     seconds = (refused["stamp_ns"] - run.stamps_ns[:1]) / 1e9
     return _table_of_events(
-        _REFUSED_COLUMNS, refused, seconds, metres, degrees, refusals(scene)[:MOST]
+        "maps.refused", refused, seconds, metres, degrees, refusals(scene)[:MOST]
     )
 
 
 def _table_of_events(
-    columns: Sequence[Column[Event]],
+    table: str,
     loops: NDArray[np.void],
     seconds: Floats,
     metres: Floats,
@@ -180,6 +109,7 @@ def _table_of_events(
         for loop, far, turned, verdict in zip(loops, metres, degrees, verdicts, strict=True)
     ]
     labels = [f"{second:.1f} s" for second in seconds]
+    columns = [*columns_of(table), *columns_of("maps.judgement")]
     return build_table(columns, events, labels) if events else None
 
 
@@ -207,15 +137,80 @@ def look_table(run: RatSlamRun) -> Table | None:
         ", ".join(filter(None, (str(view), "loop refused" if no else "", effect)))
         for view, no, effect in zip(views, refused, effects, strict=True)
     ]
-    rows = [
-        (kind, [Cell(str(count)), Cell(run.why[kinds.index(kind)])])
-        for kind, count in Counter(kinds).most_common()
+    counts = Counter(kinds).most_common()
+    rows = [{"looks": count, "why": run.why[kinds.index(kind)]} for kind, count in counts]
+    return build_table(columns_of("maps.looks"), rows, [kind for kind, _ in counts])
+
+
+def busy_ms(run: RatSlamRun, stage: int | None = None) -> Floats:
+    """float64: milliseconds of the steps in which a stage did something.
+
+    Args:
+        run: the run.
+        stage: index into ``STAGES``; None for all stages of every step together.
+    """
+    times = run.step_seconds.sum(axis=1) if stage is None else run.step_seconds[:, stage]
+    if stage == STAGES.index("map"):
+        times = times[run.actions[:, 0] != ActionKind.NONE]
+    return np.asarray(times[times > 0] * 1e3)
+
+
+def cost_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> Table | None:
+    """Build the table of median and 95th percentile per step; None if nothing was timed."""
+    if not any((run.step_seconds > 0).any() for run in runs):
+        return None
+    parts = [*zip(STAGES, _BUSY, range(len(STAGES)), strict=True), ("step", "all steps", None)]
+    columns: list[Column[RatSlamRun]] = [
+        Column(
+            f"{name} p{share} ms",
+            f"percentile {share} of {busy}",
+            partial(percentile, stage=stage, share=share),
+            "{:.3g}",
+        )
+        for name, busy, stage in parts
+        for share in (50, 95)
     ]
-    return Table([("looks", "how many"), ("the first one's reason", "as the run says it")], rows)
+
+    def speed(run: RatSlamRun) -> float | None:
+        spent = float(run.step_seconds.sum())
+        driven = float(run.seconds[-1]) - DrawnTime.of(run).left_out
+        return driven / spent if spent > 0 and driven > 0 else None
+
+    hint = "how much faster than the data come in"
+    columns.append(Column("times real time", hint, speed, "{:.3g}"))
+    return build_table(columns, runs, labels)
 
 
-def new_views(ids: Integers) -> Mask:
-    """Mask of the ids that occur for the first time; -1 is none."""
-    new = np.zeros(len(ids), bool)
-    new[np.unique(ids, return_index=True)[1]] = True
-    return new & (ids >= 0)
+def percentile(run: RatSlamRun, stage: int | None, share: int) -> float | None:
+    """Return a percentile of ``busy_ms``; None if the stage did nothing."""
+    times = busy_ms(run, stage)
+    return float(np.percentile(times, share)) if times.size else None
+
+
+class ConfigTable(NamedTuple):
+    """Values of configurations; each row has a dotted name, a value per head, and a meaning."""
+
+    heads: list[str]
+    rows: list[tuple[str, list[str], str]]
+
+
+def config_table(labels: Sequence[str], runs: Sequence[RatSlamRun]) -> ConfigTable | None:
+    """Build one column for each distinct configuration; None if none is known."""
+    groups: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for label, run in zip(labels, runs, strict=True):
+        values = flatten(run.config).items()
+        texts = ((name, "null" if value is None else str(value)) for name, value in values)
+        groups.setdefault(tuple(texts), []).append(label)
+    columns = [dict(texts) for texts in groups]
+    names = list(dict.fromkeys(name for texts in columns for name in texts))
+    if not names:
+        return None
+    units = {name: (field.description, unit_of(field)) for name, _, field in walk(RatSlamConfig())}
+    meanings = {name: f"{text} ({unit})" if unit else text for name, (text, unit) in units.items()}
+    return ConfigTable(
+        ["value"] if len(groups) == 1 else ["; ".join(group) for group in groups.values()],
+        [
+            (name, [texts.get(name, DASH) for texts in columns], meanings.get(name) or "")
+            for name in names
+        ],
+    )

@@ -17,6 +17,17 @@ if TYPE_CHECKING:
 CURVE_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's colours, which colour-blind readers can distinguish."""
 TRUE, FALSE, MISSED, PATH = "#1a9850", "#d73027", "#f59a0b", "#b4b8bf"
+INK = "#333333"
+DARK = "#15181d"
+"""Background of clouds."""
+LOOP_COLORS = {"refused": MISSED, "pending": PATH, "believed": TRUE}
+"""Of a map's loops by their state."""
+TRACK_COLORS = (CURVE_COLORS[0], CURVE_COLORS[3], CURVE_COLORS[5], CURVE_COLORS[6])
+"""Of the sessions of a map."""
+MAP, RECKONED = CURVE_COLORS[0], CURVE_COLORS[3]
+"""Of RatSLAM's map and of dead reckoning."""
+RIGHT, WRONG, DENIED = CURVE_COLORS[2], CURVE_COLORS[1], CURVE_COLORS[4]
+"""Of RatSLAM's loops: closed rightly, closed wrongly, refused."""
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -74,7 +85,7 @@ def draw_loops(
     """
     from matplotlib.collections import LineCollection
 
-    axis.plot(*places[0], "D", color="#333333", ms=5, zorder=5, label="start")
+    axis.plot(*places[0], "D", color=INK, ms=5, zorder=5, label="start")
     for order, (mask, color, marker, label) in enumerate(
         (
             (missed, MISSED, "x", "missed revisits"),

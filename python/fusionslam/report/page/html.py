@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.help_texts import counted
 from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.machine import machine, versions
 
 T = TypeVar("T")
+K = TypeVar("K")
 
 _LONGEST_PART = 58
 """In bytes: names of four parts, a suffix and those of temporary files have at most 255."""
@@ -91,6 +93,7 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    pages.globals["counted"] = counted
     is_name = template.endswith(".j2")
     page = pages.get_template(template) if is_name else pages.from_string(template)
     common = {"about": about, "notes": (), "config": json.dumps(about["config"], indent=2)}
@@ -120,9 +123,9 @@ def check_runs(runs: Sequence[Sized], labels: Sequence[str], files: Sequence[str
             raise DataError(problem, code="same-name", fields=(label,))
 
 
-def group_by(items: Iterable[T], key: Callable[[T], str]) -> dict[str, list[T]]:
+def group_by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
     """Group the items by key, keys in the order of their first item."""
-    groups: dict[str, list[T]] = {}
+    groups: dict[K, list[T]] = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
     return groups

@@ -31,7 +31,7 @@ class Picture:
 
     Attributes:
         name: file name beside the report.
-        caption: what the picture shows.
+        caption: what the picture shows; empty where the page says it.
         data: the file's bytes.
     """
 
@@ -50,7 +50,7 @@ def keep(
     folder: Path,
     name: str,
     figure: "Figure | None",
-    caption: str,
+    caption: str = "",
     *,
     photo: bool = False,
     vector: bool = False,
@@ -61,7 +61,7 @@ def keep(
         folder: target folder.
         name: file name without its suffix.
         figure: figure to render.
-        caption: what the picture shows.
+        caption: what the picture shows; empty where the page says it.
         photo: True for camera images or clouds, stored as JPEG; drawings are stored as PNG.
         vector: whether to write the figure as SVG and PDF as well, for papers.
 
@@ -79,7 +79,7 @@ def keep(
     return picture
 
 
-def draw_picture(name: str, figure: "Figure", caption: str, *, photo: bool = False) -> Picture:
+def draw_picture(name: str, figure: "Figure", caption: str = "", *, photo: bool = False) -> Picture:
     """Render a figure as a picture that is only embedded. Arguments as for ``keep``."""
     image = _render(figure)
     data = encode_jpeg(image) if photo else _encode_png(image)

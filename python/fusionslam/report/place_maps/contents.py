@@ -64,6 +64,11 @@ class Drive:
     odometry_error: float | None
     error: float | None
 
+    @property
+    def part_count(self) -> int:
+        """Number of parts of the map that the session is in."""
+        return len(np.unique(self.parts))
+
 
 def read_drives(site: PlaceMap, truth: Mapping[str, Floats] | None = None) -> list[Drive]:
     """Return the sessions of a map.

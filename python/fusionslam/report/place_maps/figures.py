@@ -3,6 +3,7 @@
 """Pictures of a map: trajectories and loops, drift, the cloud and the grid from above."""
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,18 +12,22 @@ from numpy.typing import NDArray
 from fusionslam.help_texts import counted
 from fusionslam.mapping import Edge
 from fusionslam.mapping.grids import OccupancyGrid
-from fusionslam.report.page.figures import CURVE_COLORS, MISSED, PATH, TRUE, new_figure
+from fusionslam.report.page.figures import (
+    CURVE_COLORS,
+    INK,
+    LOOP_COLORS,
+    PATH,
+    TRACK_COLORS,
+    new_figure,
+)
 from fusionslam.report.place_maps.contents import Drive, LoopFit
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats, Mask
+from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOOP_COLORS = {"refused": MISSED, "pending": PATH, "believed": TRUE}
-TRACK_COLORS = (CURVE_COLORS[0], CURVE_COLORS[3], CURVE_COLORS[5], CURVE_COLORS[6])
-_INK = "#333333"
 _LONGEST_NAME = 40
 _ABOVE_M = 2.0
 _MOST_PIXELS = 1500
@@ -36,50 +41,38 @@ def draw_trajectories(drives: Sequence[Drive], loops: Sequence[Edge], part: int)
         loops: of the map; those whose keyframes are in the part are drawn.
         part: number of the part.
     """
-    shown = [drive for drive in drives if (drive.parts == part).any()]
+    shown = [(drive, drive.parts == part) for drive in drives if (drive.parts == part).any()]
     before, after = (
-        np.concatenate([poses[drive.parts == part, :2, 3] for drive, poses in pairs])
-        for pairs in (
-            [(drive, drive.odometry) for drive in shown],
-            [(drive, drive.poses) for drive in shown],
+        np.concatenate(tracks)
+        for tracks in zip(
+            *((drive.odometry[rows, :2, 3], drive.poses[rows, :2, 3]) for drive, rows in shown),
+            strict=True,
         )
     )
-    figure = _two_panels([before, after])
+    # As high as what the panels show.
+    spans = [np.ptp(places, axis=0) for places in (before, after)]
+    ratio = float(np.clip(max(span[1] / max(span[0], 1e-6) for span in spans), 0.4, 1.3))
+    figure = new_figure(9.6, 1.3 + 4.3 * ratio)
     moved = np.linalg.norm(after - before, axis=1).max(initial=0.0)
     titles = ("odometry alone", f"corrected, by up to {moved:.2f} m")
-    for axis, corrected in zip(figure.axes, (False, True), strict=True):
+    for axis, title, corrected in zip(figure.subplots(1, 2), titles, (False, True), strict=True):
         places: dict[int, Floats] = {}
-        for order, drive in enumerate(shown):
-            rows = drive.parts == part
-            _draw_drive(axis, drive, rows, corrected, TRACK_COLORS[order % len(TRACK_COLORS)])
-            poses = drive.poses if corrected else drive.odometry
-            places |= dict(zip(drive.numbers[rows].tolist(), poses[rows, :2, 3], strict=True))
+        for (drive, rows), color in zip(shown, cycle(TRACK_COLORS), strict=False):
+            own = (drive.poses if corrected else drive.odometry)[rows, :2, 3]
+            if drive.truth is not None:
+                true = drive.truth[rows, :2, 3].T
+                axis.plot(*true, color=PATH, lw=3.2, alpha=0.8, label="truth")
+            label = _label(drive.name)
+            axis.plot(*own.T, ".-", color=color, ms=2.5, lw=1, label=label, zorder=3)
+            axis.plot(*own[0], "D", mfc="white", mec=INK, ms=6, zorder=6)
+            places |= dict(zip(drive.numbers[rows].tolist(), own, strict=True))
         _draw_loops(axis, loops, places)
         axis.set_aspect("equal", adjustable="datalim")
-        axis.set(xlabel="x (m)", title=titles[corrected])
+        axis.set(xlabel="x (m)", title=title)
     figure.axes[0].set_ylabel("y (m)")
     handles, labels = figure.axes[1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4)
     return figure
-
-
-def _two_panels(contents: Sequence[Floats]) -> "Figure":
-    """Two panels beside each other, as high as what they show."""
-    spans = [np.ptp(places, axis=0) for places in contents]
-    ratio = float(np.clip(max(span[1] / max(span[0], 1e-6) for span in spans), 0.4, 1.3))
-    figure = new_figure(9.6, 1.3 + 4.3 * ratio)
-    figure.subplots(1, 2)
-    return figure
-
-
-def _draw_drive(axis: "Axes", drive: Drive, rows: Mask, corrected: bool, color: str) -> None:
-    if drive.truth is not None:
-        axis.plot(*drive.truth[rows, :2, 3].T, color=PATH, lw=3.2, alpha=0.8, label="truth")
-    poses = drive.poses if corrected else drive.odometry
-    places = poses[rows, :2, 3]
-    label = _label(drive.name)
-    axis.plot(*places.T, ".-", color=color, ms=2.5, lw=1, label=label, zorder=3)
-    axis.plot(*places[0], "D", mfc="white", mec=_INK, ms=6, zorder=6)
 
 
 def _label(name: str) -> str:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the page of a map: one file that opens offline."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,35 +10,57 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam.errors import DataError
-from fusionslam.help_texts import counted
 from fusionslam.mapping import Edge, PlaceMap
-from fusionslam.report.page.figures import use_style
-from fusionslam.report.page.html import about_report, check_extra, write_page
+from fusionslam.report.page.figures import LOOP_COLORS, TRACK_COLORS, use_style
+from fusionslam.report.page.html import about_report, check_extra, group_by, write_page
 from fusionslam.report.page.images import Picture, draw_picture
-from fusionslam.report.place_maps.contents import (
-    Drive,
-    LoopFit,
-    drift_factor,
-    fit_loops,
-    read_drives,
-)
+from fusionslam.report.page.tables import Table, build_table, columns_of
+from fusionslam.report.place_maps.contents import Drive, drift_factor, fit_loops, read_drives
 from fusionslam.report.place_maps.figures import (
-    LOOP_COLORS,
-    TRACK_COLORS,
     draw_cloud,
     draw_drift,
     draw_grid,
     draw_trajectories,
 )
-from fusionslam.report.place_maps.tables import MOST, refused_table, session_table, state_table
 from fusionslam.report.place_maps.view_3d import draw_view_3d
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import PathLike
 
+MOST = 200
+"""Largest number of refused loops in the table."""
 _MOST_PARTS = 3
 _VOXELS_ACROSS = 3000
 _CELLS_ACROSS = 1500
+
+
+def session_table(drives: Sequence[Drive]) -> Table:
+    """Build the table of sessions, with errors where the truth is known."""
+    judged = any(drive.error is not None for drive in drives)
+    columns = columns_of("place_map.sessions")
+    columns += columns_of("place_map.errors") if judged else []
+    return build_table(columns, drives, [drive.name for drive in drives])
+
+
+def state_table(loops: Sequence[Edge]) -> Table | None:
+    """Count loops by state and reason; None without loops."""
+    kinds = group_by(loops, lambda edge: (edge.state, edge.reason.code if edge.reason else ""))
+    found = sorted(kinds.items(), key=lambda item: -len(item[1]))
+    rows = []
+    for (_, code), edges in found:
+        numbers = [edge.reason.number for edge in edges if edge.reason is not None]
+        median = f"{np.median(numbers):.3g}" if numbers else ""
+        merges = sum(edge.kind == "merge" for edge in edges)
+        rows.append({"reason": code, "loops": len(edges), "merges": merges, "median": median})
+    labels = [state for (state, _), _ in found]
+    return build_table(columns_of("place_map.states"), rows, labels) if rows else None
+
+
+def refused_table(loops: Sequence[Edge]) -> Table | None:
+    """List refused loops with their reasons, at most ``MOST``; None without one."""
+    refused = [edge for edge in loops if edge.state == "refused"][:MOST]
+    labels = [f"{edge.a} and {edge.b}" for edge in refused]
+    return build_table(columns_of("place_map.refused"), refused, labels) if refused else None
 
 
 def write_map_page(
@@ -81,34 +104,37 @@ def write_map_page(
     fits = fit_loops(site.edges, loops)
     first = site.content.parts[0]
     places = np.concatenate([drive.poses[drive.parts == first, :3, 3] for drive in drives])
-    cloud = site.cloud(_voxel_for(places))
+    extent = float(np.ptp(places[:, :2], axis=0).max()) + 60.0
+    # Voxels so large that a page of a wide map stays small.
+    cloud = site.cloud(max(0.05, extent / _VOXELS_ACROSS))
     with use_style():
         trajectories = [*_draw_parts(drives, loops)]
         drift = draw_drift(fits)
         above = draw_cloud(cloud, places)
-        grid = draw_grid(site.grid(max(0.1, _extent(places) / _CELLS_ACROSS)))
         pictures = {
-            "drift": drift and draw_picture("drift", drift, _DRIFT_CAPTION),
-            "cloud": above and draw_picture("cloud", above, _caption_of(cloud), photo=True),
-            "grid": draw_picture("grid", grid, _GRID_CAPTION),
+            "drift": drift and draw_picture("drift", drift),
+            "cloud": above and draw_picture("cloud", above, photo=True),
+            "grid": draw_picture("grid", draw_grid(site.grid(max(0.1, extent / _CELLS_ACROSS)))),
         }
-    size = site.path.stat().st_size
     return write_page(
         path,
         "place_map.html.j2",
         about_report(site.path.name, command, site.config),
         title=f"Map {site.path.stem}",
         notes=notes,
-        summary=_summarise(drives, loops),
-        size=f"{size / 1e6:.1f} MB, {size / 1e3 / len(site):.0f} kB a keyframe",
+        size=site.path.stat().st_size,
+        keyframes=len(site),
+        drives=drives,
+        parts=len(np.unique(np.concatenate([drive.parts for drive in drives]))),
+        counts=Counter(edge.state for edge in loops),
         sessions=session_table(drives),
         states=state_table(loops),
         refused=refused_table(loops),
-        refused_count=sum(edge.state == "refused" for edge in loops),
         most=MOST,
-        drift=_describe_drift(fits),
+        drift=drift_factor(fits),
         trajectories=trajectories,
         pictures=pictures,
+        is_coloured=cloud.colors is not None,
         view=_draw_view(cloud, drives, loops, first),
     )
 
@@ -130,23 +156,15 @@ def lead_of(site: PlaceMap, truth: Mapping[str, Floats] | None = None) -> MapLea
     drives, loops = read_drives(site, truth), site.loops
     with use_style():
         picture = next(_draw_parts(drives, loops))
-    believed = sum(edge.state == "believed" for edge in loops)
-    figures = {"loops that the map found": f"{believed:,}"}
+    counts = Counter(edge.state for edge in loops)
+    figures = {"loops that the map found": f"{counts['believed']:,}"}
     drive = drives[0]
     if drive.error is None:
-        refused = sum(edge.state == "refused" for edge in loops)
-        figures |= {"loops refused": f"{refused:,}", "driven": f"{drive.metres:,.0f} m"}
+        figures |= {"loops refused": f"{counts['refused']:,}", "driven": f"{drive.metres:,.0f} m"}
     else:
         figures["ATE of odometry alone"] = f"{drive.odometry_error:.2f} m"
         figures["ATE of the map"] = f"{drive.error:.2f} m"
     return MapLead(picture, figures)
-
-
-_DRIFT_CAPTION = (
-    "Each dot is a loop: how far its end is from where odometry has it, over the way between. "
-    "Grey: the standard deviation of drift and loop by the drift model."
-)
-_GRID_CAPTION = "White: a robot can drive there. Black: obstacles. Grey: nothing is known."
 
 
 def _draw_parts(drives: Sequence[Drive], loops: Sequence[Edge]) -> Iterator[Picture]:
@@ -160,37 +178,6 @@ def _draw_parts(drives: Sequence[Drive], loops: Sequence[Edge]) -> Iterator[Pict
         )
         figure = draw_trajectories(drives, loops, int(part))
         yield draw_picture(f"trajectories-{part}", figure, caption)
-
-
-def _summarise(drives: Sequence[Drive], loops: Sequence[Edge]) -> str:
-    """Say in one sentence what the map is."""
-    keyframes = sum(len(drive.numbers) for drive in drives)
-    parts = len(np.unique(np.concatenate([drive.parts for drive in drives])))
-    believed, refused = (
-        sum(edge.state == state for edge in loops) for state in ("believed", "refused")
-    )
-    text = (
-        f"{counted(keyframes, 'keyframe', ',')} of {counted(len(drives), 'session')} in "
-        f"{counted(parts, 'part')}; {counted(len(loops), 'loop', ',')}, {believed:,} of them "
-        f"believed and {refused:,} refused."
-    )
-    judged = [drive for drive in drives if drive.error is not None]
-    return text + "".join(
-        f" ATE of {drive.name}: {drive.error:.2f} m, of odometry alone "
-        f"{drive.odometry_error:.2f} m."
-        for drive in judged
-    )
-
-
-def _describe_drift(fits: Sequence[LoopFit]) -> str | None:
-    factor = drift_factor(fits)
-    if factor is None:
-        return None
-    return (
-        f"Along believed loops the error of odometry is {factor:.2g} times what the drift model "
-        "promises, in the median. 1 is as promised; far more means that the stated deviations are "
-        "too small. Neighbouring loops share the same drift."
-    )
 
 
 def _draw_view(cloud: Cloud, drives: Sequence[Drive], loops: Sequence[Edge], part: int) -> str:
@@ -212,20 +199,3 @@ def _draw_view(cloud: Cloud, drives: Sequence[Drive], loops: Sequence[Edge], par
         if edge.a in places and edge.b in places
     ]
     return draw_view_3d(cloud, tracks, lines, track_colors=TRACK_COLORS)
-
-
-def _caption_of(cloud: Cloud) -> str:
-    by = "by height" if cloud.colors is None else "as the camera saw it"
-    return (
-        f"The cloud from above, coloured {by}, without what is more than 2 m above the robot. "
-        "Dots: keyframes."
-    )
-
-
-def _extent(places: Floats) -> float:
-    return float(np.ptp(places[:, :2], axis=0).max()) + 60.0
-
-
-def _voxel_for(places: Floats) -> float:
-    """Voxels so large that a page of a wide map stays small."""
-    return max(0.05, _extent(places) / _VOXELS_ACROSS)

@@ -10,7 +10,7 @@ from typing import Any
 from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, rerun_views
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES
-from fusionslam.report.page.tables import Column, Table, build_table
+from fusionslam.report.page.tables import Table, build_table, columns_of
 from fusionslam.storage.archive import save_json
 from fusionslam.storage.files import atomic_path
 
@@ -25,30 +25,6 @@ LEGEND = (
 )
 
 
-_ACCURACY: Sequence[Column[ViewResult]] = (
-    Column("acc.", "accuracy, paper's rule, %", "paper.accuracy", "{:.1f}", scale=100),
-    Column("author", "accuracy, author's rule, %", "author.accuracy", "{:.1f}", scale=100),
-    Column("thesis", "accuracy as published, %", "published.accuracy", "{:.1f}", scale=100),
-    Column("re-run", "accuracy measured again, %", "rerun.accuracy", "{:.1f}", scale=100),
-    Column("loop R", "loop recall, %", "paper.loop_recall", "{:.1f}", max, 100),
-    Column("re-run", "loop recall measured again, %", "rerun.loop_recall", "{:.0f}", scale=100),
-    Column("loop P", "loop precision, %", "paper.loop_precision", "{:.1f}", max, 100),
-    Column("FP m", "false positives, mean", "paper.mean_false_positive_distance", "{:.2f}"),
-    Column("max", "the farthest", "paper.max_false_positive_distance", "{:.2f}"),
-)
-_COSTS: Sequence[Column[ViewResult]] = (
-    Column("views", "stored", "paper.views", "{:.0f}"),
-    Column("thesis", "as published", "published.views", "{:.0f}"),
-    Column("bytes", "of a view", "run.bytes_per_view", "{:.0f}", min),
-    Column("thesis", "as published", "published.view_bytes", "{:.0f}"),
-    Column("build", "ms to make a view, mean", "run.build_ms", "{:.1f}", min),
-    Column("thesis", "as published, ms", "published.build_ms", "{:.1f}"),
-    Column("match", "ms against all stored views, mean", "run.match_ms", "{:.3f}", min),
-    Column("pair", "ms against one of them, mean", "run.pair_ms", "{:.4f}"),
-    Column("thesis", "as published, ms", "published.match_ms", "{:.3f}"),
-)
-
-
 def groups(results: Sequence[ViewResult]) -> list[tuple[str, list[ViewResult]]]:
     """Group the results by drive and frame, with a heading each."""
     found = groupby(results, key=lambda result: (result.drive, result.frame, result.scans))
@@ -59,12 +35,16 @@ def groups(results: Sequence[ViewResult]) -> list[tuple[str, list[ViewResult]]]:
 
 def accuracy_table(results: Sequence[ViewResult]) -> Table:
     """One row per method: its recognition and published figures; fits 80 columns."""
-    return build_table(_ACCURACY, results, [result.title for result in results])
+    return build_table(
+        columns_of("views_bench.accuracy"), results, [result.title for result in results]
+    )
 
 
 def cost_table(results: Sequence[ViewResult]) -> Table:
     """One row per method: bytes and milliseconds, and published figures."""
-    return build_table(_COSTS, results, [result.title for result in results])
+    return build_table(
+        columns_of("views_bench.costs"), results, [result.title for result in results]
+    )
 
 
 def notes(results: Sequence[ViewResult]) -> list[str]:
@@ -126,22 +106,14 @@ def write_view_bench(
 
 def as_json(result: ViewResult) -> dict[str, Any]:
     """Collect every figure of a result; undefined ones are null."""
-    run = result.run
+    measured = ("threshold", "bytes_per_view", "build_ms", "match_ms", "pair_ms")
+    named = ("drive", "frame", "method", "title", "scans", "note")
     return {
-        "drive": result.drive,
-        "frame": result.frame,
-        "method": result.method,
-        "title": result.title,
-        "scans": result.scans,
-        "note": result.note,
+        **{name: getattr(result, name) for name in named},
         "paper": result.paper and result.paper.metrics(),
         "author": result.author and result.author.metrics(),
-        "threshold": run.threshold if run else None,
-        "bytes_per_view": run.bytes_per_view if run else None,
-        "build_ms": run.build_ms if run else None,
-        "match_ms": run.match_ms if run else None,
-        "pair_ms": run.pair_ms if run else None,
-        "config": run.config if run else {},
+        **{name: getattr(result.run, name, None) for name in measured},
+        "config": result.run.config if result.run else {},
         "published": result.published and vars(result.published),
         "rerun": result.rerun and vars(result.rerun),
     }

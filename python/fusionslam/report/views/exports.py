@@ -93,33 +93,31 @@ def scrub_data(run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]) 
     rows = list_needed_rows(run, report)
     where = {row: place for place, row in enumerate(rows)}
     beside = counterparts(run, report)
+    keys = {row: stamp_key(run.stamps[row]) for row in rows}
+    places = [
+        {
+            "n": int(run.numbers[row]),
+            "t": round(float(run.stamps[row] - run.stamps[0]), 2),
+            "p": np.round(run.poses[row], 3).tolist(),
+            "k": str(keys[row]) if keys[row] in previews else None,
+        }
+        for row in rows
+    ]
     return {
         "method": run.method,
         "path": [np.round(piece, 2).tolist() for piece in path_pieces(run)],
-        "places": [_place(run, row, previews) for row in rows],
+        "places": places,
         "frames": [
-            _frame(run, report, row, where[row], where.get(int(beside[row]), -1))
+            {"i": where[row], "v": where.get(int(beside[row]), -1), **_judgement(run, report, row)}
             for row in select_rows(report)
         ],
     }
 
 
-def _place(run: ViewRun, row: int, previews: Mapping[int, bytes]) -> dict[str, Any]:
-    key = stamp_key(run.stamps[row])
-    return {
-        "n": int(run.numbers[row]),
-        "t": round(float(run.stamps[row] - run.stamps[0]), 2),
-        "p": np.round(run.poses[row], 3).tolist(),
-        "k": str(key) if key in previews else None,
-    }
-
-
-def _frame(run: ViewRun, report: ViewReport, row: int, place: int, beside: int) -> dict[str, Any]:
+def _judgement(run: ViewRun, report: ViewReport, row: int) -> dict[str, Any]:
     known = report.matched[row] >= 0
     wrongly_new = "negative" if report.false_negative[row] else None
     return {
-        "i": place,
-        "v": beside,
         "id": int(report.ids[row]),
         "s": _format_similarity(run, row, "{:.3f}"),
         "d": f"{report.distances[row]:.2f} m, {report.angles[row]:.0f}°" if known else None,

@@ -44,21 +44,25 @@ def write_false_positive(
     """
     if Path(path).suffix.lower() not in (".jpg", ".jpeg"):
         raise DataError(f"cannot write {path}: expected a name that ends in .jpg")
-    lines = _caption(judged)
-    left = _preview(image, "image", judged.scan)
-    right = _preview(matched_image, "matched_image", judged.matched)
-    write_photo(path, _with_caption(side_by_side(left, right), lines))
-
-
-def _caption(judged: JudgedView) -> list[str]:
     if judged.matched is None or judged.matched_stamp_ns is None:
         raise DataError(f"scan {judged.scan} was matched with none: there is nothing to show")
     then, now = judged.matched_stamp_ns, judged.stamp_ns
-    return [
+    lines = [
         f"left: scan {judged.scan} at {now / 1e9:.2f} s, recognised as view {judged.id}",
         f"right: scan {judged.matched} at {then / 1e9:.2f} s, the first of view {judged.id}",
         f"{judged.distance:.2f} m, {judged.angle:.0f} degrees and {(now - then) / 1e9:.1f} s apart",
     ]
+    left = _preview(image, "image", judged.scan)
+    picture = side_by_side(left, _preview(matched_image, "matched_image", judged.matched))
+    measure = ImageDraw.Draw(picture).textlength
+    width = max(picture.width, *(round(measure(line)) + 2 * _MARGIN for line in lines))
+    height = picture.height + _LINE * len(lines) + 2 * _MARGIN
+    whole = Image.new("RGB", (width, height), (255, 255, 255))
+    whole.paste(picture, (0, 0))
+    draw = ImageDraw.Draw(whole)
+    for row, line in enumerate(lines):
+        draw.text((_MARGIN, picture.height + _MARGIN + _LINE * row), line, (0, 0, 0))
+    write_photo(path, whole)
 
 
 def _preview(image: NDArray[np.uint8] | bytes | None, name: str, scan: int | None) -> bytes:
@@ -71,15 +75,3 @@ def _preview(image: NDArray[np.uint8] | bytes | None, name: str, scan: int | Non
     if not image.size:
         raise ShapeError(f"{name} has no pixels: {image.shape}")
     return image_preview(image)
-
-
-def _with_caption(picture: Image.Image, lines: list[str]) -> Image.Image:
-    measure = ImageDraw.Draw(picture).textlength
-    width = max(picture.width, *(round(measure(line)) + 2 * _MARGIN for line in lines))
-    height = picture.height + _LINE * len(lines) + 2 * _MARGIN
-    whole = Image.new("RGB", (width, height), (255, 255, 255))
-    whole.paste(picture, (0, 0))
-    draw = ImageDraw.Draw(whole)
-    for row, line in enumerate(lines):
-        draw.text((_MARGIN, picture.height + _MARGIN + _LINE * row), line, (0, 0, 0))
-    return whole

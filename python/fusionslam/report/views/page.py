@@ -3,15 +3,27 @@
 """Write the report of views: the page, its pictures, the files beside it, and the runs."""
 
 import os
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fusionslam.argument_types import checked
-from fusionslam.config import merged, walk
+from fusionslam.config import merged, unit_of, walk
 from fusionslam.errors import DataError
-from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, ViewRule, ViewRun
+from fusionslam.evaluation import (
+    RERUN_CITATION,
+    VIEW_CITATION,
+    ViewReport,
+    ViewRule,
+    ViewRun,
+    rerun_descriptors,
+)
+from fusionslam.evaluation.views.report import percent
 from fusionslam.evaluation.views.rules import view_rule
+from fusionslam.help_texts import counted
 from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import (
     about_report,
@@ -19,17 +31,30 @@ from fusionslam.report.page.html import (
     check_runs,
     file_name,
     group_by,
+    picture_name,
     write_figures,
     write_page,
 )
-from fusionslam.report.views.exports import COLUMNS, list_scans, metrics_of
-from fusionslam.report.views.sections import world_part
+from fusionslam.report.page.images import Picture, keep, keep_photo
+from fusionslam.report.views.exports import COLUMNS, list_scans, metrics_of, scrub_data
+from fusionslam.report.views.plots import (
+    Judged,
+    draw_belief,
+    draw_errors,
+    draw_path,
+    draw_times,
+    draw_view_curves,
+)
+from fusionslam.report.views.previews import MOST, list_needed_rows, previews_of, stamp_key
+from fusionslam.report.views.tables import accuracy_table, cost_table, rerun_table, sweep_table
+from fusionslam.report.views.thumbnails import side_by_side
 from fusionslam.storage.archive import load_json
 from fusionslam.storage.csv_files import write_csv
 from fusionslam.storage.files import atomic_path
 
 RUNS = "views"
 """Folder of the stored runs, beside the page."""
+_PAIRS, _HELD_BACK = 8, 50
 
 
 @checked
@@ -73,15 +98,11 @@ def write_view_report(
         run.save(target / RUNS / f"{file}.npz")
     judged = [(run, run.judge(limits)) for run in runs]
     missed: dict[str, None] = {}
+    groups = group_by(judged, lambda pair: pair[0].world)
     with use_style():
-        worlds = [
-            world_part(target, target / RUNS, f"{number}", world, group, missed)
-            for number, (world, group) in enumerate(
-                group_by(judged, lambda pair: pair[0].world).items()
-            )
-        ]
+        worlds = [_world_part(target, world, group, missed) for world, group in groups.items()]
     configs = {f"{run.world} / {run.method}": run.config for run in runs if run.config}
-    about = about_report(", ".join(part["name"] for part in worlds), command, configs)
+    about = about_report(", ".join(groups), command, configs)
     about |= {"title": title, "notes": list(notes), "rule": name}
     about["limits"] = limits.model_dump(mode="json")
     write_figures(target / "views.json", about, [metrics_of(*pair) for pair in judged])
@@ -98,8 +119,105 @@ def write_view_report(
         rule_name=name,
         citation=VIEW_CITATION,
         rerun=RERUN_CITATION,
-        limits=[_describe_limit(key, value, field) for key, value, field in walk(limits)],
+        limits=[
+            (key, f"{value:g} {unit_of(field)}", field.description)
+            for key, value, field in walk(limits)
+        ],
+        most=MOST,
     )
+
+
+def _world_part(
+    folder: Path, world: str, judged: Judged, missed: dict[str, None]
+) -> dict[str, Any]:
+    """Draw everything known about one drive, as ``views.html.j2`` shows it.
+
+    Pictures that would be empty are None.
+
+    Args:
+        folder: of the page.
+        world: name of the drive.
+        judged: its runs with their reports.
+        missed: collects the reasons why scans have no picture.
+    """
+    first, report = judged[0]
+    name = picture_name(world)
+    previews = previews_of(judged, folder / RUNS / f"{file_name(world)}.previews", missed)
+    return {
+        "name": world,
+        "scans": counted(len(first), "scan"),
+        "seconds": float(first.stamps[-1] - first.stamps[0]),
+        "metres": float(np.hypot(*np.diff(first.poses[:, :2], axis=0).T).sum()),
+        "report": report,
+        "figures": accuracy_table(judged),
+        "costs": cost_table(judged),
+        "rerun": rerun_table(judged),
+        "published": "; ".join(
+            f"{row.input.removeprefix('c-M2DP, ')} {percent(row.top1)}"
+            for row in rerun_descriptors(world)
+        ),
+        "curves": keep(folder, f"views_pr_{name}", draw_view_curves(judged)),
+        "sweeps": [
+            (run.method, sweep_table(run, run.curve, report.rule))
+            for run, report in judged
+            if run.curve is not None
+        ],
+        "errors": keep(folder, f"views_errors_{name}", draw_errors(judged)),
+        "faultless": [run.method for run, report in judged if not report.false_positives],
+        "times": keep(folder, f"views_times_{name}", draw_times(judged)),
+        "methods": [_method_part(folder, run, report, previews) for run, report in judged],
+        "scrub": {
+            "runs": [scrub_data(run, report, previews) for run, report in judged],
+            "previews": _embed(judged, previews),
+        },
+        "longest": max(len(run) for run, _ in judged),
+    }
+
+
+def _method_part(
+    folder: Path, run: ViewRun, report: ViewReport, previews: Mapping[int, bytes]
+) -> dict[str, Any]:
+    """Draw the loops of a run, its belief, and the false positives that are farthest off."""
+    name = picture_name(run.world, run.method)
+    has_loops = bool(report.revisits or report.loops)
+    belief = f"views_belief_{picture_name(f'{run.world}_{run.method}')}"
+    seconds = run.stamps - run.stamps[:1]
+    wrong = report.false_positive_indices
+    pairs: list[Picture] = []
+    for row in wrong[np.argsort(-report.distances[wrong], kind="stable")].tolist():
+        matched = int(report.matched[row])
+        left, right = (previews.get(stamp_key(run.stamps[i])) for i in (row, matched))
+        if left is None or right is None or len(pairs) == _PAIRS:
+            continue
+        caption = (
+            f"Scan {run.numbers[row]} was taken for scan {run.numbers[matched]}: "
+            f"{report.distances[row]:.2f} m and {report.angles[row]:.0f}° apart."
+        )
+        file = f"views_false_{name}_{run.numbers[row]}"
+        pairs.append(keep_photo(folder, file, side_by_side(left, right), caption))
+    return {
+        "name": run.method,
+        "report": report,
+        "path": keep(folder, f"views_path_{name}", draw_path(run, report) if has_loops else None),
+        "belief": keep(folder, belief, draw_belief(run)),
+        "held_back": [
+            {"scan": f"{run.numbers[row]}", "seconds": f"{seconds[row]:.1f}", "why": reason}
+            for row, reason in run.held_back[:_HELD_BACK]
+        ],
+        "pairs": pairs,
+    }
+
+
+def _embed(judged: Judged, previews: Mapping[int, bytes]) -> dict[str, str]:
+    """Return the previews that the page shows, by key, in base 64."""
+    shown = {
+        stamp_key(run.stamps[row])
+        for run, report in judged
+        for row in list_needed_rows(run, report)
+    }
+    return {
+        str(key): b64encode(data).decode("ascii") for key, data in previews.items() if key in shown
+    }
 
 
 @checked
@@ -121,6 +239,10 @@ def load_view_runs(folder: str | os.PathLike[str]) -> list[ViewRun]:
     return runs
 
 
+def _run_files(folder: Path) -> list[Path]:
+    return sorted((folder / RUNS).glob("*.npz"))
+
+
 @checked
 def write_stored_view_report(
     folder: str | os.PathLike[str], output: str | os.PathLike[str] | None = None
@@ -136,43 +258,26 @@ def write_stored_view_report(
     """
     source, target = Path(folder), Path(output or folder)
     runs = load_view_runs(source)
-    about = _load_about(source / "views.json")
+    about: dict[str, Any] = {}
+    before: list[tuple[str, str]] = []
+    if (source / "views.json").exists():
+        with load_json(source / "views.json", None, "the figures of views.html") as about:
+            before = [(run.get("world"), run.get("method")) for run in about.get("runs", [])]
     if target.resolve() != source.resolve():
         for path in (source / RUNS).glob("*.previews"):
             with atomic_path(target / RUNS / path.name) as temporary:
                 temporary.write_bytes(path.read_bytes())
+
+    def place(run: ViewRun) -> int:
+        """In the order of the earlier page; new runs last."""
+        name = (run.world, run.method)
+        return before.index(name) if name in before else len(before)
+
     return write_view_report(
-        _sort_as_before(runs, about),
+        sorted(runs, key=place),
         target,
         rule=merged(ViewRule(), about.get("limits", {})),
         title=about.get("title"),
         command=about.get("command", ""),
         notes=about.get("notes", []),
     )
-
-
-def _load_about(path: Path) -> dict[str, Any]:
-    """Return the header of views.json, empty if the file is missing."""
-    if not path.exists():
-        return {}
-    with load_json(path, None, "the figures of views.html") as about:
-        return about
-
-
-def _sort_as_before(runs: list[ViewRun], about: Mapping[str, Any]) -> list[ViewRun]:
-    """Sort runs in their earlier order; new ones last."""
-    names = [(run.get("world"), run.get("method")) for run in about.get("runs", [])]
-    return sorted(
-        runs,
-        key=lambda run: (
-            names.index((run.world, run.method)) if (run.world, run.method) in names else len(names)
-        ),
-    )
-
-
-def _run_files(folder: Path) -> list[Path]:
-    return sorted((folder / RUNS).glob("*.npz"))
-
-
-def _describe_limit(name: str, value: float, field: Any) -> tuple[str, str, str]:
-    return name, f"{value:g} {field.json_schema_extra['unit']}", field.description

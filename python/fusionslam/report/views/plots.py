@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun, baselines, judge_views
+from fusionslam.evaluation import ViewReport, ViewRun, baselines, judge_views
 from fusionslam.report.page.figures import CURVE_COLORS, PATH, draw_loops, new_figure
 
 if TYPE_CHECKING:
@@ -28,8 +28,13 @@ def draw_view_curves(runs: Judged) -> "Figure | None":
     figure = new_figure(9.2, 4.6)
     panels = figure.subplots(1, 2)
     for axis, kind in zip(panels, ("loop ", ""), strict=True):
+        names = [f"{kind}recall".replace(" ", "_"), f"{kind}precision".replace(" ", "_")]
         for (run, report, curve), color in zip(swept, cycle(CURVE_COLORS), strict=False):
-            _curve(axis, run.method, report, curve, kind, color)
+            recall, precision = (curve.figures[name] for name in names)
+            axis.plot(recall, precision, color=color, lw=1.6, label=run.method)
+            here = [getattr(report, name) for name in names]
+            if None not in here:
+                axis.plot(*here, "o", color=color, markeredgecolor="white", ms=8, zorder=5)
         axis.set(xlabel=f"{kind}recall", ylabel=f"{kind}precision")
         axis.set(xlim=(-0.02, 1.02), ylim=(0, 1.04))
         axis.grid(alpha=0.25)
@@ -39,17 +44,6 @@ def draw_view_curves(runs: Judged) -> "Figure | None":
     handles, labels = panels[1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
     return figure
-
-
-def _curve(
-    axis: "Axes", method: str, report: ViewReport, curve: ViewCurve, kind: str, color: str
-) -> None:
-    name = kind.strip() + "_" if kind else ""
-    recall, precision = curve.figures[f"{name}recall"], curve.figures[f"{name}precision"]
-    axis.plot(recall, precision, color=color, lw=1.6, label=method)
-    here = (getattr(report, f"{name}recall"), getattr(report, f"{name}precision"))
-    if None not in here:
-        axis.plot(*here, "o", color=color, markeredgecolor="white", ms=8, zorder=5)
 
 
 def _without_sensor(axis: "Axes", run: ViewRun, report: ViewReport) -> None:

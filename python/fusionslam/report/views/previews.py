@@ -61,42 +61,34 @@ def list_needed_rows(run: ViewRun, report: ViewReport) -> list[int]:
 
 
 def previews_of(
-    runs: Sequence[ViewRun], reports: Sequence[ViewReport], path: Path, missed: dict[str, None]
+    judged: Sequence[tuple[ViewRun, ViewReport]], path: Path, missed: dict[str, None]
 ) -> dict[int, bytes]:
     """Return all previews of one drive's runs, JPEG by ``stamp_key``.
 
-    New previews from the runs' images and clouds take precedence over stored ones.
+    New previews from the runs' images, or else their clouds, take precedence over stored ones.
 
     Args:
-        runs, reports: what the page shows.
+        judged: what the page shows.
         path: file of stored previews; new ones are added.
         missed: collects the reasons why scans have no picture.
     """
     stored = load_previews(path) if path.exists() else {}
     new: dict[int, bytes] = {}
-    for run, report in zip(runs, reports, strict=True):
+    for run, report in judged:
         rows = list_needed_rows(run, report)
-        new |= _make_previews(
-            run, [row for row in rows if stamp_key(run.stamps[row]) not in new], missed
-        )
+        rows = [row for row in rows if stamp_key(run.stamps[row]) not in new]
+        read_image, read_cloud = forgive(run.images, missed), forgive(run.clouds, missed)
+        scale: Scale | None = None
+        for row in rows:
+            key, number = stamp_key(run.stamps[row]), int(run.numbers[row])
+            if (image := read_image(number)) is not None:
+                new[key] = image_preview(image)
+            elif (cloud := read_cloud(number)) is not None:
+                scale = scale or _choose_scale(run, rows)
+                new[key] = cloud_preview(cloud, scale)
     if new:
         save_previews(path, stored | new)
     return stored | new
-
-
-def _make_previews(run: ViewRun, rows: list[int], missed: dict[str, None]) -> dict[int, bytes]:
-    """Make a preview of each row, from its image if there is one, else from its cloud."""
-    read_image, read_cloud = forgive(run.images, missed), forgive(run.clouds, missed)
-    scale: Scale | None = None
-    previews: dict[int, bytes] = {}
-    for row in rows:
-        key, number = stamp_key(run.stamps[row]), int(run.numbers[row])
-        if (image := read_image(number)) is not None:
-            previews[key] = image_preview(image)
-        elif (cloud := read_cloud(number)) is not None:
-            scale = scale or _choose_scale(run, rows)
-            previews[key] = cloud_preview(cloud, scale)
-    return previews
 
 
 def _choose_scale(run: ViewRun, rows: list[int]) -> Scale:

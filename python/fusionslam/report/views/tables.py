@@ -17,52 +17,15 @@ from fusionslam.evaluation import (
     published_views,
     rerun_views,
 )
-from fusionslam.report.page.tables import Cell, Column, Table, build_table
+from fusionslam.report.page.tables import Cell, Table, build_table, columns_of
 
 Judged = Sequence[tuple[ViewRun, ViewReport]]
 Row = Mapping[str, Any]
-"""A row: its "label", and figures by the names in ``_COLUMNS``; None or absent if unknown.
+"""A row: its "label", and figures by the names in columns.yaml; None or absent if unknown.
 
 Shares are between 0 and 1; errors in metres, times in milliseconds, sizes in bytes.
 """
 
-_SHARE = "{:.1%}"
-_COLUMNS: Sequence[Column[Row]] = (
-    Column("accuracy", "1 - (false positives + false negatives) / scans", "accuracy", _SHARE, max),
-    Column(
-        "loop recall",
-        "share of the scans that come back after more than 20 s that were recognised",
-        "loop_recall",
-        _SHARE,
-        max,
-    ),
-    Column(
-        "loop precision",
-        "share of the matches with views older than 20 s that are right",
-        "loop_precision",
-        _SHARE,
-        max,
-    ),
-    Column("precision", "right positives / positives", "precision", _SHARE),
-    Column("recall", "right positives / (right positives + false negatives)", "recall", _SHARE),
-    Column("FP", "false positives", "false_positives", "{:.0f}"),
-    Column("FN", "false negatives", "false_negatives", "{:.0f}"),
-    Column("FP mean m", "mean distance of false positives from their view", "mean_error", "{:.2f}"),
-    Column("FP max m", "the largest of them", "max_error", "{:.2f}"),
-    Column("views", "stored scenes: ids given", "views", "{:.0f}"),
-    Column("no view", "scans that held nothing to recognise", "unplaced", "{:.0f}"),
-    Column(
-        "loop recall, best threshold",
-        "at the best threshold of this very world, which no robot knows",
-        "best_loop_recall",
-        _SHARE,
-    ),
-    Column("bytes", "of one view as stored, mean", "view_bytes", "{:,.0f}"),
-    Column("all bytes", "of all views together", "all_bytes", "{:,.0f}"),
-    Column("build ms", "to make a view, mean", "build_ms", "{:.2f}"),
-    Column("match ms", "to compare a scan with all stored views, mean", "match_ms", "{:.3f}"),
-    Column("ms a pair", "match ms for each stored view, mean", "pair_ms", "{:.4f}"),
-)
 _SHARES = ("accuracy", "loop_recall", "loop_precision", "precision", "recall")
 _FAULTS = ("false_positives", "false_negatives", "mean_error")
 _ACCURACY = (*_SHARES, *_FAULTS, "max_error", "views", "unplaced")
@@ -114,7 +77,7 @@ def view_row(label: str, report: ViewReport, run: ViewRun | None = None) -> dict
 
 
 def _table_of(names: Sequence[str], rows: Sequence[Row]) -> Table:
-    columns = {column.value: column for column in _COLUMNS}
+    columns = {column.value: column for column in columns_of("views.figures")}
     return build_table([columns[name] for name in names], rows, [row["label"] for row in rows])
 
 

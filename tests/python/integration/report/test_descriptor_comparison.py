@@ -19,9 +19,10 @@ from fusionslam.report.loops.comparison import (
     mean_and_range,
     pair_up,
     table_over,
+    tables_over,
     write_comparison,
+    write_several,
 )
-from fusionslam.report.loops.several import tables_over, write_several
 from fusionslam.report.page.figures import use_style
 from pages import read_page
 from verified import PLACES, verified_run

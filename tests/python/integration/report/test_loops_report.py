@@ -375,7 +375,7 @@ def test_the_shown_clouds_are_those_that_registration_compared(
     def note(run: VerifiedRun, query: int, scans: ScanReader) -> None:
         shown.setdefault(run.config["registration"]["voxel"], []).append(scans(run.source, 0))
 
-    monkeypatch.setattr("fusionslam.report.loops.sections.draw_overlay", note)
+    monkeypatch.setattr("fusionslam.report.loops.page.draw_overlay", note)
     for voxel in (0.4, 2.0):
         config = {"fusion": {"source": "lidar"}, "registration": {"voxel": voxel}}
         folder = tmp_path / str(voxel)
@@ -401,7 +401,7 @@ def test_a_scan_that_is_empty_is_no_failure(
 
     empty = Cloud(np.empty((0, 3), np.float32))
     monkeypatch.setattr("fusionslam.report.loops.stored.fuse", lambda *_: empty)
-    monkeypatch.setattr("fusionslam.report.loops.sections.draw_overlay", note)
+    monkeypatch.setattr("fusionslam.report.loops.page.draw_overlay", note)
     Work(Recording(str(recording)), "nine frames").save(tmp_path / "out")
     write_stored_report(tmp_path / "out", [evaluate_verified(verified_run(), radius=10, window=0)])
     assert drawn and all(scan is not None and not len(scan) for scan in drawn)

@@ -18,22 +18,34 @@ from fusionslam.evaluation import judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam import RatSlamConfig
 from fusionslam.report import map_figure, write_ratslam_report
-from fusionslam.report.maps.aligned_run import Scene, find_denied, measure_misfits, scene_of
-from fusionslam.report.maps.config_table import config_table
+from fusionslam.report.maps.aligned_run import (
+    DrawnTime,
+    Scene,
+    find_denied,
+    measure_misfits,
+    new_views,
+    scene_of,
+)
 from fusionslam.report.maps.map_figures import draw_map
-from fusionslam.report.maps.plots import DrawnTime, draw_activity, draw_errors, draw_views
-from fusionslam.report.maps.sections import MISSING, answer, run_labels, summarise_run
+from fusionslam.report.maps.page import MISSING, answer, run_labels, summarise_run
+from fusionslam.report.maps.plots import (
+    draw_activity,
+    draw_errors,
+    draw_step_times,
+    draw_views,
+)
 from fusionslam.report.maps.tables import (
     MOST,
+    busy_ms,
+    config_table,
+    cost_table,
     error_table,
     joins_table,
     look_table,
     loop_table,
-    new_views,
     refusals,
     refused_table,
 )
-from fusionslam.report.maps.times import busy_ms, cost_table, draw_step_times
 from maps import CORNERS, HALL, alone, drifting_run, little_run, nodeless, wrong_run
 from pages import Page, read_page
 from rows import rows

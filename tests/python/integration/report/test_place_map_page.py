@@ -21,7 +21,7 @@ from fusionslam.registration import Refusal
 from fusionslam.report.place_maps import read_drives, write_map_page
 from fusionslam.report.place_maps.contents import drift_factor, fit_loops
 from fusionslam.report.place_maps.figures import draw_cloud, draw_trajectories
-from fusionslam.report.place_maps.tables import refused_table, state_table
+from fusionslam.report.place_maps.page import refused_table, state_table
 from fusionslam.storage.arrays import Floats
 from pages import Page
 from project import PROJECT

@@ -27,8 +27,7 @@ from fusionslam.sensors.frame import Cloud
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.keys import VARIABLE, ApiKeys
 from fusionslam.service.listening import check_exposure
-from fusionslam.service.place_count import PlaceCount
-from fusionslam.service.places import ServedPlaces
+from fusionslam.service.places import PlaceCount, ServedPlaces
 from fusionslam.service.workers import Workers
 from rows import grouped, rows
 

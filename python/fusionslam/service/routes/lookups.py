@@ -1,21 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Routes that say which places there are."""
+"""Routes that say which places there are, and for those who run the service: health, metrics."""
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from fusionslam.service.models import Counts, Problem, SitePaths
+from fusionslam.service.models import Counts, Health, Problem, SitePaths
 from fusionslam.service.problems import RequestError
 from fusionslam.service.routes.parameters import ANSWERS, Answers, take_only
 from fusionslam.service.state import ADMITTED, Client, Shared
 
-router = APIRouter(
+status = APIRouter(tags=["status"])
+places = APIRouter(
     prefix="/v1", dependencies=[ADMITTED, take_only()], tags=["places"], responses=ANSWERS
 )
 _NO_SITE: Answers = {404: {"model": Problem, "description": "There is no such site."}}
 
 
-@router.get("/places")
+@places.get("/places")
 async def count_places(state: Shared, client: Client) -> Counts:
     """Count the places by site, region, session and robot."""
     served = state.places
@@ -35,7 +37,7 @@ async def count_places(state: Shared, client: Client) -> Counts:
         return await state.workers.run(work, client)
 
 
-@router.get("/sites/{site:path}", responses=_NO_SITE)
+@places.get("/sites/{site:path}", responses=_NO_SITE)
 async def show_site(site: str, state: Shared, client: Client) -> SitePaths:
     """Return where the places of a site are, by session, and its joint map if it has one.
 
@@ -52,3 +54,21 @@ async def show_site(site: str, state: Shared, client: Client) -> SitePaths:
 
     with state.waiting.place(client):
         return await state.workers.run(work, client)
+
+
+@status.get("/health", responses={503: {"model": Health, "description": "Not ready."}})
+async def health(state: Shared, response: Response) -> Health:
+    """Say whether the service is ready: 200, or 503 if its places cannot be read. Needs no key."""
+    places = await state.count.get()
+    if places is None:
+        response.status_code = 503
+    return Health(status="unavailable" if places is None else "ready", places=places)
+
+
+@status.get("/metrics", dependencies=[ADMITTED], responses=ANSWERS, response_class=Response)
+async def metrics(state: Shared) -> Response:
+    """Show counters and times for Prometheus."""
+    places = await state.count.get()
+    state.metrics.places.set(float("nan") if places is None else places)
+    state.metrics.waiting.set(state.waiting.taken)
+    return Response(generate_latest(state.metrics.registry), media_type=CONTENT_TYPE_LATEST)
