@@ -91,7 +91,7 @@ def _describe_parameter(parameter: Any) -> str:
 
 def describe_configuration() -> Iterator[str]:
     """Yield the lines of one section for each stage's configuration, with a table of its keys."""
-    from fusionslam.cli.config import list_values
+    from fusionslam.cli.info import list_values
     from fusionslam.cli.system_config import SystemConfig
 
     whole = SystemConfig()

@@ -13,7 +13,7 @@ import os
 from pathlib import Path
 
 from benchmarks.accuracy.markdown import write_between
-from fusionslam.cli.bench_views import default_data
+from fusionslam.cli.bench import default_data
 from fusionslam.cli.recordings import build_recording
 from fusionslam.pipelines.compare_views import bench_views
 from fusionslam.pipelines.drives import FRAMES, open_drive

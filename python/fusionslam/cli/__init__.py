@@ -8,27 +8,19 @@ import typer
 
 from fusionslam.cli import (
     bench,
-    bench_views,
-    calib_check,
-    config,
     demo,
     describe,
-    doctor,
-    evaluate,
     fleet,
-    fuse,
     info,
-    loops,
     maps,
-    odometry,
     ratslam,
-    report,
+    results,
     ros,
-    ros2,
+    sensors,
     serve,
     sim,
-    tune,
     views,
+    views_train,
 )
 from fusionslam.cli.failures import Guarded
 
@@ -80,23 +72,27 @@ def show_help(
 app.command()(demo.demo)
 app.command()(sim.sim)
 app.command()(info.info)
-app.command()(fuse.fuse)
+app.command()(sensors.fuse)
 app.command()(describe.describe)
-app.command()(loops.loops)
-app.command()(odometry.odometry)
-app.command()(calib_check.calib_check)
-app.command("eval")(evaluate.evaluate)
+# Version 0.1 spelled this option of loops otherwise.
+_FORMER = {"descriptor": "descriptors"}
+app.command(context_settings={"token_normalize_func": lambda name: _FORMER.get(name, name)})(
+    describe.loops
+)
+app.command()(sensors.odometry)
+app.command()(sensors.calib_check)
+app.command("eval")(results.evaluate)
 app.command()(bench.bench)
-app.command("bench views")(bench_views.bench_views)
-app.command()(report.report)
-app.command()(tune.tune)
+app.command("bench views")(bench.bench_views)
+app.command()(results.report)
+app.command()(views_train.tune)
 app.command()(ratslam.ratslam)
 app.command()(serve.serve)
-app.command()(config.config)
-app.command()(doctor.doctor)
+app.command()(info.config)
+app.command()(info.doctor)
 app.command("help")(show_help)
 app.add_typer(maps.app, name="map")
 app.add_typer(fleet.app, name="fleet")
 app.add_typer(views.app, name="views")
-app.add_typer(ros.app, name="ros")
-app.add_typer(ros2.app, name="ros2")
+app.add_typer(ros.ros, name="ros")
+app.add_typer(ros.ros2, name="ros2")

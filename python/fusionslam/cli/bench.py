@@ -1,17 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command bench: descriptors compared on a recording."""
+"""The commands bench and bench views: descriptors and place recognisers compared."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import print_figures, print_summary, progress
-from fusionslam.cli.failures import keep, needs_extra
-from fusionslam.cli.recordings import build_recording, check_seeds, record_seed
+from fusionslam.cli.console import during, print_figures, print_table, progress
+from fusionslam.cli.failures import WRITES_ALL, keep, needs_extra
+from fusionslam.cli.recordings import BuildRecording, build_recording
+from fusionslam.errors import ConfigError
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.describe import PipelineConfig
@@ -36,6 +38,7 @@ def compare(
 
     What ``before_report`` returns is printed after the tables.
     """
+    from fusionslam.cli.summary import print_summary
     from fusionslam.pipelines.compare_descriptors import benchmark
     from fusionslam.pipelines.results import delete_page
     from fusionslam.report.loops.stored import write_stored_metrics, write_stored_report
@@ -62,9 +65,8 @@ def compare(
             command = opt.command_line()
             page = write_stored_metrics(output, evaluations, command=command, protocol=protocol)
         else:
-            step("writing the report", 0, 1)
-            page = write_stored_report(output, evaluations, protocol=protocol)
-            step("writing the report", 1, 1)
+            with during(step, "writing the report"):
+                page = write_stored_report(output, evaluations, protocol=protocol)
     print_summary(evaluations, protocol)
     for line in closing:
         print(line)
@@ -87,6 +89,7 @@ def compare_worlds(
 
     The results of each seed are kept in a folder of its own below ``output``.
     """
+    from fusionslam.cli.data import record_seed
     from fusionslam.pipelines.compare_descriptors import benchmark
     from fusionslam.report.loops.comparison import tables_over, write_several
     from fusionslam.report.loops.stored import write_stored_metrics
@@ -100,6 +103,10 @@ def compare_worlds(
             config = next(iter(chosen.values()))
             protocol = config.evaluation.protocol
             folder, name = output / f"seed-{seed}", f"{data} {seed}"
+
+            def show(label: str, done: int, total: int, name: str = name) -> None:
+                step(f"{name}: {label}", done, total)
+
             found[name] = benchmark(
                 recording,
                 folder,
@@ -108,7 +115,7 @@ def compare_worlds(
                 jobs=opt.cores(jobs),
                 bad_frames=opt.bad_frames(skip_bad_frames),
                 command=command,
-                step=_of_world(step, name),
+                step=show,
                 verify=verify,
             )
             write_stored_metrics(folder, found[name], command=command, protocol=protocol)
@@ -126,13 +133,7 @@ def compare_worlds(
     print(written)
 
 
-def _of_world(step: "Step", name: str) -> "Step":
-    return lambda label, done, total: step(f"{name}: {label}", done, total)
-
-
-@opt.options_of(
-    build_recording=build_recording, pipeline_config=opt.pipeline_config, compare=compare
-)
+@opt.command
 def bench(
     ctx: typer.Context,
     output: opt.Folder = Path("out/bench"),
@@ -141,9 +142,9 @@ def bench(
     protocol: opt.Protocol = None,
     seeds: opt.Seeds = None,
     *,
-    build_recording: "Callable[[], Recording]",
-    pipeline_config: "Callable[[], PipelineConfig]",
-    compare: Callable[..., None],
+    build_recording: BuildRecording,
+    pipeline_config: opt.PipelineConfigOf,
+    compare: Annotated[Callable[..., None], compare],
     no_report: opt.NoReport = False,
 ) -> None:
     """Compare descriptors on DATA: accuracy, time, memory.
@@ -166,6 +167,8 @@ def bench(
         return dict.fromkeys(one, chosen)
 
     if seeds is not None:
+        from fusionslam.cli.data import check_seeds
+
         wanted = opt.parse_seeds(seeds)
         data = check_seeds(build_recording)
         keep(ctx, output)
@@ -176,3 +179,90 @@ def bench(
     chosen_of = configs(recording)
     keep(ctx, output)
     compare(recording, output, names, chosen_of, no_report=no_report)
+
+
+@opt.command
+def bench_views(
+    ctx: typer.Context,
+    data: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="DATA",
+            help="Recordings, scene sets, worlds, or town, warehouse, house, hospital.",
+        ),
+    ] = None,
+    output: opt.Folder = Path("out/bench-views"),
+    methods: Annotated[
+        str,
+        typer.Option(
+            "--methods",
+            "-m",
+            metavar="NAMES",
+            help="Names with commas; all: those of the tables; list: print them.",
+        ),
+    ] = "all",
+    frame: Annotated[
+        str,
+        opt.one_of("--frame", names=(*opt.FRAMES, "all"), help="Frame of the clouds; or all."),
+    ] = "robot",
+    shapes: Annotated[
+        str,
+        opt.one_of("--shapes", names=opt.SHAPES, help="Shapes that rays hit, if DATA has both."),
+    ] = "collision",
+    *,
+    build_recording: Annotated["partial[Recording]", partial(build_recording, data=Path())],
+    jobs: opt.Jobs = None,
+    no_report: opt.NoReport = False,
+) -> None:
+    """Compare recognisers of places on DATA: accuracy, loops, bytes, time.
+
+    The tables also show the figures of the thesis and of its program run again. Without DATA the
+    recordings below FUSIONSLAM_TEST_DATA are compared, else drives through simulated worlds.
+    """
+    from fusionslam.cli.view_tables import print_bench, write_bench
+    from fusionslam.config import merged
+    from fusionslam.datasets.range_recording import RecordingConfig
+    from fusionslam.pipelines.compare_views import bench_views as bench
+    from fusionslam.pipelines.drives import FRAMES, open_drive
+    from fusionslam.pipelines.methods import BASELINES, METHODS, find_method, method_names
+    from fusionslam.sim.rendered_images import rendered_images
+    from fusionslam.views.recognisers import RECOGNISERS
+
+    if methods == "list":
+        rows = [(name, (METHODS.get(name) or RECOGNISERS[name]).help) for name in method_names()]
+        print_table(("method", "what it is"), rows)
+        return
+    wanted = list(METHODS) if methods == "all" else [name.strip() for name in methods.split(",")]
+    for name in wanted:
+        find_method(name, "--methods")
+    # Accuracy alone says little, so every table includes the baselines without a sensor.
+    wanted += [name for name in BASELINES if name not in wanted]
+    if not no_report:
+        needs_extra("report", unless="--no-report")
+    paths = [Path(path) for path in data or default_data()]
+    for name, value in build_recording.keywords.items():
+        if name in ("sequence", "gt") and value is not None and len(paths) > 1:
+            problem = f"it is for one recording, {len(paths)} are compared"
+            raise ConfigError(f"--{name} {value}: {problem}")
+    recordings = [build_recording(data=path) for path in paths]
+    keep(ctx, output, WRITES_ALL)
+    ranges = merged(RecordingConfig(), {"shapes": shapes})
+    with progress() as step:
+        drives = [
+            open_drive(one, ranges=ranges, render=rendered_images, jobs=opt.cores(jobs), step=step)
+            for one in recordings
+        ]
+        frames = list(FRAMES) if frame == "all" else [name for name in FRAMES if name == frame]
+        results = bench(drives, wanted, frames=frames, jobs=opt.cores(jobs), step=step)
+        pages = write_bench(output, drives, results, step, no_report=no_report)
+    print_bench(drives, results)
+    for page in pages:
+        print(page)
+
+
+def default_data() -> list[str]:
+    """Return the default DATA: known recordings, else simulated worlds."""
+    from fusionslam.pipelines.compare_views import find_recordings
+    from fusionslam.sim.recordings import EMBEDDED
+
+    return find_recordings() or list(EMBEDDED)

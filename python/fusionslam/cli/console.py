@@ -3,13 +3,13 @@
 """Console output: tables on stdout; progress and messages on stderr."""
 
 import sys
-import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from typing import TYPE_CHECKING
 
-from fusionslam.help_texts import counted, listed
+from fusionslam.help_texts import listed
 from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
@@ -17,12 +17,9 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
     from fusionslam.doctor import Finding
-    from fusionslam.evaluation import Evaluation, LoopRun
-    from fusionslam.report.loops.comparison import Compared
+    from fusionslam.evaluation import LoopRun
     from fusionslam.report.page.tables import Table
 
-OPENING = "opening the recording"
-"""Name of the step in which a long bag is indexed."""
 _WIDTH = 160
 """Columns without a terminal."""
 _PERIOD = 10.0
@@ -77,6 +74,14 @@ def progress() -> Iterator[Step]:
         yield show
 
 
+@contextmanager
+def during(step: Step, label: str = "opening the recording") -> Iterator[None]:
+    """Report the block as one step; opening a long bag, which indexes it, takes a while."""
+    step(label, 0, 1)
+    yield
+    step(label, 1, 1)
+
+
 def progress_lines(
     write: Callable[[str], None], clock: Callable[[], float] = time.monotonic
 ) -> Step:
@@ -123,15 +128,27 @@ def print_findings(findings: "Iterable[Finding]", optional: str) -> None:
     print_table(["", "what", "detail"], rows)
 
 
-def print_figures(title: str, table: "Table") -> None:
-    """Print a table of figures under its title, as narrow as possible."""
+def print_figures(title: str, table: "Table", groups: Sequence[tuple[str, int]] = ()) -> None:
+    """Print a table of figures under its title, as narrow as possible.
+
+    Args:
+        title: of the table; empty for none.
+        table: rows in the order of the groups.
+        groups: name and number of rows of each; the names stand above them, in a wider table.
+    """
     from rich.text import Text
 
-    shown = _table(["", *(head for head, _ in table.heads)], right=True, space=0)
-    for label, cells in table.rows:
-        shown.add_row(label, *(Text(c.text, style="bold" if c.best else "") for c in cells))
+    shown = _table(["", *(head for head, _ in table.heads)], right=True, space=1 if groups else 0)
+    rows = iter(table.rows)
+    for name, count in groups or [("", len(table.rows))]:
+        if groups:
+            shown.add_row(Text(name, style="bold"))
+        for label, cells in islice(rows, count):
+            texts = (Text(cell.text, style="bold" if cell.best else "") for cell in cells)
+            shown.add_row(f"  {label}" if groups else label, *texts)
     console = stdout()
-    console.print(Text(title, style="bold"))
+    if not groups:
+        console.print(Text(title, style="bold"))
     console.print(shown)
 
 
@@ -147,81 +164,6 @@ def _table(heads: Sequence[str], *, right: bool, space: int = 1) -> "RichTable":
     return table
 
 
-def print_summary(evaluations: "Sequence[Evaluation]", protocol: str) -> None:
-    """Print accuracy and cost of every run, in 80 columns; the report has more."""
-    from fusionslam.report.loops.comparison import pair_up
-    from fusionslam.report.loops.labels import by_rank, winner
-    from fusionslam.report.loops.tables import (
-        accuracy_table,
-        cost_table,
-        peers_table,
-        published_table,
-    )
-
-    groups = by_rank(evaluations, protocol)
-    every = [evaluation for group in groups.values() for evaluation in group]
-    compared = [each for each in pair_up(every) if each.verified is not None]
-    alone = [each.verified for each in compared]  # in a table of their own
-    groups = {name: [e for e in group if e not in alone] for name, group in groups.items()}
-    ranked = [evaluation for group in groups.values() for evaluation in group]
-    curves = [e.curves[protocol] for e in ranked if protocol in e.curves]
-    judged = any(curve.n_revisits for curve in curves)
-    tables = [accuracy_table(ranked, protocol)] if judged else []
-    published = published_table(ranked, protocol)
-    if published.heads:
-        tables.append(published)
-    sizes = [(name, len(group)) for name, group in groups.items()]
-    for table in [*tables, cost_table(ranked)]:
-        _print_groups(table, sizes)
-    peers = peers_table(ranked, protocol)
-    if peers is not None:
-        print_figures(f"as published under protocol {protocol}", peers)
-        for source in dict.fromkeys(peer.source for each in ranked for peer in each.peers):
-            print(textwrap.fill(f"published: {source}", 80))
-    lines = [_conditions(ranked, protocol), _COSTS, *_accepted(ranked, protocol)]
-    for line in (*lines, winner(every, protocol)):
-        if line:
-            print(line)
-    if judged and compared:
-        print_comparison(compared, protocol)
-    for line in dict.fromkeys(left_out(evaluation.run) for evaluation in ranked):
-        if line:
-            print(line.removeprefix(", "))
-
-
-def print_comparison(compared: "Sequence[Compared]", protocol: str) -> None:
-    """Print accuracy with and without verification, and cost, of each descriptor by itself."""
-    from fusionslam.report.loops import comparison
-
-    accuracy = comparison.accuracy_columns(protocol)
-    kept = [column for column in accuracy if column.title in ("top-1", "opposite", "R@100P")]
-    columns = [*kept, *comparison.verified_columns(protocol), *comparison.cost_columns()]
-    table = comparison.comparison_table(compared, protocol, columns)
-    print_figures("each descriptor by itself, and its candidates verified (ver.)", table)
-
-
-def _accepted(evaluations: "Sequence[Evaluation]", protocol: str) -> Iterator[str]:
-    """Yield lines for each run of verified loops: what was accepted and what proposed them."""
-    from fusionslam.evaluation import VerifiedRun
-
-    for evaluation in evaluations:
-        run = evaluation.run
-        if isinstance(run, VerifiedRun):
-            found = evaluation.accepted.get(protocol)
-            wrong = "" if found is None else f", {found.wrong} of them wrong"
-            loops = counted(int(run.accepted.sum()), "loop")
-            yield f"verified, {run.source}: {loops} accepted{wrong}"
-            yield f"  candidates of {run.descriptor}"
-    if any(isinstance(evaluation.run, VerifiedRun) for evaluation in evaluations):
-        yield "match, of verified loops: the registration of their candidates"
-
-
-_COSTS = (
-    "times: medians in ms per frame; peak MiB: additional memory to describe the\n"
-    "largest cloud, 0 if less than half a MiB"
-)
-
-
 def left_out(run: "LoopRun") -> str:
     """List the skipped frames of the run, as the end of a line."""
     if not run.skipped:
@@ -229,35 +171,3 @@ def left_out(run: "LoopRun") -> str:
     reason = next(iter(run.skipped.values()))
     numbers = listed(run.skipped)
     return f"; {len(run.skipped)} left out that cannot be described: {numbers} ({reason})"
-
-
-def _print_groups(table: "Table", groups: Sequence[tuple[str, int]]) -> None:
-    """Print a table with named groups of rows."""
-    from rich.text import Text
-
-    shown = _table(["", *(title for title, _ in table.heads)], right=True)
-    rows = iter(table.rows)
-    for name, count in groups:
-        shown.add_row(Text(name, style="bold"))
-        for _ in range(count):
-            label, cells = next(rows)
-            shown.add_row(
-                f"  {label}", *(Text(c.text, style="bold" if c.best else "") for c in cells)
-            )
-    stdout().print(shown)
-
-
-def _conditions(evaluations: "Sequence[Evaluation]", protocol: str) -> str:
-    curve = next((e.curves[protocol] for e in evaluations if protocol in e.curves), None)
-    if curve is None:
-        return "no true poses: cost only (--gt names a file of poses)"
-    conditions = f"protocol {protocol}, radius {curve.radius:g} m, window {curve.window}: "
-    if curve.judges_pairs:
-        return f"{conditions}{curve.counts}"
-    if curve.n_revisits:
-        revisits, frames = counted(curve.n_revisits, "revisit"), counted(curve.n_queries, "frame")
-        return f"{conditions}{revisits} in {frames}"
-    return (
-        f"{conditions}no frame is a revisit, so there is no\n"
-        "accuracy to judge; --set evaluation.window or evaluation.radius may change that"
-    )

@@ -12,7 +12,6 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.bench import compare
 from fusionslam.cli.console import progress
-from fusionslam.cli.demo_map import map_drive
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.errors import ConfigError
 from fusionslam.storage.progress import Step, label_progress
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording
 
 
-@opt.options_of()
+@opt.command
 def demo(
     ctx: typer.Context,
     output: opt.Folder = Path("out/demo"),
@@ -45,6 +44,7 @@ def demo(
     --set sim.KEY changes the simulation: for the town with the keys that config sim prints, for
     the other worlds with those of the command sim.
     """
+    from fusionslam.cli.map_building import map_drive
     from fusionslam.pipelines.compare_descriptors import (
         DEMO,
         DEMO_DESCRIPTORS,

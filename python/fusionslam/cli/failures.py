@@ -19,6 +19,10 @@ UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 _KEPT = "fusionslam.kept"
 COMMAND = "fusionslam.command"
 """Where the program's context holds that of the command that runs."""
+RESUMES = "finished work is kept in {}; the same command resumes there"
+STARTS_REST = "finished work is kept in {}; the same command starts the rest again"
+WRITES_ALL = "{} may hold new and old files; the same command writes all of them"
+PARTIAL = "{} is not complete"
 _STAMPS = {"--stamps": "--stamps bag takes the times of arrival"}
 _THRESHOLD = {"--threshold": "--threshold takes a number, too, and has a default"}
 _CURES = {
@@ -102,30 +106,16 @@ class Guarded(TyperGroup):
             raise typer.Exit(INTERRUPTED) from error
 
 
-def keep(ctx: typer.Context, folder: Path) -> None:
-    """Remember where finished work is kept, to say so if the command is interrupted."""
-    ctx.meta[_KEPT] = (
-        f"interrupted: finished work is kept in {folder}; the same command resumes there"
-    )
+def keep(ctx: typer.Context, path: Path, text: str = RESUMES) -> None:
+    """Remember where finished work is kept, to say so if the command is interrupted.
 
-
-def keep_finished(ctx: typer.Context, folder: Path) -> None:
-    """As ``keep``, for a command that starts again with what was not finished."""
-    ctx.meta[_KEPT] = (
-        f"interrupted: finished work is kept in {folder}; the same command starts the rest again"
-    )
-
-
-def keep_parts(ctx: typer.Context, folder: Path) -> None:
-    """As ``keep``, for a command that starts again from the beginning."""
-    ctx.meta[_KEPT] = (
-        f"interrupted: {folder} may hold new and old files; the same command writes all of them"
-    )
-
-
-def keep_partial(ctx: typer.Context, path: Path) -> None:
-    """As ``keep``, for a recording, whose writer says where it keeps the part written."""
-    ctx.meta[_KEPT] = f"interrupted: {path} is not complete"
+    Args:
+        ctx: of the command.
+        path: what it writes.
+        text: what the same command does then, with the path; for a recording, whose writer says
+            where it keeps the part written, that it is not complete.
+    """
+    ctx.meta[_KEPT] = f"interrupted: {text.format(path)}"
 
 
 def needs_extra(extra: str, *, module: str | None = None, unless: str = "") -> None:

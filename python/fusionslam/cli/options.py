@@ -15,8 +15,6 @@ from fusionslam import descriptors, help_texts
 from fusionslam.storage.parallel import available_cores
 
 if TYPE_CHECKING:
-    from logging import LogRecord
-
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 
@@ -25,62 +23,10 @@ Command = Callable[..., None]
 
 
 def _start_logging(ctx: typer.Context, verbose: bool) -> bool:
-    """Send the library's messages to stderr: warnings and above, or more if verbose.
+    from fusionslam.cli.logs import start_logging
 
-    What is said of each frame is said once at the end, with the number of frames.
-    """
-    import logging
-
-    from rich.logging import RichHandler
-
-    from fusionslam.cli.console import stderr
-    from fusionslam.cli.failures import COMMAND
-
-    ctx.meta[COMMAND] = ctx
-    handler = RichHandler(console=stderr(), show_path=False, show_time=False)
-    level = logging.INFO if verbose else logging.WARNING
-    handler.addFilter(_pass_once())
-    if not verbose:
-        frames: dict[str, set[str]] = {}
-        handler.addFilter(_set_aside(frames))
-        ctx.call_on_close(lambda: _report_frames(frames))
-    logging.basicConfig(level=level, format="%(message)s", handlers=[handler], force=True)
+    start_logging(ctx, verbose=verbose)
     return verbose
-
-
-def _pass_once() -> "Callable[[LogRecord], bool]":
-    """Return a filter that passes each message once: data are reopened for each source."""
-    passed: set[str] = set()
-
-    def is_new(entry: "LogRecord") -> bool:
-        message = entry.getMessage()
-        new = message not in passed
-        passed.add(message)
-        return new
-
-    return is_new
-
-
-def _set_aside(frames: dict[str, set[str]]) -> "Callable[[LogRecord], bool]":
-    """Return a filter that collects records about single frames instead of passing them."""
-
-    def is_other(entry: "LogRecord") -> bool:
-        text = getattr(entry, help_texts.PER_FRAME, None)
-        if text is not None:
-            frames.setdefault(text, set()).add(entry.getMessage())
-        return text is None
-
-    return is_other
-
-
-def _report_frames(frames: dict[str, set[str]]) -> None:
-    import logging
-
-    # The contexts close while an error leaves them: then frames were left unread.
-    read = "" if sys.exc_info()[0] is None else " of those read until the error"
-    for text, messages in frames.items():
-        count = help_texts.counted(len(messages), "frame")
-        logging.getLogger(__name__).warning("%s%s: %s (--verbose lists them)", count, read, text)
 
 
 FORMATS = ("ply", "pcd", "bin")
@@ -260,38 +206,43 @@ def bad_frames(skip: bool) -> str:
     return "skip" if skip else "error"
 
 
-def options_of(**functions: Callable[..., Any]) -> Callable[[Command], Command]:
-    """Give a command the options that functions declare, and --verbose.
+def command(function: Command) -> Command:
+    """Give a command the options of functions that it takes, and --verbose.
 
-    Each function stands for the command's parameter of the same name, in whose place its options
-    are listed. The command receives the function with the options filled in, and calls it with the
-    other arguments, after the checks that should come first. Options that ``functools.partial``
-    fixes are not offered.
+    A parameter of the type Annotated[Callable[...], function] stands for the options that this
+    function declares: they are listed in its place. The command receives the function with the
+    options filled in, and calls it with the other arguments, after the checks that should come
+    first. Options that ``functools.partial`` fixes are not offered.
     """
+    own = inspect.signature(function).parameters
+    functions = {name: found for name, each in own.items() if (found := _function_of(each))}
+    options = {name: _options(each) for name, each in functions.items()}
+    added: dict[str, inspect.Parameter] = {}
+    for name, parameter in own.items():
+        added |= options.get(name, {name: parameter})
+    added["verbose"] = _VERBOSE
+    # Keyword-only, as parameters with a default may come before ones without.
+    parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in added.values()]
 
-    def decorate(command: Command) -> Command:
-        own = inspect.signature(command).parameters
-        options = {name: _options(function) for name, function in functions.items()}
-        added: dict[str, inspect.Parameter] = {}
-        for name, parameter in own.items():
-            added |= options.get(name, {name: parameter})
-        added["verbose"] = _VERBOSE
-        # Keyword-only, as parameters with a default may come before ones without.
-        parameters = [each.replace(kind=each.KEYWORD_ONLY) for each in added.values()]
+    @functools.wraps(function)
+    def run(**values: Any) -> None:
+        given: dict[str, Any] = {name: values[name] for name in own if name in values}
+        for name, each in functions.items():
+            filled = {option: values[option] for option in options[name]}
+            given[name] = functools.partial(each, **filled)
+        function(**given)
 
-        @functools.wraps(command)
-        def run(**values: Any) -> None:
-            given: dict[str, Any] = {name: values[name] for name in own if name in values}
-            for name, function in functions.items():
-                filled = {option: values[option] for option in options[name]}
-                given[name] = functools.partial(function, **filled)
-            command(**given)
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    return run
 
-        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {each.name: each.annotation for each in parameters}
-        return run
 
-    return decorate
+def _function_of(parameter: inspect.Parameter) -> Callable[..., Any] | None:
+    """Return the function whose options a parameter stands for; None for an option itself."""
+    if get_origin(parameter.annotation) is not Annotated:
+        return None
+    meant = parameter.annotation.__metadata__[0]
+    return meant if callable(meant) else None
 
 
 def _options(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
@@ -361,6 +312,12 @@ def views_config(
         first["views"] = load_preset(tuned).model_dump(exclude_unset=True)
     whole = read_config(settings, config, **first)
     return whole if source is None else merged(whole, {"fusion": {"source": source}})
+
+
+ReadConfig = Annotated[Callable[..., Any], read_config]
+"""For a command: the configuration, with the options that change it."""
+PipelineConfigOf = Annotated[Callable[..., "PipelineConfig"], pipeline_config]
+ViewsConfigOf = Annotated[Callable[..., Any], views_config]
 
 
 def warn_of_windows(config: "PipelineConfig") -> None:
@@ -454,7 +411,7 @@ def check_output(output: Path, *sources: "Path | Callable[..., Any] | None") -> 
 
     Args:
         output: the file.
-        sources: files and folders that are read, or functions of ``options_of`` whose options name
+        sources: files and folders that are read, or functions of a ``command`` whose options name
             them.
 
     Raises:

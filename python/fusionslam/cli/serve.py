@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command serve: places of a fleet over HTTP."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
     from fusionslam.service.config import ServiceConfig
 
 
-@opt.options_of(read_config=opt.read_config)
+@opt.command
 def serve(
     folder: Annotated[
         Path, typer.Argument(metavar="PLACES", help="Folder of fleet describe, with places.")
@@ -38,7 +37,7 @@ def serve(
         typer.Option("--without-keys", help="Let anyone who reaches --host in, without a key."),
     ] = False,
     *,
-    read_config: "Callable[[], Any]",
+    read_config: opt.ReadConfig,
 ) -> None:
     """Describe clouds and find places over HTTP, until Ctrl-C or SIGTERM.
 

@@ -3,14 +3,15 @@
 """The command sim: a robot driven through a world, and a recording of what it publishes."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import progress
-from fusionslam.cli.failures import keep_partial, needs_extra
+from fusionslam.cli.console import during, progress
+from fusionslam.cli.failures import PARTIAL, keep, needs_extra
 from fusionslam.errors import ConfigError
 from fusionslam.help_texts import counted
 from fusionslam.storage.progress import label_progress
@@ -18,13 +19,12 @@ from fusionslam.storage.progress import label_progress
 if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory
     from fusionslam.sim.recordings import RecordingConfig
-    from fusionslam.sim.world import World
 
 FORMATS = {"bag": "rosbag1", "db3": "rosbag2", "mcap": "mcap", "folder": "folder"}
 """Values of --format, which are also the suffixes of outputs, and the writers' names for them."""
 
 
-@opt.options_of()
+@opt.command
 def sim(
     world: Annotated[
         str,
@@ -94,8 +94,9 @@ def sim(
     """
     needs_extra("sim")
     from fusionslam.config import as_yaml
-    from fusionslam.geometry.trajectory import read_trajectory
-    from fusionslam.sim.catalogue import MADE, check_world, read_world
+    from fusionslam.geometry.trajectory import read_trajectory, write_trajectory
+    from fusionslam.sim.catalogue import MADE, check_world, drive_through, read_world
+    from fusionslam.sim.motion.map_files import write_map
     from fusionslam.sim.recordings import (
         check_output,
         check_parents,
@@ -116,14 +117,18 @@ def sim(
         opt.check_output(file, Path(world), trajectory, config, output)
     way = None if trajectory is None else read_trajectory(trajectory)
     with progress() as step:
-        step("preparing world and drive", 0, 1)
-        entry = MADE.get(world)
-        place = entry.make(chosen.world) if entry else read_world(world, lenient=lenient)
-        place, drive = _drive(place, chosen, way)
-        _save(place, save_map, drive, save_trajectory)
-        step("preparing world and drive", 1, 1)
+        with during(step, "preparing world and drive"):
+            entry = MADE.get(world)
+            place = entry.make(chosen.world) if entry else read_world(world, lenient=lenient)
+            if way is not None:
+                place = replace(place, trajectory=way)
+            place, drive = drive_through(place, chosen.robot, chosen.plan)
+            if save_map is not None and place.map is not None:
+                write_map(save_map, place.map)
+            if save_trajectory is not None:
+                write_trajectory(save_trajectory, drive)
         _announce(output, kind, drive, chosen)
-        keep_partial(ctx, output)
+        keep(ctx, output, PARTIAL)
         count = write_recording(
             place,
             drive,
@@ -134,19 +139,6 @@ def sim(
             progress=label_progress(step, "driving"),
         )
     print(f"{output}: {_count_noun(count, kind)}")
-
-
-def _save(
-    place: "World", map_file: Path | None, drive: "Trajectory", drive_file: Path | None
-) -> None:
-    """Write map and drive if requested."""
-    from fusionslam.geometry.trajectory import write_trajectory
-    from fusionslam.sim.motion.map_files import write_map
-
-    if map_file is not None and place.map is not None:
-        write_map(map_file, place.map)
-    if drive_file is not None:
-        write_trajectory(drive_file, drive)
 
 
 def _output(path: Path | None, format: str | None) -> tuple[Path, str]:
@@ -208,15 +200,3 @@ def _chosen(
     if file is not None:
         config = with_file(config, file)
     return with_settings(merged(config, changes), settings or [])
-
-
-def _drive(
-    place: "World", config: "RecordingConfig", way: "Trajectory | None"
-) -> "tuple[World, Trajectory]":
-    from dataclasses import replace
-
-    from fusionslam.sim.catalogue import drive_through
-
-    if way is not None:
-        place = replace(place, trajectory=way)
-    return drive_through(place, config.robot, config.plan)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The roles of a robot's topics for the nodes, and the choice of a topic for each."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fusionslam.datasets.bags.reader import Topic
@@ -91,7 +91,10 @@ def choose(
         publishers: nodes by topic; topics of our own nodes are not sensors.
         asked: the topics that the nodes listen to, by role.
     """
-    free = {name: topics[name] for name in topics if not _is_own(publishers.get(name, ()))}
+    makers = {
+        name: {node.rpartition("/")[2] for node in publishers.get(name, ())} for name in topics
+    }
+    free = {n: topic for n, topic in topics.items() if not makers[n] or makers[n] - {*NODES}}
     chosen = {
         role: name
         for role, name in asked.items()
@@ -106,8 +109,3 @@ def choose(
             chosen[role] = fitting[0]
         found[role] = Choice(role, name, next(iter(fitting), ""), tuple(fitting[1:]))
     return found
-
-
-def _is_own(nodes: Iterable[str]) -> bool:
-    names = {node.rpartition("/")[2] for node in nodes}
-    return bool(names) and names <= {*NODES}

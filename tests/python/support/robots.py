@@ -12,10 +12,9 @@ from bags import SECOND, drive, write_bag
 from fusionslam.datasets.bags import Topic, open_bag
 from fusionslam.doctor import Finding
 from fusionslam.ros.check.evidence import Evidence
-from fusionslam.ros.check.graph import Advice, Graph
+from fusionslam.ros.check.graph import ROS1, Advice, Graph
 from fusionslam.ros.check.robot import Check, judge
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig
-from fusionslam.ros.ros1.advice import ADVICE
 from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.topic_choice import choose, roles_of
 from fusionslam.sensors.messages import Event, FrameTransforms
@@ -42,7 +41,7 @@ def check_events(
     unreachable: Mapping[str, str] | None = None,
     sim_time: bool = False,
     clock: bool = True,
-    advice: Advice = ADVICE,
+    advice: Advice = ROS1,
     reliable: Mapping[str, bool] | None = None,
     foreign: Mapping[str, Sequence[str]] | None = None,
 ) -> Check:

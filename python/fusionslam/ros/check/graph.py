@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fusionslam.datasets.bags.reader import Topic
-from fusionslam.ros.runtime.transport import Transport
+from fusionslam.ros.runtime.node import Transport
 
 CLOCK = "/clock"
 
@@ -67,6 +67,64 @@ class Advice:
     silent: str
     unreachable: str
     launch: Callable[[str], Sequence[str]]
+
+
+ROS1 = Advice(
+    graph="master",
+    parameter=lambda name, value: f"_{name}:={value}",
+    remapping=lambda remapping: remapping,
+    no_topics="",
+    no_clock=(
+        "start the simulator or rosbag play --clock; on a real robot rosparam set use_sim_time "
+        "false, and restart all nodes"
+    ),
+    show_bag="RViz needs rosparam set use_sim_time true before rosbag play --clock",
+    calibrate="calibrate the camera (rosrun camera_calibration), its driver then publishes it",
+    publish=(
+        "start robot_state_publisher with the robot's URDF, or rosrun tf2_ros "
+        "static_transform_publisher X Y Z YAW PITCH ROLL {parent} {child}"
+    ),
+    bag_transforms=(
+        "a bag sends /tf_static once, at its start: start this first, then rosbag play; on a "
+        "robot, "
+    ),
+    several="nodes hear one of them alone",
+    silent="is the sensor connected, is a bag paused or over?",
+    unreachable=(
+        "set ROS_IP where it runs to an address that is known here; if it crashed, rosnode cleanup"
+    ),
+    launch=lambda file: ["fusionslam", "ros", "launch", file],
+)
+
+ROS2 = Advice(
+    graph="graph",
+    parameter=lambda name, value: f"-p {name.replace('/', '.')}:={value}",
+    remapping=lambda remapping: f"-r {remapping}",
+    no_topics=(
+        "start the robot, with the same ROS_DOMAIN_ID and RMW_IMPLEMENTATION as here; if it is "
+        "another machine, in the same network with multicast, and on both "
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET (the default) or ROS_STATIC_PEERS"
+    ),
+    no_clock=(
+        "start the simulator, or fusionslam ros2 play or ros2 bag play --clock; on a real robot "
+        "leave use_sim_time out"
+    ),
+    show_bag="RViz needs --ros-args -p use_sim_time:=true",
+    calibrate=(
+        "calibrate the camera (ros2 run camera_calibration cameracalibrator), its driver then "
+        "publishes it"
+    ),
+    publish=(
+        "start robot_state_publisher with the robot's URDF, or ros2 run tf2_ros "
+        "static_transform_publisher --x X --y Y --z Z --yaw YAW --pitch PITCH --roll ROLL "
+        "--frame-id {parent} --child-frame-id {child}"
+    ),
+    bag_transforms="",
+    several="nodes mix the messages of all",
+    silent=("is the sensor connected, is a bag paused or over, does a firewall hold back UDP?"),
+    unreachable="",
+    launch=lambda file: ["ros2", "launch", "fusionslam_ros2", f"{file}.launch.py"],
+)
 
 
 @dataclass(frozen=True, eq=False)

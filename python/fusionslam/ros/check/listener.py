@@ -15,8 +15,7 @@ from fusionslam.errors import DataError
 from fusionslam.ros.check.graph import Robot
 from fusionslam.ros.messages.types import CLOUD, IMAGES
 from fusionslam.ros.runtime.message_queue import Arrival, MessageQueue
-from fusionslam.ros.runtime.node import Input
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.runtime.node import Delivery, Input
 from fusionslam.ros.topic_choice import INPUTS, TF_TOPICS, choose
 from fusionslam.sensors.messages import Message
 

@@ -130,7 +130,9 @@ def judge(evidence: Evidence) -> Check:
     guessed = [each.remapping for each in choices.values() if each.is_guess]
     names = {each.partition(":=")[0] for each in guessed}
     given = [each for each in evidence.remappings if each.partition(":=")[0] not in names]
-    present = _list_present(evidence)
+    present = {role for role in _OF_IMAGES if evidence.first(role) is not None}
+    present |= {"clouds", "views"} if evidence.has_clouds else set()
+    present |= {"views"} if "left" in present else set()
     nodes = [name for name, needs in _NODES.items() if needs <= present]
     if "left" in present and "clouds" not in present:
         source_parameter = evidence.advice.parameter("source", "visual_templates")
@@ -148,14 +150,6 @@ def judge(evidence: Evidence) -> Check:
         launch=[*start, *_launch_arguments(evidence, files[-1])] if files else [],
         works="clouds" in present and not any(choices[r].is_guess for r in needed_roles(source)),
     )
-
-
-def _list_present(evidence: Evidence) -> set[str]:
-    """Return what there is of the needs of nodes and launch files."""
-    present = {role for role in _OF_IMAGES if evidence.first(role) is not None}
-    if evidence.has_clouds:
-        return present | {"clouds", "views"}
-    return present | ({"views"} if "left" in present else set())
 
 
 def _launch_arguments(evidence: Evidence, file: str) -> Iterator[str]:

@@ -3,8 +3,10 @@
 """The message classes of the ROS that this process runs with."""
 
 import functools
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from fusionslam.datasets.bags.messages import MessageBuilder, plain_type
 from fusionslam.errors import DataError
@@ -14,32 +16,27 @@ OWN = "fusionslam_ros"
 """Package of our own messages, as type names here have it."""
 
 
-class MessageLibrary(Protocol):
+@dataclass(frozen=True)
+class MessageLibrary:
     """What the messages of ROS 1 and ROS 2 differ in.
 
     Attributes:
         version: of ROS.
         package: of our own messages.
         advice: how to install missing types.
+        time: makes a time of seconds and nanoseconds.
+        duration: makes a duration of them, which may be negative.
+        field: returns a field as message classes take it.
+        response: returns the class of a service's responses.
     """
 
-    @property
-    def version(self) -> Literal[1, 2]: ...
-
+    version: Literal[1, 2]
     package: str
     advice: str
-
-    def time(self, seconds: int, nanoseconds: int) -> Any:
-        """Make a time."""
-
-    def duration(self, seconds: int, nanoseconds: int) -> Any:
-        """Make a duration, which may be negative."""
-
-    def field(self, value: Any) -> Any:
-        """Return a field as message classes take it."""
-
-    def response(self, service: type[Any]) -> type[Any]:
-        """Return the class of a service's responses."""
+    time: Callable[[int, int], Any]
+    duration: Callable[[int, int], Any]
+    field: Callable[[Any], Any]
+    response: Callable[[type[Any]], type[Any]]
 
 
 _in_use: list[MessageLibrary] = []

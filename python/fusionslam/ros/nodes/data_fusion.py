@@ -48,22 +48,15 @@ class DataFusion(FrameNode[DataFusionConfig]):
         cloud = fuse(frame, self.config.fusion)
         if not len(cloud):
             self.counts["empty clouds"] += 1
-            self._report_empty(frame)
+            is_empty = frame.points is not None and not len(frame.points)
+            said = (_NO_POINTS, "empty-scan") if is_empty else (_NOTHING_SEEN, "nothing-seen")
+            self.problems.add(self.lead, *said)
         name = self.frames.frame_of(self.config.fusion.frame)
         scan = Scan(
             stamp_ns=frame.stamp_ns, frame_id=name, points=cloud.points, colors=cloud.colors
         )
         self.outlet.publish(COLORED, build(scan))
-        self._show(frame)
-
-    def _report_empty(self, frame: Frame) -> None:
-        if frame.points is not None and not len(frame.points):
-            self.problems.add(self.lead, _NO_POINTS, "empty-scan")
-        else:
-            self.problems.add(self.lead, _NOTHING_SEEN, "nothing-seen")
-
-    def _show(self, frame: Frame) -> None:
-        """Publish the decoded image: Debian's RViz decodes none, and it reveals wrong pairs."""
+        # The decoded image, as Debian's RViz decodes none, and it reveals wrong pairs.
         if "left" in frame.images and self.outlet.is_wanted(COLORING):
             name = self.frames.frame_of("camera")
             picture = Picture(stamp_ns=frame.stamp_ns, frame_id=name, image=frame.images["left"])

@@ -176,16 +176,13 @@ class FrameNode(Node[C]):
                 self.take_frame(frame)
             except (DataError, ShapeError) as error:
                 self.problems.add(self.lead, self.explain(error), *cause_of(error))
-        self._log_dropped()
-
-    def explain(self, error: DataError | ShapeError) -> str:
-        """Say why a frame cannot be used, and what to do."""
-        return str(error)
-
-    def _log_dropped(self) -> None:
         for (sensor, reason), count in self.frames.dropped.items():
             if reason in _ADVICE and (sensor, reason) not in self._logged:
                 self._logged.add((sensor, reason))
                 why = f"{REASONS[reason]}: {_ADVICE[reason]}"
                 words, cause = "%s: %d dropped, %s; %s", (reason, sensor)
                 logger.warning(words, sensor, count, reason, why, extra={"cause": cause})
+
+    def explain(self, error: DataError | ShapeError) -> str:
+        """Say why a frame cannot be used, and what to do."""
+        return str(error)

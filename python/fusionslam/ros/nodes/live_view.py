@@ -41,6 +41,7 @@ logger = logging.getLogger(__name__)
 
 _MAPPER_CLOUD, _MAPPER_PATH, _MAPPER_POSE = "mapper/cloud", "mapper/path", "mapper/pose"
 _TF, _TF_STATIC = "/tf", "/tf_static"
+_CLOUDS, _PATHS = (COLORED, CLUSTERS, _MAPPER_CLOUD), (MAP_PATH, _MAPPER_PATH)
 _SIZE, _LOG = "ExperienceMap/size", "log"
 _NUMBERS = {
     DESCRIPTIONS: ("objects",),
@@ -50,10 +51,10 @@ _NUMBERS = {
 }
 """Fields of messages that are plotted."""
 _SCHEMAS: dict[str, str | tuple[str, ...]] = {
-    **dict.fromkeys((COLORED, CLUSTERS, _MAPPER_CLOUD), "PointCloud"),
+    **dict.fromkeys(_CLOUDS, "PointCloud"),
     COLORING: "CompressedImage",
     MAP: "SceneUpdate",
-    **dict.fromkeys((MAP_PATH, _MAPPER_PATH), "PosesInFrame"),
+    **dict.fromkeys(_PATHS, "PosesInFrame"),
     **dict.fromkeys((PLACE, _MAPPER_POSE), "PoseInFrame"),
     **dict.fromkeys((_TF, _TF_STATIC), "FrameTransforms"),
     **_NUMBERS,
@@ -95,23 +96,30 @@ class LiveView(Node[LiveViewConfig]):
     @property
     def inputs(self) -> Sequence[Input]:
         """Inputs: what the other nodes publish, as far as they run."""
+        taken: list[tuple[str, Sequence[str], Callable[[Any], None]]] = [
+            *((each, [CLOUD], partial(self._take_cloud, each)) for each in _CLOUDS),
+            (COLORING, IMAGES, self._take_image),
+            (MAP, [TOPOLOGICAL_MAP], self._take_map),
+            (ACTIONS, [TOPOLOGICAL_ACTION], self._take_action),
+            *((each, [PATH], partial(self._take_path, each)) for each in _PATHS),
+            (PLACE, [POSE], partial(self._take_pose, PLACE)),
+            (_MAPPER_POSE, [LOCATED_POSE], partial(self._take_pose, _MAPPER_POSE)),
+            *((each, [TRANSFORMS], self._take_transforms) for each in (_TF, _TF_STATIC)),
+            (DESCRIPTIONS, [VIEW_DESCRIPTION], partial(self._take_numbers, DESCRIPTIONS)),
+            (TEMPLATES, [VIEW_TEMPLATE], self._take_template),
+            (LOOPS, [LOOP_CLOSURE], self._take_loop),
+            (STATISTICS, [VIEW_STATISTICS], partial(self._take_numbers, STATISTICS)),
+        ]
         return [
-            _input(COLORED, [CLOUD], partial(self._take_cloud, COLORED)),
-            _input(CLUSTERS, [CLOUD], partial(self._take_cloud, CLUSTERS)),
-            _input(_MAPPER_CLOUD, [CLOUD], partial(self._take_cloud, _MAPPER_CLOUD)),
-            _input(COLORING, IMAGES, self._take_image),
-            _input(MAP, [TOPOLOGICAL_MAP], self._take_map),
-            Input(ACTIONS, [TOPOLOGICAL_ACTION], self._take_action, small=True, optional=True),
-            _input(MAP_PATH, [PATH], partial(self._take_path, MAP_PATH)),
-            _input(_MAPPER_PATH, [PATH], partial(self._take_path, _MAPPER_PATH)),
-            Input(PLACE, [POSE], self._take_place, small=True, optional=True),
-            _input(_MAPPER_POSE, [LOCATED_POSE], self._take_located),
-            Input(_TF, [TRANSFORMS], self._take_transforms, shared=True, optional=True),
-            Input(_TF_STATIC, [TRANSFORMS], self._take_transforms, shared=True, optional=True),
-            _input(DESCRIPTIONS, [VIEW_DESCRIPTION], partial(self._take_numbers, DESCRIPTIONS)),
-            _input(TEMPLATES, [VIEW_TEMPLATE], self._take_template),
-            _input(LOOPS, [LOOP_CLOSURE], self._take_loop),
-            _input(STATISTICS, [VIEW_STATISTICS], partial(self._take_numbers, STATISTICS)),
+            Input(
+                topic,
+                types,
+                take,
+                shared=topic in (_TF, _TF_STATIC),
+                small=topic in (ACTIONS, PLACE),
+                optional=True,
+            )
+            for topic, types, take in taken
         ]
 
     def close(self) -> None:
@@ -149,14 +157,9 @@ class LiveView(Node[LiveViewConfig]):
         poses = np.array([_numbers_of(each.pose) for each in message.poses]).reshape(-1, 7)
         self._show(topic, stamp_ns, self._make.path_message(stamp_ns, frame, poses))
 
-    def _take_place(self, message: Any) -> None:
-        self._show_pose(PLACE, message, message.pose)
-
-    def _take_located(self, message: Any) -> None:
-        self._show_pose(_MAPPER_POSE, message, message.pose.pose)
-
-    def _show_pose(self, topic: str, message: Any, pose: Any) -> None:
+    def _take_pose(self, topic: str, message: Any) -> None:
         stamp_ns, frame = _header_of(message)
+        pose = message.pose.pose if topic == _MAPPER_POSE else message.pose
         self._show(topic, stamp_ns, self._make.pose_message(stamp_ns, frame, _numbers_of(pose)))
 
     def _take_transforms(self, found: FrameTransforms) -> None:
@@ -190,10 +193,6 @@ class LiveView(Node[LiveViewConfig]):
     def _show(self, topic: str, stamp_ns: int, message: Any) -> None:
         self._server.show(topic, stamp_ns, message)
         self.counts[topic] += 1
-
-
-def _input(topic: str, types: Sequence[str], take: Callable[[Any], None]) -> Input:
-    return Input(topic, types, take, optional=True)
 
 
 def _header_of(message: Any) -> tuple[int, str]:

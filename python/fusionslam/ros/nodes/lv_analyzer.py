@@ -86,7 +86,9 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
         """Inputs: ids, ground truth, and images, which only pictures need."""
         found = [
             Input(TEMPLATES, [VIEW_TEMPLATE], self._take_view),
-            Input(TRUTH, [ODOMETRY], self._take_truth, small=True),
+            Input(
+                TRUTH, [ODOMETRY], lambda pose: self._judge(self._waiting.move(pose)), small=True
+            ),
         ]
         if self.config.output:
             found.append(Input(LEFT[0], IMAGES, self._take_image, optional=True))
@@ -133,23 +135,34 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             if pose is None:
                 self.counts["without a true pose"] += 1
                 continue
-            judged = self._running.add(self._on(stamp_ns), view_id, pose)
-            self._remember(judged, stamp_ns)
-        if placed:
-            self.outlet.publish(STATISTICS, self._statistics(placed[-1][0]))
-
-    def _on(self, stamp_ns: int) -> int:
-        """Map a stamp to a monotonic clock: the drive continues when a bag restarts."""
-        if self._last_ns is not None and stamp_ns + self._offset_ns < self._last_ns:
-            self._offset_ns = self._last_ns + NANOSECONDS - stamp_ns
-        self._last_ns = stamp_ns + self._offset_ns
-        return self._last_ns
+            # By a monotonic clock: the drive continues when a bag restarts.
+            if self._last_ns is not None and stamp_ns + self._offset_ns < self._last_ns:
+                self._offset_ns = self._last_ns + NANOSECONDS - stamp_ns
+            self._last_ns = stamp_ns + self._offset_ns
+            self._remember(self._running.add(self._last_ns, view_id, pose), stamp_ns)
+        if not placed:
+            return
+        report = self._running.report()
+        shares = {name: getattr(report, name) for name in SHARES}
+        message = make(
+            VIEW_STATISTICS,
+            header=header(placed[-1][0], ""),
+            views=report.n,
+            places=report.views,
+            false_positives=report.false_positives,
+            false_negatives=report.false_negatives,
+            **{name: -1.0 if value is None else value for name, value in shares.items()},
+        )
+        self.outlet.publish(STATISTICS, message)
 
     def _remember(self, judged: JudgedView, stamp_ns: int) -> None:
         """Keep the image of a new place; write a picture of a false positive."""
         if not self.config.output:
             return
-        image = self._image_at(stamp_ns)
+        # The nearest in time, if it is near enough.
+        near = min(self._images, key=lambda image: abs(image[0] - stamp_ns), default=None)
+        reach = self.config.image_difference * NANOSECONDS
+        image = None if near is None or abs(near[0] - stamp_ns) > reach else near[1]
         if judged.is_first:
             self._first[judged.id] = image
             if len(self._first) > self.config.max_places:
@@ -169,22 +182,3 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
             self.problems.add("~output", problem, "cannot-write")
             return
         self.counts["pictures"] += 1
-
-    def _image_at(self, stamp_ns: int) -> bytes | None:
-        """Return the image nearest in time, or None if none is near enough."""
-        near = min(self._images, key=lambda image: abs(image[0] - stamp_ns), default=None)
-        reach = self.config.image_difference * NANOSECONDS
-        return None if near is None or abs(near[0] - stamp_ns) > reach else near[1]
-
-    def _statistics(self, stamp_ns: int) -> Any:
-        report = self._running.report()
-        shares = {name: getattr(report, name) for name in SHARES}
-        return make(
-            VIEW_STATISTICS,
-            header=header(stamp_ns, ""),
-            views=report.n,
-            places=report.views,
-            false_positives=report.false_positives,
-            false_negatives=report.false_negatives,
-            **{name: -1.0 if value is None else value for name, value in shares.items()},
-        )

@@ -72,7 +72,10 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
             if self.config.keep == "clouds"
             else Input(DESCRIPTIONS, [VIEW_DESCRIPTION], self._take_description)
         )
-        return [what, Input(TRUTH, [ODOMETRY], self._take_truth, small=True)]
+        return [
+            what,
+            Input(TRUTH, [ODOMETRY], self._take_truth, small=True),
+        ]
 
     def idle(self) -> None:
         """Process the waiting scans: no more poses are expected."""
@@ -95,8 +98,7 @@ class DatasetCreator(Node[DatasetCreatorConfig]):
         }
 
     def _take_cloud(self, scan: Scan) -> None:
-        cloud = cloud_of(scan)
-        self._keep(self._waiting.add(scan.stamp_ns, cloud))
+        self._keep(self._waiting.add(scan.stamp_ns, cloud_of(scan)))
 
     def _take_description(self, message: Any) -> None:
         view = view_from_bytes(self._comparison, bytes(message.data))

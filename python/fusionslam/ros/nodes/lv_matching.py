@@ -140,14 +140,11 @@ class ViewMatching(Node[ViewMatchingConfig]):
     def _process(self, events: Sequence[Event]) -> None:
         for event in events:
             if isinstance(event, Odometry):
-                self._follow(event)
+                odometry = odometry_of(event)
+                if isinstance(self._source, MatcherSource) and odometry is not None:
+                    self._source.follow(odometry)
             elif isinstance(event, Look):
                 self._look(event.item.view, event.stamp_ns, event.item.frame_id)
-
-    def _follow(self, odometry: Odometry) -> None:
-        source, found = self._source, odometry_of(odometry)
-        if isinstance(source, MatcherSource) and found is not None:
-            source.follow(found)
 
     def _take_view(self, message: Any) -> None:
         matcher = matcher_of(self._source)

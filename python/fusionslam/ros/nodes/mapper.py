@@ -15,10 +15,10 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure import LoopConfig
-from fusionslam.mapping import Localization, MapConfig, MapStep, PlaceMap
+from fusionslam.mapping import Localization, MapConfig, PlaceMap
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.ros.messages.library import build, respond
-from fusionslam.ros.messages.place_maps import (
+from fusionslam.ros.messages.maps import (
     grid_message,
     localize_response,
     located_pose,
@@ -171,10 +171,23 @@ class PlaceMapper(FrameNode[MapperConfig]):
         """Add a frame to the map, or localise it."""
         self._newest = frame
         if self._read_only:
-            self._localize_if_due(frame)
+            # The newest frame matters, not each: those that wait meanwhile are skipped.
+            tried, every = self._tried_ns, max(self.config.every, 2 * self._localizing_s)
+            if tried is None or abs(frame.stamp_ns - tried) >= every * NANOSECONDS:
+                self._tried_ns = frame.stamp_ns
+                self._localize(frame)
             return
         frame.number += self._first_number
-        self._note_step(frame, self._site.add(frame))
+        step = self._site.add(frame)
+        if step.keyframe is not None:
+            self._keyframe = step.keyframe
+            self._is_solved, self._changes = False, self._changes + 1
+            self.counts["new keyframes"] += 1
+            self.counts["loops"] += len(step.loops)
+            self.counts["refused"] += len(step.refused)
+            reasons = [*step.refused, *(edge.reason for edge in step.loops), step.why]
+            self._reason = next((each.text for each in reasons[::-1] if each), self._reason)
+        self._place(step.pose, frame.odometry)
 
     def explain(self, error: DataError | ShapeError) -> str:
         """Say why a frame is not on the map, and what to do."""
@@ -183,7 +196,9 @@ class PlaceMapper(FrameNode[MapperConfig]):
 
     def went_back(self) -> None:
         """Forget where the robot was: odometry has begun anew."""
-        self._forget()
+        self._site.forget_motion()
+        if self._read_only:
+            self._map_from_odometry, self._state, self._tried_ns = None, "searching", None
 
     def idle(self) -> None:
         """Add the waiting frames, and solve the graph while the robot stands."""
@@ -268,17 +283,6 @@ class PlaceMapper(FrameNode[MapperConfig]):
         joined = [_is_joined(site, each) for each in site.keyframes(self._session).tolist()]
         return trajectory_message(top, stamps[joined], poses[joined])
 
-    def _note_step(self, frame: Frame, step: MapStep) -> None:
-        if step.keyframe is not None:
-            self._keyframe = step.keyframe
-            self._is_solved, self._changes = False, self._changes + 1
-            self.counts["new keyframes"] += 1
-            self.counts["loops"] += len(step.loops)
-            self.counts["refused"] += len(step.refused)
-            reasons = [*step.refused, *(edge.reason for edge in step.loops), step.why]
-            self._reason = next((each.text for each in reasons[::-1] if each), self._reason)
-        self._place(step.pose, frame.odometry)
-
     def _place(self, pose: Matrix, odometry: Matrix | None) -> None:
         """Take the robot's pose on the map, unless it is in a part that is not joined yet."""
         if self._keyframe is None:
@@ -299,14 +303,6 @@ class PlaceMapper(FrameNode[MapperConfig]):
         if self._keyframe is not None:
             _, poses = self._site.trajectory(self._session)
             self._place(poses[-1], self._site.odometry(self._session)[-1])
-
-    def _localize_if_due(self, frame: Frame) -> None:
-        tried = self._tried_ns
-        # The newest frame matters, not each: those that wait while one is looked for are skipped.
-        every = max(self.config.every, 2 * self._localizing_s)
-        if tried is None or abs(frame.stamp_ns - tried) >= every * NANOSECONDS:
-            self._tried_ns = frame.stamp_ns
-            self._localize(frame)
 
     def _localize(self, frame: Frame) -> Localization:
         began = time.monotonic()
@@ -349,13 +345,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
         text = ", ".join(f"{states.count(each)} {each}" for each in ("believed", "refused"))
         return respond("std_srvs/Trigger", success=True, message=text)
 
-    def _forget(self) -> None:
-        self._site.forget_motion()
-        if self._read_only:
-            self._map_from_odometry, self._state, self._tried_ns = None, "searching", None
-
     def _answer_forget(self) -> Any:
-        self._forget()
+        self.went_back()
         return respond("std_srvs/Empty")
 
 

@@ -152,13 +152,10 @@ class Mapper(Node[MapperConfig]):
             self.outlet.publish(ACTIONS, action_message(step, self.config.map_frame))
             self._is_shown = False
             self._saver.note_change()
-        if not self._is_shown and self._is_due(step.stamp_ns):
+        shown, every = self._shown_ns, max(self.config.every, _SHARE * self._drawing_s)
+        is_due = shown is None or abs(step.stamp_ns - shown) >= every * NANOSECONDS
+        if not self._is_shown and is_due:
             self._show()
-
-    def _is_due(self, stamp_ns: int) -> bool:
-        shown = self._shown_ns
-        every = max(self.config.every, _SHARE * self._drawing_s)
-        return shown is None or abs(stamp_ns - shown) >= every * NANOSECONDS
 
     def _show(self) -> None:
         """Publish the current map; it is latched for later subscribers."""

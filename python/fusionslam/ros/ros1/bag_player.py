@@ -5,7 +5,7 @@
 import re
 import subprocess
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from http.client import HTTPException
 from pathlib import Path
@@ -24,7 +24,7 @@ from fusionslam.ros.messages.types import DIAGNOSTICS
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.ros1.master_watch import ros_proxy
 from fusionslam.ros.runtime.config import from_parameters
-from fusionslam.ros.runtime.reports import REPORTS, NodeReports
+from fusionslam.ros.runtime.diagnostics import REPORTS, NodeReports
 
 _POLL_S = 0.1
 _FILES = ("memory/file", "map/file", "export", "output")
@@ -65,16 +65,12 @@ def play_bag() -> None:
     reports.forget()
     _wait(reports.are_quiet)
     if not rospy.is_shutdown():
-        print("\n".join(_describe_end(bag, reports.results())), flush=True)
-
-
-def _describe_end(bag: Path, results: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Yield lines that say what the nodes made of the bag, and that all is well."""
-    yield f"{bag} is played to its end:"
-    for node, counts in results.items():
-        files = [rospy.get_param(f"{node}/{name}", "") for name in _FILES]
-        yield f"  {', '.join([f'{node}: ' + ', '.join(counts), *filter(None, files)])}"
-    yield "This is a regular end: bag_player, which roslaunch requires, has finished."
+        lines = [f"{bag} is played to its end:"]
+        for node, counts in reports.results().items():
+            files = [rospy.get_param(f"{node}/{name}", "") for name in _FILES]
+            lines.append(f"  {', '.join([f'{node}: ' + ', '.join(counts), *filter(None, files)])}")
+        lines.append("This is a regular end: bag_player, which roslaunch requires, has finished.")
+        print("\n".join(lines), flush=True)
 
 
 def _wait(condition: Any) -> None:
@@ -125,7 +121,10 @@ def _choose_topics(held: Collection[str]) -> list[str]:
             rospy.logwarn("%s of the bag is not played: %s publishes it", topic, publisher)
     lacking = sorted(wanted - set(held))
     if lacking:
-        missed = ", ".join(_with_guess(each, held) for each in lacking)
+        near = {topic: [e for e in sorted(held) if e.startswith(f"{topic}/")] for topic in lacking}
+        missed = ", ".join(
+            f"{topic} (is it {near[topic][0]}?)" if near[topic] else topic for topic in lacking
+        )
         rospy.logwarn("not in the bag: %s; it has %s", missed, ", ".join(sorted(held)))
     if not wanted & set(held):
         raise DataError(
@@ -142,9 +141,3 @@ def _is_running(node: str) -> bool:
     except (OSError, HTTPException, Error, ExpatError, rosgraph.MasterException):
         return False
     return True
-
-
-def _with_guess(topic: str, held: Collection[str]) -> str:
-    """Return a topic that the bag lacks, with a guess at its name there."""
-    near = [each for each in sorted(held) if each.startswith(f"{topic}/")]
-    return f"{topic} (is it {near[0]}?)" if near else topic

@@ -27,9 +27,9 @@ def need_ros() -> None:
     """Use the messages of ROS 1. Raises FusionSlamError, as ``find_ros``."""
     find_ros()
     from fusionslam.ros.messages.library import use_messages
-    from fusionslam.ros.ros1.messages import Ros1Messages
+    from fusionslam.ros.ros1.messages import ROS1_MESSAGES
 
-    use_messages(Ros1Messages())
+    use_messages(ROS1_MESSAGES)
 
 
 def find_ros() -> None:
@@ -40,9 +40,11 @@ def find_ros() -> None:
             message says what to do.
     """
     if not has_ros():
+        lines = Path(__file__).with_name("debian_packages.txt").read_text().splitlines()
+        packages = " ".join(line for line in lines if not line.startswith("#"))
         raise FusionSlamError(
             "this needs ROS 1, which is not installed: make ros, or on Debian 12 "
-            f"apt-get install --no-install-recommends {' '.join(_debian_packages())}",
+            f"apt-get install --no-install-recommends {packages}",
             code="no-ros",
         )
     if find_spec(PACKAGE) is None:
@@ -60,8 +62,3 @@ def check_ros() -> Finding:
     except FusionSlamError as error:
         return Finding("ros", f"{error}, for the commands ros", error.code, optional=True)
     return Finding("ros", f"ROS 1, messages in {import_module(PACKAGE).__path__[0]}")
-
-
-def _debian_packages() -> list[str]:
-    lines = Path(__file__).with_name("debian_packages.txt").read_text().splitlines()
-    return [line for line in lines if not line.startswith("#")]

@@ -2,42 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of ROS 1: made by genpy, delivered by rospy."""
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+from genpy import Duration, Time
 
 from fusionslam.errors import DataError
-from fusionslam.ros.messages.library import OWN, message_class
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.messages.library import OWN, MessageLibrary, message_class
+from fusionslam.ros.runtime.node import Delivery
 
 
-class Ros1Messages:
-    """As ``MessageLibrary``."""
+def _packed(value: Any) -> Any:
+    """Return a field; those that genpy packs as bytes must be bytes."""
+    is_bytes = isinstance(value, np.ndarray) and value.dtype == np.uint8
+    return value.tobytes() if is_bytes else value
 
-    version: Literal[1] = 1
-    package = OWN
-    advice = "make ros installs it"
 
-    def time(self, seconds: int, nanoseconds: int) -> Any:
-        """As ``MessageLibrary``."""
-        from genpy import Time
-
-        return Time(seconds, nanoseconds)
-
-    def duration(self, seconds: int, nanoseconds: int) -> Any:
-        """As ``MessageLibrary``."""
-        from genpy import Duration
-
-        return Duration(seconds, nanoseconds)
-
-    def field(self, value: Any) -> Any:
-        """As ``MessageLibrary``; fields that genpy packs as bytes must be bytes."""
-        is_bytes = isinstance(value, np.ndarray) and value.dtype == np.uint8
-        return value.tobytes() if is_bytes else value
-
-    def response(self, service: type[Any]) -> type[Any]:
-        """As ``MessageLibrary``."""
-        return service._response_class  # type: ignore[no-any-return]
+ROS1_MESSAGES = MessageLibrary(
+    version=1,
+    package=OWN,
+    advice="make ros installs it",
+    time=Time,
+    duration=Duration,
+    field=_packed,
+    response=lambda service: service._response_class,
+)
 
 
 def delivery_of(message: Any) -> Delivery:
@@ -54,15 +43,11 @@ def delivery_of(message: Any) -> Delivery:
                 code="other-definition",
                 fields=(found,),
             )
-        return _deserialize(message._buff, type_name)
+        try:
+            return kind().deserialize(message._buff)
+        except Exception as error:  # genpy raises exceptions of many types
+            raise DataError(
+                f"no {type_name}, or cut short: {error}; check its publisher", code="cut-short"
+            ) from error
 
     return Delivery(found, str(header.get("callerid", "unknown")), len(message._buff), read)
-
-
-def _deserialize(data: bytes, type_name: str) -> Any:
-    try:
-        return message_class(type_name)().deserialize(data)
-    except Exception as error:  # genpy raises exceptions of many types
-        raise DataError(
-            f"no {type_name}, or cut short: {error}; check its publisher", code="cut-short"
-        ) from error

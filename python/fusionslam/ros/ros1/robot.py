@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 from fusionslam.errors import ConfigError
-from fusionslam.ros.check.graph import Robot
-from fusionslam.ros.ros1.advice import ADVICE
+from fusionslam.ros.check.graph import ROS1, Robot
 from fusionslam.ros.ros1.environment import need_ros
 from fusionslam.ros.ros1.master import read_graph, silent_nodes
 from fusionslam.ros.topic_choice import INPUT_TOPICS, expand_launch_argument
@@ -43,7 +42,11 @@ def connect(arguments: Sequence[str]) -> Iterator[Robot]:
     except rospy.ROSInitException as error:
         raise ConfigError(f"{' '.join(options)}: {error}") from error
     finally:
-        _clean_up()
+        # Our parameters leave the server, our node the master.
+        with suppress(OSError, rospy.ROSException):  # the master is gone
+            if rospy.has_param("~"):
+                rospy.delete_param("~")
+        rospy.signal_shutdown("checked")
 
 
 def _robot(remappings: Sequence[str], options: Sequence[str]) -> Robot:
@@ -57,7 +60,7 @@ def _robot(remappings: Sequence[str], options: Sequence[str]) -> Robot:
         for name, topic in load_mappings(remappings).items()
     }
     return Robot(
-        advice=ADVICE,
+        advice=ROS1,
         transport=transport,
         parameters=transport.parameters,
         topics={name: resolve_name(name, transport.name, mappings) for name in INPUT_TOPICS},
@@ -66,13 +69,3 @@ def _robot(remappings: Sequence[str], options: Sequence[str]) -> Robot:
         read_graph=read_graph,
         silent_nodes=silent_nodes,
     )
-
-
-def _clean_up() -> None:
-    """Remove our parameters from the server and our node from the master."""
-    import rospy
-
-    with suppress(OSError, rospy.ROSException):  # the master is gone
-        if rospy.has_param("~"):
-            rospy.delete_param("~")
-    rospy.signal_shutdown("checked")

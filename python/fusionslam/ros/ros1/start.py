@@ -7,17 +7,18 @@ import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
-from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.ros.nodes import node_class
 from fusionslam.ros.ros1.environment import need_ros
-from fusionslam.ros.ros1.logs import init_node, to_rosout
-from fusionslam.ros.runtime.log_handler import RosHandler
 from fusionslam.ros.runtime.node import Node
-from fusionslam.ros.runtime.runner import NodeRunner
+from fusionslam.ros.runtime.problem_log import RosHandler
+from fusionslam.ros.runtime.runner import NodeRunner, exit_on_errors
+from fusionslam.storage.files import make_folder
 
-_WRONG, _INTERRUPTED = 2, 130
+_NO_FOLDER = os.path.join(os.devnull, "none")
 
 
 def start(name: str, arguments: list[str] | None = None) -> None:
@@ -31,42 +32,28 @@ def start(name: str, arguments: list[str] | None = None) -> None:
     Raises:
         SystemExit: 2 if the node cannot start, 130 if it is interrupted while starting.
     """
-    _exit_on_errors(name, lambda: _run(name, sys.argv if arguments is None else [name, *arguments]))
+    with exit_on_errors(name):
+        need_ros()
+        kind, given = node_class(name), sys.argv if arguments is None else [name, *arguments]
+        _init(kind.name, given)
+        _off_main_thread(lambda: _serve(kind, given))
 
 
 def start_player() -> None:
     """Play a bag to the nodes of the launch file that started this process."""
-
-    def play() -> None:
+    with exit_on_errors("bag_player"):
+        need_ros()
         from fusionslam.ros.ros1.bag_player import play_bag
 
         _init("bag_player")
         _off_main_thread(play_bag)
-
-    _exit_on_errors("bag_player", play)
-
-
-def _exit_on_errors(name: str, action: Callable[[], None]) -> None:
-    try:
-        need_ros()
-        action()
-    except FusionSlamError as error:
-        _end(_WRONG, f"error: {name}: {error}")
-    except KeyboardInterrupt:
-        _end(_INTERRUPTED, f"{name}: interrupted")
-
-
-def _run(name: str, arguments: list[str]) -> None:
-    kind = node_class(name)
-    _init(kind.name, arguments)
-    _off_main_thread(lambda: _serve(kind, arguments))
 
 
 def _serve(kind: type[Node[Any]], arguments: list[str]) -> None:
     """Make a node and run it until ROS shuts down."""
     import rospy
 
-    handler = RosHandler(to_rosout)
+    handler = RosHandler(_to_rosout)
     logging.getLogger("fusionslam").addHandler(handler)
     logging.getLogger("fusionslam.ros").setLevel(logging.INFO)
     from fusionslam.ros.ros1.transport import Ros1Transport
@@ -95,7 +82,7 @@ def _init(name: str, arguments: list[str] | None = None) -> None:
     import rospy
 
     try:
-        init_node(name, arguments)
+        _init_node(name, arguments)
     except (OSError, ValueError, rospy.ROSException) as error:
         raise _no_start(error) from error
     except (TypeError, OverflowError) as error:  # while sending parameters to the server
@@ -127,6 +114,40 @@ def _forget_parameters(arguments: list[str]) -> None:
             rospy.delete_param(f"~{name}")
 
 
-def _end(code: int, message: str) -> None:
-    print(message, file=sys.stderr)
-    raise SystemExit(code)
+def _to_rosout(level: int, text: str) -> None:
+    """Log a text to rosout."""
+    import rospy
+
+    if level < logging.WARNING:
+        rospy.loginfo("%s", text)
+    else:
+        (rospy.logwarn if level == logging.WARNING else rospy.logerr)("%s", text)
+
+
+def _init_node(name: str, arguments: list[str] | None = None) -> None:
+    """Initialise a node as rospy does, even if no log file can be written.
+
+    rospy alone would then end, or log nothing more.
+
+    Args:
+        arguments: as on a command line; None for those of this process.
+    """
+    import rospkg
+    import rospy
+    from rosgraph.roslogging import RosStreamHandler
+
+    # On a full disk, do not print a traceback for each line logged.
+    logging.raiseExceptions = False
+    folder = Path(rospkg.get_log_dir())
+    try:
+        with make_folder(folder):
+            pass
+    except DataError:
+        # With this folder rospy does without log files.
+        os.environ["ROS_LOG_DIR"] = _NO_FOLDER
+    rospy.init_node(name, argv=arguments)
+    console = logging.getLogger("rosout")
+    if not any(isinstance(each, RosStreamHandler) for each in console.handlers):
+        console.addHandler(RosStreamHandler())
+        console.setLevel(logging.INFO)
+        rospy.logwarn("no log files: nothing can be written to %s; set ROS_LOG_DIR", folder)

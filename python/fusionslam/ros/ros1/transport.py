@@ -13,8 +13,7 @@ from fusionslam.errors import FusionSlamError
 from fusionslam.ros.messages.library import message_class, service_class
 from fusionslam.ros.ros1.master_watch import Registration
 from fusionslam.ros.ros1.messages import delivery_of
-from fusionslam.ros.runtime.node import Input, Service
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.runtime.node import Delivery, Input, Service
 
 BUFFER_BYTES = 1 << 24
 """Read buffer of a socket: rospy's default of 64 KiB delays clouds and images."""

@@ -14,9 +14,9 @@ def need_ros2() -> None:
     """Use the messages of ROS 2. Raises FusionSlamError, as ``find_ros2``."""
     find_ros2()
     from fusionslam.ros.messages.library import use_messages
-    from fusionslam.ros.ros2.messages import Ros2Messages
+    from fusionslam.ros.ros2.messages import ROS2_MESSAGES
 
-    use_messages(Ros2Messages())
+    use_messages(ROS2_MESSAGES)
 
 
 def find_ros2() -> None:

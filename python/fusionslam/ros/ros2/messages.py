@@ -4,14 +4,14 @@
 
 import re
 from array import array
-from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Duration, Time
 from rclpy.serialization import deserialize_message
 
 from fusionslam.errors import DataError
-from fusionslam.ros.messages.library import message_class
+from fusionslam.ros.messages.library import MessageLibrary, message_class
 from fusionslam.ros.ros2 import MESSAGES
 
 _ELEMENT = re.compile(r"(?:sequence<(.*?)(?:, \d+)?>|(.*)\[\d+\])")
@@ -21,34 +21,22 @@ _CODES = {
 }
 
 
-class Ros2Messages:
-    """As ``MessageLibrary``."""
+def _field(value: Any) -> Any:
+    """Return a field; arrays and bytes as arrays, which rclpy does not look through."""
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.dtype != np.uint8 else array("B", value.tobytes())
+    return array("B", value) if isinstance(value, bytes) and len(value) != 1 else value
 
-    version: Literal[2] = 2
-    package = MESSAGES
-    advice = "install its package, such as ros-jazzy-nav-msgs"
 
-    def time(self, seconds: int, nanoseconds: int) -> Any:
-        """As ``MessageLibrary``."""
-        from builtin_interfaces.msg import Time
-
-        return Time(sec=seconds, nanosec=nanoseconds)
-
-    def duration(self, seconds: int, nanoseconds: int) -> Any:
-        """As ``MessageLibrary``."""
-        from builtin_interfaces.msg import Duration
-
-        return Duration(sec=seconds, nanosec=nanoseconds)
-
-    def field(self, value: Any) -> Any:
-        """As ``MessageLibrary``; arrays and bytes as arrays, which rclpy does not look through."""
-        if isinstance(value, np.ndarray):
-            return value.tolist() if value.dtype != np.uint8 else array("B", value.tobytes())
-        return array("B", value) if isinstance(value, bytes) and len(value) != 1 else value
-
-    def response(self, service: type[Any]) -> type[Any]:
-        """As ``MessageLibrary``."""
-        return service.Response  # type: ignore[no-any-return]
+ROS2_MESSAGES = MessageLibrary(
+    version=2,
+    package=MESSAGES,
+    advice="install its package, such as ros-jazzy-nav-msgs",
+    time=lambda seconds, nanoseconds: Time(sec=seconds, nanosec=nanoseconds),
+    duration=lambda seconds, nanoseconds: Duration(sec=seconds, nanosec=nanoseconds),
+    field=_field,
+    response=lambda service: service.Response,
+)
 
 
 def deserialize(data: bytes, type_name: str) -> Any:
@@ -94,9 +82,6 @@ def _convert_field(value: Any, type_name: str) -> Any:
         return [convert(each, element) for each in value]
     if element not in _CODES:
         return list(value)
-    return _numbers(value, _CODES[element], fixed=found[2] is not None)
-
-
-def _numbers(values: Sequence[Any], code: str, *, fixed: bool) -> Any:
-    numbers = np.asarray(values, code)
-    return numbers if fixed else array(code, numbers.tobytes())
+    numbers = np.asarray(value, _CODES[element])
+    is_fixed = found[2] is not None
+    return numbers if is_fixed else array(_CODES[element], numbers.tobytes())

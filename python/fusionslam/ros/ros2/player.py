@@ -19,7 +19,7 @@ from fusionslam.ros.messages.types import DIAGNOSTICS
 from fusionslam.ros.nodes import NODES
 from fusionslam.ros.ros2.environment import need_ros2
 from fusionslam.ros.ros2.start import ros2_node
-from fusionslam.ros.runtime.reports import REPORTS, NodeReports
+from fusionslam.ros.runtime.diagnostics import REPORTS, NodeReports
 from fusionslam.sensors.messages import NANOSECONDS
 
 logger = logging.getLogger(__name__)
@@ -89,15 +89,20 @@ class _Player:
         if not self._topics:
             raise DataError(f"{bag.path} has no topic of a known type", code="no-topic")
         self._publishers = {name: self._publisher(name) for name in self._topics}
-        self._clock = self._clock_publisher() if how.clock else None
+        self._clock = None
+        if how.clock:
+            from rosgraph_msgs.msg import Clock
+
+            self._clock = node.create_publisher(Clock, "/clock", 10)
 
     def play(self, progress: Callable[[str, int, int], None]) -> int:
         self._wait_for_subscribers(progress)
-        count = 0
+        count, (first, last) = 0, self._span_ns()
         for raw, message in self._in_time():
             self._publishers[raw.topic].publish(message)
             count += 1
-            progress("playing", *self._seconds(raw.time_ns))
+            done, total = (raw.time_ns - first) // NANOSECONDS, max(last - first, 0) // NANOSECONDS
+            progress("playing", done, total + 1)  # whole seconds of the bag
         if not count and not self._is_ending.is_set():
             raise DataError(
                 f"{self._bag.path}: none of the topics has a message from {self._how.start:g} s on"
@@ -106,14 +111,11 @@ class _Player:
             )
         self._wait_for_receipt()
         if self._how.until_idle:
-            self._wait_for_nodes(progress)
+            with self._taking_reports() as reports:
+                while not self._is_ending.is_set() and not reports.are_quiet(self._nodes()):
+                    progress("waiting for nodes", 0, 1)
+                    self._spin()
         return count
-
-    def _seconds(self, time_ns: int) -> tuple[int, int]:
-        """How much is played, and is to be, in whole seconds of the bag."""
-        first, last = self._span_ns()
-        done, total = (time_ns - first) // NANOSECONDS, max(last - first, 0) // NANOSECONDS + 1
-        return int(done), int(total)
 
     def _in_time(self) -> Iterator[tuple[RawMessage, Any]]:
         """Yield messages when they are due, with the clock running meanwhile."""
@@ -185,13 +187,6 @@ class _Player:
                     logger.warning("%s: a subscriber has not received all messages", topic)
                     break
 
-    def _wait_for_nodes(self, progress: Callable[[str, int, int], None]) -> None:
-        """Wait until all of our nodes say that they have nothing left to do."""
-        with self._taking_reports() as reports:
-            while not self._is_ending.is_set() and not reports.are_quiet(self._nodes()):
-                progress("waiting for nodes", 0, 1)
-                self._spin()
-
     @contextmanager
     def _taking_reports(self) -> Iterator[NodeReports]:
         """Yield the reports that nodes make during the block."""
@@ -219,11 +214,6 @@ class _Player:
         )
         kind = message_class(self._bag.topics[topic].type)
         return self._node.create_publisher(kind, topic, quality)
-
-    def _clock_publisher(self) -> Any:
-        from rosgraph_msgs.msg import Clock
-
-        return self._node.create_publisher(Clock, "/clock", 10)
 
     def _send_clock(self, time_ns: int) -> None:
         if self._clock is None:

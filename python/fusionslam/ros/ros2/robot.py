@@ -9,8 +9,7 @@ from functools import partial
 from itertools import pairwise
 
 from fusionslam.errors import ConfigError
-from fusionslam.ros.check.graph import Robot
-from fusionslam.ros.ros2.advice import ADVICE
+from fusionslam.ros.check.graph import ROS2, Robot
 from fusionslam.ros.ros2.environment import need_ros2
 from fusionslam.ros.ros2.start import ros2_node, with_dots
 from fusionslam.ros.topic_choice import INPUT_TOPICS, expand_launch_argument
@@ -46,7 +45,7 @@ def connect(arguments: Sequence[str]) -> Iterator[Robot]:
         transport = Ros2Transport(node, threading.Event())
         try:
             yield Robot(
-                advice=ADVICE,
+                advice=ROS2,
                 transport=transport,
                 parameters=parameters,
                 topics=topics,

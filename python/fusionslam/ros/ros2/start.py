@@ -5,19 +5,16 @@
 import logging
 import re
 import signal
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fusionslam.errors import ConfigError, FusionSlamError
+from fusionslam.errors import ConfigError
 from fusionslam.ros.nodes import node_class
 from fusionslam.ros.ros2.environment import need_ros2
-from fusionslam.ros.runtime.log_handler import RosHandler
-from fusionslam.ros.runtime.runner import NodeRunner
-
-_WRONG, _INTERRUPTED = 2, 130
+from fusionslam.ros.runtime.problem_log import RosHandler
+from fusionslam.ros.runtime.runner import NodeRunner, exit_on_errors
 
 
 def start(name: str, arguments: Sequence[str] = ()) -> None:
@@ -30,13 +27,9 @@ def start(name: str, arguments: Sequence[str] = ()) -> None:
     Raises:
         SystemExit: 2 if the node cannot start, 130 if it is interrupted while starting.
     """
-    try:
+    with exit_on_errors(name, with_dots):
         need_ros2()
         _run(name, arguments)
-    except FusionSlamError as error:
-        _end(_WRONG, name, f"error: {name}: {error}")
-    except KeyboardInterrupt:
-        _end(_INTERRUPTED, name, f"{name}: interrupted")
 
 
 def _run(name: str, arguments: Sequence[str]) -> None:
@@ -123,8 +116,3 @@ def _log(node: Any, level: int, text: str) -> None:
         console.warning(text)
     else:
         console.error(text)
-
-
-def _end(code: int, name: str, message: str) -> None:
-    print(message if code != _WRONG else with_dots(message), file=sys.stderr)
-    raise SystemExit(code)

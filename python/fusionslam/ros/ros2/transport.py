@@ -21,8 +21,7 @@ from fusionslam.errors import FusionSlamError
 from fusionslam.ros.messages.library import message_class, own_type, service_class
 from fusionslam.ros.ros2.messages import deserialize
 from fusionslam.ros.ros2.parameters import given_parameters
-from fusionslam.ros.runtime.node import Input, Service
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.runtime.node import Delivery, Input, Service
 
 logger = logging.getLogger(__name__)
 
@@ -200,9 +199,16 @@ class _Source:
         same = [each for each in usable if each.topic_type == first]
         self._senders = " and ".join(map(sender_of, same))
         is_reliable = all(offers_reliable(each) for each in same)
-        is_kept = all(_is_kept(each) for each in same)
+        kept = DurabilityPolicy.TRANSIENT_LOCAL
+        is_kept = all(each.qos_profile.durability == kept for each in same)
         if not self._entry.shared and len(same) > 1:
-            self._report_several()
+            logger.warning(
+                "%s: several publishers, %s, whose messages contradict each other: stop one of "
+                "them, or remap its topic",
+                self._topic,
+                self._senders,
+                extra={"cause": ("second-publisher", self._topic)},
+            )
         if self._offered is not None:
             kind, was_reliable, was_kept = self._offered
             if kind == first and was_reliable <= is_reliable and was_kept <= is_kept:
@@ -245,8 +251,13 @@ class _Source:
     def _receive(self, plain: str, data: bytes) -> None:
         # What the node itself publishes on /tf is no news, and would never let it be idle.
         if data not in self._own:
-            read = partial(_read, data, plain)
-            self._take(Delivery(plain, self._senders, len(data), read, False))
+            self._pass_on(data, plain, self._senders)
+
+    def _pass_on(self, data: bytes, plain: str, senders: str) -> None:
+        def read(type_name: str = plain) -> Any:
+            return deserialize(data, type_name)
+
+        self._take(Delivery(plain, senders, len(data), read, False))
 
     def _is_usable(self, publisher: Endpoint) -> bool:
         """Tell whether a publisher has a type of the input; one of another type is reported."""
@@ -254,19 +265,9 @@ class _Source:
         if plain not in self._entry.types:
             if (publisher.topic_type, sender_of(publisher)) not in self._refused:
                 self._refused.add((publisher.topic_type, sender_of(publisher)))
-                read = partial(_read, b"", plain)
-                self._take(Delivery(plain, sender_of(publisher), 0, read, False))
+                self._pass_on(b"", plain, sender_of(publisher))
             return False
         return True
-
-    def _report_several(self) -> None:
-        logger.warning(
-            "%s: several publishers, %s, whose messages contradict each other: stop one of them, "
-            "or remap its topic",
-            self._topic,
-            self._senders,
-            extra={"cause": ("second-publisher", self._topic)},
-        )
 
 
 class _Publisher:
@@ -278,10 +279,6 @@ class _Publisher:
 
     def is_wanted(self) -> bool:
         return bool(self._publisher.get_subscription_count())
-
-
-def _read(data: bytes, plain: str, type_name: str | None = None) -> Any:
-    return deserialize(data, type_name or plain)
 
 
 def _refuse(response: Any, code: str, text: str) -> Any:
@@ -302,10 +299,6 @@ def sender_of(endpoint: Endpoint) -> str:
 def offers_reliable(publisher: Endpoint) -> bool:
     """Tell whether a publisher resends messages that were lost."""
     return bool(publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
-
-
-def _is_kept(publisher: Endpoint) -> bool:
-    return bool(publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def _as_ros2(name: str) -> str:

@@ -47,7 +47,12 @@ class Saver:
         self._config, self._save, self._problems = config, save, problems
         self._saved, self._is_changed = time.monotonic(), False
         if self.path is not None:
-            self._try(self.path)
+            # Before the robot drives off.
+            try:
+                with make_folder(self.path.parent):
+                    pass
+            except DataError as error:
+                self._report_failure(self.path, error)
 
     @property
     def path(self) -> Path | None:
@@ -116,14 +121,6 @@ class Saver:
             return
         self._is_changed = False
         logger.debug("wrote %s", self.path)
-
-    def _try(self, path: Path) -> None:
-        """Check that the file's folder can be made, before the robot drives off."""
-        try:
-            with make_folder(path.parent):
-                pass
-        except DataError as error:
-            self._report_failure(path, error)
 
     def _report_failure(self, path: Path, error: Exception) -> None:
         # The cause is on its own line, as it may name temporary files.

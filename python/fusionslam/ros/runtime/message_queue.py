@@ -110,7 +110,7 @@ class MessageQueue:
     def get(self, timeout_s: float) -> Arrival | None:
         """Return the message that waited longest; None if none comes within the time."""
         with self._changed:
-            self._changed.wait_for(self._any, timeout_s)
+            self._changed.wait_for(lambda: any(self._waiting.values()), timeout_s)
             queues = [queue for queue in self._waiting.values() if queue]
             return min(queues, key=lambda queue: queue[0][0]).popleft()[1] if queues else None
 
@@ -118,9 +118,6 @@ class MessageQueue:
         """Return the publisher that a topic is accepted from, or None."""
         with self._changed:
             return self._heard.get(topic, (None, 0.0))[0]
-
-    def _any(self) -> bool:
-        return any(self._waiting.values())
 
     def _is_heard(self, arrival: Arrival, publisher: str) -> bool:
         heard, last = self._heard.get(arrival.topic, (publisher, arrival.seconds))

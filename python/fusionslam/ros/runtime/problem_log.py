@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Count problems, and log each distinct cause once."""
+"""Count problems, log each distinct cause once, and pass log records to a middleware."""
 
 import logging
 import threading
 from collections import Counter
+from collections.abc import Callable
 
 logger = logging.getLogger(__name__)
 
@@ -43,18 +44,44 @@ class ProblemLog:
         Returns:
             True if this cause is new.
         """
-        is_new = self._count(topic, cause, problem.partition("\n")[0])
+        text = problem.partition("\n")[0]
+        with self._lock:
+            is_new = (topic, cause) not in self._counts
+            counted = cause
+            if is_new and sum(name == topic for name, _ in self._counts) >= _CAUSES:
+                counted, text, is_new = (), _MORE, False
+            self._counts[topic, counted] += 1
+            self._texts.setdefault((topic, counted), text)
         if is_new:
             # Outside the lock, as logging publishes.
             words = "%s: %s (logged once; /diagnostics keeps counting)"
             logger.warning(words, topic, problem, extra={"topic": topic, "cause": cause})
         return is_new
 
-    def _count(self, topic: str, cause: tuple[str, ...], text: str) -> bool:
-        with self._lock:
-            is_new = (topic, cause) not in self._counts
-            if is_new and sum(name == topic for name, _ in self._counts) >= _CAUSES:
-                cause, text, is_new = (), _MORE, False
-            self._counts[topic, cause] += 1
-            self._texts.setdefault((topic, cause), text)
-            return is_new
+
+class RosHandler(logging.Handler):
+    """Passes log records to a middleware; warnings of the library only once for each cause.
+
+    Args:
+        say: logs a text at a level of ``logging``.
+
+    Attributes:
+        problems: the node's problem log, once there is a node.
+    """
+
+    def __init__(self, say: Callable[[int, str], None]) -> None:
+        super().__init__(logging.INFO)
+        self.problems: ProblemLog | None = None
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Pass on a record."""
+        is_problem = record.levelno >= logging.WARNING and self.problems is not None
+        if is_problem and not record.name.startswith(str(__package__)):
+            assert self.problems is not None
+            # ``cause`` distinguishes problems that are logged with the same template.
+            cause = getattr(record, "cause", (str(record.msg),))
+            name = record.name.removeprefix("fusionslam.")
+            self.problems.add(name, record.getMessage(), *cause)
+            return
+        self._say(record.levelno, self.format(record))

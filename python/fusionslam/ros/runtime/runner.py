@@ -2,24 +2,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a node on a middleware: subscribe, publish, report diagnostics and end cleanly."""
 
+import sys
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from fusionslam.errors import FusionSlamError
 from fusionslam.ros.messages.types import DIAGNOSTICS
 from fusionslam.ros.runtime.config import from_parameters
-from fusionslam.ros.runtime.diagnostics import diagnostics
-from fusionslam.ros.runtime.node import Node, Timer
+from fusionslam.ros.runtime.diagnostics import REPORTS, diagnostics
+from fusionslam.ros.runtime.node import Node, Timer, Transport
 from fusionslam.ros.runtime.problem_log import ProblemLog
-from fusionslam.ros.runtime.reports import REPORTS
-from fusionslam.ros.runtime.transport import Transport
 from fusionslam.ros.runtime.worker import Worker
 
+_WRONG, _INTERRUPTED = 2, 130
 _POLL_S = 0.1
 _CLOSING_S = 5.0
 _REPORTS_QUEUE = 10
+
+
+@contextmanager
+def exit_on_errors(name: str, words: Callable[[str], str] = str) -> Iterator[None]:
+    """Turn known errors of a node that starts into one line and an exit status.
+
+    Args:
+        name: of the node.
+        words: translates the line of an error to the names of a middleware.
+
+    Raises:
+        SystemExit: 2 if the node cannot start, 130 if it is interrupted.
+    """
+    try:
+        yield
+    except FusionSlamError as error:
+        print(words(f"error: {name}: {error}"), file=sys.stderr)
+        raise SystemExit(_WRONG) from error
+    except KeyboardInterrupt as error:
+        print(f"{name}: interrupted", file=sys.stderr)
+        raise SystemExit(_INTERRUPTED) from error
 
 
 class NodeRunner:
@@ -121,11 +144,12 @@ class NodeRunner:
             self._worker.log_silent()
         if now - self._last_report >= common.report:
             self._last_report = now
-            self._worker.run_guarded(REPORTS, self._report)
-
-    def _report(self) -> None:
-        transport = self._transport
-        self._reports.publish(diagnostics(self._worker, transport.name, transport.now_ns()))
+            self._worker.run_guarded(
+                REPORTS,
+                lambda: self._reports.publish(
+                    diagnostics(self._worker, self._transport.name, self._transport.now_ns())
+                ),
+            )
 
     def _beat(self, timer: Timer, has_ended: threading.Event) -> None:
         while not has_ended.wait(timer.period) and not self._transport.is_shut_down():

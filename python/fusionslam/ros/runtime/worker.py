@@ -15,8 +15,7 @@ from fusionslam.datasets.bags.messages import is_known, stamp_of, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.ros.messages.library import ros_time, shown_type
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
-from fusionslam.ros.runtime.node import Input, Node
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.runtime.node import Delivery, Input, Node
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
 from fusionslam.storage.timer import Stopwatch
 
@@ -102,7 +101,10 @@ class Worker:
     def work(self, timeout_s: float) -> bool:
         """Process the message that waited longest; return False if none comes within the time."""
         for future, action in self._waiting_calls():
-            _run_call(future, action)
+            try:
+                future.set_result(action())
+            except BaseException as error:  # for the thread that waits
+                future.set_exception(error)
         arrival = self.queue.get(timeout_s)
         if arrival is None:
             return False
@@ -165,9 +167,20 @@ class Worker:
     def _take(self, arrival: Arrival) -> None:
         entry = self.inputs[arrival.topic]
         delivery = arrival.message
-        message = _read(delivery, entry)
+        if delivery.type not in entry.types:
+            raise DataError(
+                f"its type is {shown_type(delivery.type)}, expected "
+                f"{' or '.join(map(shown_type, entry.types))}: remap {entry.topic} to the right "
+                "topic",
+                code="wrong-type",
+                fields=(delivery.type,),
+            )
+        message = delivery.read()
         if not is_known(delivery.type):
-            entry.take(self._stamp_message(message, arrival))
+            if self._common.stamps == "arrival":
+                message.header.stamp = ros_time(self._arrival_ns(arrival))
+            _need_stamp(stamp_of(message.header.stamp))
+            entry.take(message)
             return
         try:
             read = value_of(message, delivery.type, entry.topic)
@@ -176,12 +189,6 @@ class Worker:
         value = self._stamp_value(read, arrival)
         if value is not None:
             entry.take(value)
-
-    def _stamp_message(self, message: Any, arrival: Arrival) -> Any:
-        if self._common.stamps == "arrival":
-            message.header.stamp = ros_time(self._arrival_ns(arrival))
-        _need_stamp(stamp_of(message.header.stamp))
-        return message
 
     def _stamp_value(self, value: Message, arrival: Arrival) -> Message | None:
         """Return the value with the stamp in force; None for transforms if none has a stamp."""
@@ -221,13 +228,6 @@ class Worker:
         return arrival.stamp_ns
 
 
-def _run_call(future: Future[Any], action: Callable[[], Any]) -> None:
-    try:
-        future.set_result(action())
-    except BaseException as error:  # for the thread that waits
-        future.set_exception(error)
-
-
 def _need_stamp(stamp_ns: int) -> None:
     if not stamp_ns:
         raise DataError(
@@ -235,15 +235,3 @@ def _need_stamp(stamp_ns: int) -> None:
             "to arrival",
             code="no-stamp",
         )
-
-
-def _read(delivery: Delivery, entry: Input) -> Any:
-    """Deserialise a message. Raises DataError for a wrong type, and as ``Delivery.read``."""
-    if delivery.type not in entry.types:
-        raise DataError(
-            f"its type is {shown_type(delivery.type)}, expected "
-            f"{' or '.join(map(shown_type, entry.types))}: remap {entry.topic} to the right topic",
-            code="wrong-type",
-            fields=(delivery.type,),
-        )
-    return delivery.read()

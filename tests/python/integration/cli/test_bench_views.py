@@ -15,7 +15,7 @@ import pytest
 from artefacts import artefact
 from cli import fails, succeeds
 from error_codes import has_code
-from fusionslam.cli.bench_views import default_data
+from fusionslam.cli.bench import default_data
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import judge_views, published_views, rerun_views
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, add_odometry_errors

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from artefacts import artefact, copy_artefact
 from cli import error_of, run, succeeds
 from fusionslam import Cloud, DataError, FusionConfig, PlaceMap, datasets
-from fusionslam.cli.maps.build import describe_growth
+from fusionslam.cli.map_building import describe_growth
 from fusionslam.datasets.cloud_files import write_cloud
 from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.place_maps import Built, odometry_of

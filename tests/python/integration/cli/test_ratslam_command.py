@@ -181,7 +181,7 @@ def test_ctrl_c_after_the_last_step_keeps_all_and_before_the_first_nothing(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("fusionslam.evaluation.maps.judge.judge_map", interrupted)
+    monkeypatch.setattr("fusionslam.cli.ratslam_run.judge_map", interrupted)
     out, state = tmp_path / "out", tmp_path / "state.npz"
     result = run("ratslam", recording, "--views", "objects", "-o", out, "--save", state, *QUICK)
     assert result.exit_code == 130

@@ -15,7 +15,7 @@ import pytest
 import cli
 from artefacts import artefact, copy_artefact
 from error_codes import has_code
-from fusionslam.cli.views.train import app
+from fusionslam.cli.views_train import app
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views.scene_set import CloudArray, SceneSet
 from fusionslam.views.second_stage import SecondStage

@@ -23,7 +23,7 @@ from bags import (
 from bags import TOPICS as TOPICS_OF_PAIR
 from cli import fails
 from fusionslam.errors import ConfigError
-from fusionslam.ros.ros2.advice import ADVICE
+from fusionslam.ros.check.graph import ROS2
 from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms
 from robots import TOPICS, check_events, faults, finding, problems
 from ros_master import needs_ros
@@ -125,20 +125,20 @@ def test_two_publishers_of_a_topic_are_both_named() -> None:
 
 def test_publishers_of_ros_2_that_do_not_resend_are_named() -> None:
     reliable = {"/points": False, "/camera/image": True, "/odom": False}
-    check = check_events(drive(), advice=ADVICE, reliable=reliable)
+    check = check_events(drive(), advice=ROS2, reliable=reliable)
     assert check.works and not faults(check)
     assert problems(check) == {"true poses": "not-published", "scans QoS": "best-effort"}
 
 
 def test_another_definition_of_a_type_is_a_fault_if_the_topic_is_needed() -> None:
     foreign = {"/points": ["/humble"], "/odom": ["/humble"]}
-    check = check_events(drive(), advice=ADVICE, foreign=foreign)
+    check = check_events(drive(), advice=ROS2, foreign=foreign)
     assert faults(check) == {"scans type"}
     assert finding(check, "odometry type").fields == ("/humble",)
 
 
 def test_advice_for_ros_2_is_in_its_own_words() -> None:
-    check = check_events(without(drive(), "/tf_static"), advice=ADVICE, asked=ELSEWHERE)
+    check = check_events(without(drive(), "/tf_static"), advice=ROS2, asked=ELSEWHERE)
     details = " ".join(each.detail for each in check.findings)
     assert "--child-frame-id camera" in details and "-r camera/rgb/image_raw:=/camera" in details
     assert not any(word in details for word in ("rosrun", "rosparam", "rosbag", "_online"))

@@ -130,7 +130,7 @@ def test_a_node_that_cannot_start_says_why_in_one_line(
     from fusionslam.ros.ros1 import start
 
     for error, code in ((ConfigError("~source is x", code="no"), 2), (KeyboardInterrupt(), 130)):
-        monkeypatch.setattr(start, "_run", Mock(side_effect=error))
+        monkeypatch.setattr(start, "_init", Mock(side_effect=error))
         with pytest.raises(SystemExit) as ended:
             start.start("lv_builder", [])
         (line,) = capsys.readouterr().err.splitlines()

@@ -35,7 +35,9 @@ def patient_parameters() -> str:
     """Of nodes that drop nothing, and hold no pause for a silence, however slow the machine is."""
     common = {"queue": 1000, "idle": 3.0}
     names = ("data_fusion", "lv_builder", "lv_matching", "ratslam")
-    nodes = {name: {"node": common, "order": {"wait": 600.0}} for name in names}
+    nodes: dict[str, dict[str, object]] = {
+        name: {"node": common, "order": {"wait": 600.0}} for name in names
+    }
     nodes["data_fusion"] = {"node": common, "online": PATIENT_PAIRING}
     nodes["lv_builder"] = {"node": common}
     return yaml.safe_dump(nodes)

@@ -14,9 +14,8 @@ from fusionslam.ratslam import GivenView, Look, Motion, StampOrder
 from fusionslam.ros.messages.types import VIEW_DESCRIPTION
 from fusionslam.ros.runtime import runner
 from fusionslam.ros.runtime.config import CommonConfig
-from fusionslam.ros.runtime.node import Input, Node, Timer
-from fusionslam.ros.runtime.reports import NodeReports
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.runtime.diagnostics import NodeReports
+from fusionslam.ros.runtime.node import Delivery, Input, Node, Timer
 from fusionslam.sensors.synchronizer import Synchronizer
 from rows import rows
 

@@ -13,8 +13,7 @@ from unittest.mock import MagicMock, patch
 
 import pytest
 
-from fusionslam.ros.runtime.node import Input
-from fusionslam.ros.runtime.transport import Delivery
+from fusionslam.ros.runtime.node import Delivery, Input
 from rows import rows
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -38,7 +37,8 @@ class DurabilityPolicy(enum.Enum):
 @pytest.fixture(scope="module")
 def transport() -> Iterator[Any]:
     """The module, of a stand-in for rclpy."""
-    names = ("rclpy", *THEIRS, "rclpy.subscription", "rcl_interfaces", "rcl_interfaces.msg")
+    others = ("rcl_interfaces", "rcl_interfaces.msg", "builtin_interfaces.msg")
+    names = ("rclpy", *THEIRS, "rclpy.subscription", "builtin_interfaces", *others)
     modules: dict[str, Any] = {name: MagicMock() for name in names}
     modules["rclpy.qos"] = SimpleNamespace(
         QoSProfile=SimpleNamespace,

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that train the second stage: views train shapes, comparison, places."""
+"""The commands views train and tune: networks and parameters fitted to places."""
 
+import logging
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -11,13 +13,16 @@ import typer
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep, needs_extra
+from fusionslam.cli.recordings import OpenScenes, build_recording
 from fusionslam.help_texts import counted
 from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.config import Section
     from fusionslam.learning.training_loop import Progress, Trained
-    from fusionslam.views.scene_set import SceneSet
+
+logger = logging.getLogger(__name__)
+
 
 app = typer.Typer(
     help="Train the networks of the second stage; an interrupted training resumes.",
@@ -53,8 +58,11 @@ def read_config(
     return chosen
 
 
+ReadConfig = Annotated[Callable[..., Any], read_config]
+
+
 @app.command()
-@opt.options_of(read_config=read_config)
+@opt.command
 def shapes(
     ctx: typer.Context,
     output: Folder,
@@ -70,7 +78,7 @@ def shapes(
         bool, typer.Option(help="Also use procedural shapes, which need no download.")
     ] = True,
     *,
-    read_config: Callable[..., Any],
+    read_config: ReadConfig,
 ) -> None:
     """Train features on shapes, as the thesis does: writes features.*."""
     _check_extras()
@@ -88,7 +96,7 @@ def shapes(
 
 
 @app.command()
-@opt.options_of(read_config=read_config)
+@opt.command
 def comparison(
     ctx: typer.Context,
     scenes: opt.SceneSets,
@@ -101,16 +109,19 @@ def comparison(
         opt.one_of("--shapes", names=opt.SHAPES, check=False, help="Shapes of recordings."),
     ] = None,
     *,
-    read_config: Callable[..., Any],
+    read_config: ReadConfig,
 ) -> None:
     """Train the comparison of two feature vectors on recorded places: writes comparison.*."""
     _check_extras()
     from fusionslam.learning.pair_comparison import ComparisonTrainingConfig
     from fusionslam.learning.train import Origin, train_comparison
     from fusionslam.learning.training_data import collect_places
+    from fusionslam.pipelines.recording import Recording
+    from fusionslam.pipelines.scenes import record_scenes
 
     chosen = read_config(ComparisonTrainingConfig())
-    places = collect_places([_scene_set(path, shapes) for path in scenes])
+    recordings = [Recording.at(path, shapes=shapes) for path in scenes]
+    places = collect_places([record_scenes(each.open()) for each in recordings])
     origin = Origin(opt.command_line(), ", ".join(path.name for path in scenes))
     keep(ctx, output)
     with progress() as step:
@@ -119,12 +130,12 @@ def comparison(
 
 
 @app.command()
-@opt.options_of(read_config=read_config)
+@opt.command
 def places(
     ctx: typer.Context,
     output: Folder,
     *,
-    read_config: Callable[..., Any],
+    read_config: ReadConfig,
 ) -> None:
     """Train features end to end on simulated places, with colours: writes features.*."""
     _check_extras()
@@ -149,13 +160,6 @@ def _check_extras() -> None:
     needs_extra("report", module="matplotlib")
 
 
-def _scene_set(path: Path, shapes: str | None) -> "SceneSet":
-    from fusionslam.pipelines.recording import Recording
-    from fusionslam.pipelines.scenes import record_scenes
-
-    return record_scenes(Recording.at(path, shapes=shapes).open())
-
-
 def _show_epochs(step: Step) -> "Progress":
     def show(done: int, total: int, row: Mapping[str, float]) -> None:
         figures = ", ".join(f"{name} {row[name]:.3f}" for name in row if name != "epoch")
@@ -169,3 +173,50 @@ def _report(folder: Path, trained: "Trained") -> None:
     rows = [[f"{row[name]:.4g}" for name in names] for row in trained.rows]
     print_table(names, rows)
     print(f"{folder}: {counted(len(rows), 'epoch')}, {trained.cpu_seconds:.0f} s of CPU")
+
+
+@opt.command
+def tune(
+    ctx: typer.Context,
+    scenes: opt.SceneSets,
+    output: Annotated[Path, typer.Option("--output", "-o", help="YAML for --config.")],
+    *,
+    views_config: Annotated[Callable[[], Any], partial(opt.views_config, source=None)],
+    open_scenes: OpenScenes,
+    jobs: opt.Jobs = None,
+) -> None:
+    """Search for the parameters of the similarity that recognise places best.
+
+    An interrupted call resumes where it stopped, with the same result.
+    """
+    from fusionslam.cli.view_tables import HEADS, figures, without_sensor
+    from fusionslam.pipelines.tuning import TuningState, write_tuning
+    from fusionslam.pipelines.tuning import tune as find
+
+    needs_extra("tune")
+    whole = views_config()
+    state = output.with_name(f"{output.name}.state")
+    for file in (output, state):
+        opt.check_output(file, *scenes, views_config)
+    keep(ctx, state)
+    with progress() as step:
+        sets = [open_scenes(build_recording(path), whole, step) for path in scenes]
+
+        def show(done: int, total: int, best: float) -> None:
+            step(f"tuning, best {best:.4f}", done, total)
+            logger.info("generation %d of %d: best %.6f", done, total, best)
+
+        result = find(
+            sets,
+            whole.views,
+            whole.tuning,
+            state=TuningState(state),
+            jobs=opt.cores(jobs),
+            progress=show,
+        )
+    write_tuning(output, result, whole.tuning, sets, opt.command_line())
+    rows: list[list[str]] = []
+    for each, report in zip(sets, result.reports, strict=True):
+        rows += [[each.name, *figures(report)], *without_sensor(each, report.rule_name)]
+    print_table(["", *HEADS], rows)
+    print(f"{output}: value {result.value:.4f}")

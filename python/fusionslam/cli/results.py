@@ -1,16 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command eval: stored runs against ground truth."""
+"""The commands eval and report: stored runs against ground truth, and pages of them."""
 
 import logging
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import print_summary, progress
+from fusionslam.cli.console import during, progress
+from fusionslam.cli.failures import WRITES_ALL, keep, needs_extra
 
 logger = logging.getLogger(__name__)
 
 
-@opt.options_of()
+@opt.command
 def evaluate(
     folder: opt.Results,
     gt: opt.Truth = None,
@@ -25,6 +30,7 @@ def evaluate(
 
     --set takes keys of the section evaluation.
     """
+    from fusionslam.cli.summary import print_summary
     from fusionslam.config import Section, with_settings
     from fusionslam.evaluation import EvaluationConfig
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
@@ -48,3 +54,37 @@ def evaluate(
         print(write_stored_metrics(folder, evaluations, command=command, protocol=judging))
     else:
         logger.warning("nothing could be judged: %s is kept as it was", path)
+
+
+@opt.command
+def report(
+    ctx: typer.Context,
+    folder: opt.Results,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the report; by default OUT.")
+    ] = None,
+    protocol: opt.Protocol = None,
+) -> None:
+    """Write report.html for the runs in OUT, and views.html for runs of views.
+
+    Frames are pictured if the recording is still there.
+    """
+    from fusionslam.pipelines.compare_descriptors import evaluate_stored
+    from fusionslam.pipelines.describe import run_files
+    from fusionslam.pipelines.results import load_verified, runs_folder
+    from fusionslam.report import has_view_runs, write_stored_view_report
+    from fusionslam.report.loops.stored import write_stored_report
+
+    needs_extra("report")
+    if has_view_runs(folder):
+        keep(ctx, output or folder, WRITES_ALL)
+        print(write_stored_view_report(folder, output))
+        if not (run_files(runs_folder(folder)) or load_verified(folder)):
+            return
+    with progress() as step:
+        changes = {} if protocol is None else {"protocol": protocol}
+        evaluations, _ = evaluate_stored(folder, changes, step=step)
+        keep(ctx, output or folder, WRITES_ALL)
+        with during(step, "writing the report"):
+            page = write_stored_report(folder, evaluations, output=output, protocol=protocol)
+    print(page)

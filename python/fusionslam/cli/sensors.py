@@ -1,29 +1,27 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command fuse: coloured clouds of a recording."""
+"""The commands fuse, odometry and calib-check: clouds, path and calibration of a recording."""
 
 import logging
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fusionslam.cli import options as opt
-from fusionslam.cli.console import progress
-from fusionslam.cli.failures import keep, keep_partial, needs_extra
-from fusionslam.cli.recordings import build_recording
+from fusionslam.cli.console import during, print_table, progress
+from fusionslam.cli.failures import PARTIAL, WRITES_ALL, keep, needs_extra
+from fusionslam.cli.recordings import BuildRecording
 from fusionslam.help_texts import counted
 from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
-    from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
 
 logger = logging.getLogger(__name__)
 
 
-@opt.options_of(build_recording=build_recording, pipeline_config=opt.pipeline_config)
+@opt.command
 def fuse(
     ctx: typer.Context,
     output: Annotated[
@@ -41,11 +39,11 @@ def fuse(
         ),
     ] = None,
     *,
-    build_recording: "Callable[[], Recording]",
+    build_recording: BuildRecording,
     pictures: Annotated[
         int, typer.Option("--pictures", metavar="N", min=0, help="Draw the steps of N frames.")
     ] = 0,
-    pipeline_config: "Callable[[], PipelineConfig]",
+    pipeline_config: opt.PipelineConfigOf,
     skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
 ) -> None:
@@ -77,7 +75,7 @@ def fuse(
     with progress() as step:
         show = label_progress(step, "fusing")
         if is_bag:
-            keep_partial(ctx, output)
+            keep(ctx, output, PARTIAL)
             count = write_cloud_bag(
                 recording,
                 output,
@@ -122,3 +120,90 @@ def _warn_of_missing_colors(recording: "Recording") -> None:
                 "(source cloud)",
                 recording.path,
             )
+
+
+@opt.command
+def odometry(
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="File for the poses, which must not exist."),
+    ] = Path("out/odometry.txt"),
+    format: Annotated[
+        str | None,
+        opt.one_of(
+            "--format",
+            names=opt.POSE_FORMATS,
+            help="Of the file; by default tum, and kitti for X.kitti and X_kitti.txt.",
+        ),
+    ] = None,
+    *,
+    build_recording: BuildRecording,
+    read_config: opt.ReadConfig,
+    skip_bad_frames: opt.SkipBad = False,
+    jobs: opt.Jobs = None,
+) -> None:
+    """Estimate the path of DATA from its scans, by KISS-ICP.
+
+    Poses that cannot be right are refused with the reason, and then nothing is written.
+    """
+    needs_extra("odometry")
+    from fusionslam.pipelines.frame_check import readable_frames
+    from fusionslam.pipelines.lidar_odometry import (
+        check_new_file,
+        pose_format_of,
+        track_lidar,
+    )
+
+    opt.check_output(output, build_recording, read_config)
+    check_new_file(output)
+    chosen = read_config().lidar_odometry
+    bad_frames, cores = opt.bad_frames(skip_bad_frames), opt.cores(jobs)
+    with progress() as step:
+        with during(step):
+            dataset = readable_frames(build_recording().open("cloud"), bad_frames, jobs=cores)
+        show = label_progress(step, "registering scans")
+        track = track_lidar(dataset, chosen, jobs=cores, progress=show)
+    track.save(output, format or pose_format_of(output))
+    print(f"{output}: {track}")
+    if dataset.true_poses is not None:
+        drift = track.drift(dataset.true_poses)
+        print(f"off the true poses by {drift.end:.2f} m at the end, at most {drift.largest:.2f} m")
+
+
+@opt.command
+def calib_check(
+    ctx: typer.Context,
+    output: opt.Folder = Path("out/calib-check"),
+    pictures: Annotated[
+        int, typer.Option("--pictures", min=0, help="Number of frames to draw.")
+    ] = 3,
+    *,
+    build_recording: BuildRecording,
+    read_config: opt.ReadConfig,
+    jobs: opt.Jobs = None,
+) -> None:
+    """Check that scans and images of DATA fit together.
+
+    Tries small turns, shifts and delays of the camera, and draws scans over their images.
+    """
+    from fusionslam.calibration.check import check_calibration, frames_of, write_overlays
+    from fusionslam.datasets.streams import MissingSensorError
+
+    if pictures:
+        needs_extra("report", module="matplotlib", unless="--pictures 0")
+    chosen = read_config().calib_check
+    try:
+        dataset = build_recording().open("lidar")
+    except MissingSensorError as error:
+        message = f"calib-check needs scans and left images: {error}"
+        raise MissingSensorError(message, fields=error.fields) from error
+    keep(ctx, output, WRITES_ALL)
+    with progress() as step:
+        show = label_progress(step, "finding edges")
+        check = check_calibration(dataset, chosen, show, jobs=opt.cores(jobs))
+    check.save(output / "calib_check.json")
+    paths = write_overlays(dataset, frames_of(dataset, pictures), output)
+    print_table(["what", "best", "not surely worse", "score"], check.rows())
+    print(f"{len(check.frames)} frames, {check.points} depth edges: {check.verdict}")
+    for path in (*paths, output / "calib_check.json"):
+        print(path)
