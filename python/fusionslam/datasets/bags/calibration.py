@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replaces the camera calibration of a bag by that of a calib.yaml."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,7 @@ CALIBRATED = "camera of calib.yaml"
 """The camera's frame: a name that no robot uses, so that it cannot clash with the bag's TF."""
 
 
-def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
+def apply_calibration(source: "IndexedBag", path: Path) -> None:
     """Use the cameras of a file instead of a bag's CameraInfo; its TF still places all else.
 
     ``robot_from_points`` of the file places the scanner on a robot that TF does not link to it.
@@ -31,7 +30,7 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     Images are used as they are: the projections are for images without distortion.
 
     Args:
-        source: its index is modified.
+        source: is modified.
         path: as ``read_calib_yaml`` reads it; every camera needs its ``size``.
 
     Raises:
@@ -42,14 +41,14 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     if place is not None and "points" in source.roles:
         _place_scanner(source, path, place)
     if not cameras and place is not None:
-        return source
+        return
     if "left" not in cameras:
         raise DataError(f"{path} lacks camera 'left', which the images of a bag need")
     _check_right(path, cameras)
     roles = dict(source.roles)
     for name, camera in cameras.items():
         roles[info_role(name)] = f"{path}, {name}"
-        source.index.infos[f"{path}, {name}"] = [_camera_info(path, name, camera)]
+        source.infos[f"{path}, {name}"] = [_camera_info(path, name, camera)]
     if "points" in roles:
         scanner = source.series("points").frame_id
         links = [
@@ -63,8 +62,8 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
             for name, camera in cameras.items()
             if name != "right"
         ]
-        source.index.frames.add(FrameTransforms(transforms=tuple(links)))
-    return replace(source, roles=roles)
+        source.frames.add(FrameTransforms(transforms=tuple(links)))
+    source.roles = roles
 
 
 def _frame_of(camera: str) -> str:
@@ -73,7 +72,7 @@ def _frame_of(camera: str) -> str:
 
 def _place_scanner(source: "IndexedBag", path: Path, place: Matrix) -> None:
     """Link the scanner to the robot. Raises DataError if TF links it to something else."""
-    frames, scanner = source.index.frames, source.series("points").frame_id
+    frames, scanner = source.frames, source.series("points").frame_id
     link = FrameTransform(
         stamp_ns=0,
         parent=frames.robot or ROBOT_FRAMES[0],

@@ -70,7 +70,7 @@ class BagDataset(Dataset):
         """Odometry messages if the bag has a topic of them, else TF."""
         if self.odometry_topic is not None:
             return OdometryOrigin.TOPIC
-        frames = self.source.index.frames
+        frames = self.source.frames
         return OdometryOrigin.NONE if frames.odometry is None else OdometryOrigin.TF
 
     @property
@@ -148,7 +148,7 @@ class BagDataset(Dataset):
 
     def _frame(self, index: int) -> Frame:
         scan = functools.cache(functools.partial(self._scan, index))
-        stamp_ns, robot = int(self.stamps_ns[index]), self.source.index.frames.robot
+        stamp_ns, robot = int(self.stamps_ns[index]), self.source.frames.robot
         has_points, places = self.has_points, self.matched.cameras_from_points
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
         images += [name for name, rows in self.surround.items() if rows[index] >= 0]
@@ -334,7 +334,7 @@ def _lacks_to_fuse(source: IndexedBag) -> str:
     if "right" in source.roles:
         return ""  # a stereo pair needs no TF
     try:
-        source.index.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
+        source.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
     except TransformError as error:
         return f"TF does not place the camera: {one_line(error)}"
     return ""

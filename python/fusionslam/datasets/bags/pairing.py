@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.calibration import apply_calibration
-from fusionslam.datasets.bags.index import STAMPS, index_bag
-from fusionslam.datasets.bags.indexed_bag import IndexedBag, lookup_or_none
+from fusionslam.datasets.bags.indexed_bag import STAMPS, IndexedBag, index_bag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.datasets.bags.topics import choose_topics, further_cameras
 from fusionslam.datasets.base import PosesOrigin
@@ -80,9 +79,10 @@ def _open_cached(
     bag = open_bag(path)
     roles = choose_topics(bag.topics, dict(named), str(path))
     known = [topic.name for topic in bag.topics.values() if topic.is_known]
-    index = index_bag(bag, known if everything else roles.values(), roles, stamps)
-    source = IndexedBag(bag, roles, index, stamps)
-    return source if calibration is None else apply_calibration(source, calibration)
+    source = index_bag(bag, known if everything else roles.values(), roles, stamps)
+    if calibration is not None:
+        apply_calibration(source, calibration)
+    return source
 
 
 class Matched(NamedTuple):
@@ -297,19 +297,19 @@ def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
 
     Bags often begin before their odometry: ``known`` marks the times that have a pose.
     """
-    index, found = source.index, []
-    if index.truth_frames is not None:
-        world, body = index.truth_frames
-        truth, origin = index.truth, PosesOrigin.TRUTH
+    found, frames = [], source.frames
+    if source.truth_frames is not None:
+        world, body = source.truth_frames
+        truth, origin = source.truth, PosesOrigin.TRUTH
         found.append(
             _motion(body, origin, stamps_ns, lambda stamp: truth.lookup(world, body, stamp))
         )
-    robot = index.frames.robot or ""
-    if index.frames.odometry is not None:
+    robot = frames.robot or ""
+    if frames.odometry is not None:
         # Who names one topic for both says that its odometry is the truth.
         same = source.roles.get("truth") == source.roles.get("odometry", "")
         origin = PosesOrigin.TRUTH if same else PosesOrigin.ODOMETRY
-        found.append(_motion(robot, origin, stamps_ns, index.frames.odometry_from_robot))
+        found.append(_motion(robot, origin, stamps_ns, frames.odometry_from_robot))
     found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), PosesOrigin.NONE))
     # On ties the first: ground truth.
     return max(found, key=lambda moved: 0 if moved.poses is None else len(moved.poses))

@@ -98,7 +98,7 @@ MIDDLE = START + SECOND
 def open_with_one_refused(path: Path) -> BagDataset:
     dataset = open_dataset(path)
     assert isinstance(dataset, BagDataset)
-    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert [count for count, _ in dataset.source.refused.values()] == [1]
     return dataset
 
 
