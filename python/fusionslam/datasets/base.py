@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
-from fusionslam.datasets.pose_files import check_odometry, read_poses_tum, read_timestamps
+from fusionslam.datasets.pose_files import (
+    check_same_time,
+    check_times,
+    read_poses_tum,
+    read_timestamps,
+)
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError, one_line
 from fusionslam.help_texts import counted
@@ -289,9 +294,9 @@ class FileDataset(Dataset):
             return super().motion(role)
         stamps_ns, poses = read_poses_tum(self.odometry)
         if len(self):
-            check_odometry(
-                self.odometry, stamps_ns, self.numbers, self.stamps_ns, recorded=self.recorded
-            )
+            if self.recorded is None:
+                check_times(self.odometry, stamps_ns, self.numbers, self.stamps_ns)
+            check_same_time(self.odometry, stamps_ns, self.stamps_ns)
         robots = poses @ self.body_from_robot
         return [
             Odometry(

@@ -97,6 +97,15 @@ def camera(
         return Camera(projection, rectified_from_points, size)
 
 
+def rectified_camera(
+    calibration: Calibration, number: int, rectified_from_points: NDArray[np.float64]
+) -> Camera:
+    """The camera of a number of KITTI raw or KITTI-360, with its size. Raises as ``numbers``."""
+    width, height = calibration.numbers(f"S_rect_{number:02d}", 2)
+    projection = calibration.matrix(f"P_rect_{number:02d}", 3, 4)
+    return camera(calibration.path, projection, rectified_from_points, (int(width), int(height)))
+
+
 @checked
 def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
     """Read a calib.yaml; returns its cameras by name, in the order of the file.

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset
-from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
+from fusionslam.datasets.calibration import homogeneous, read_calibration, rectified_camera
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, ROBOT_FROM_VELODYNE, find_streams
 from fusionslam.datasets.oxts import read_oxts
-from fusionslam.datasets.pose_files import match_poses, pick, read_timestamps
+from fusionslam.datasets.pose_files import match_poses, read_timestamps, stamps_of
 from fusionslam.datasets.streams import (
     Request,
     Stream,
@@ -26,7 +26,6 @@ from fusionslam.datasets.streams import (
     itself,
     named_and_linked,
     one_of,
-    regular_stamps,
     scan,
     warn_uncalibrated,
 )
@@ -50,7 +49,10 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     camera_numbers, streams = find_streams(root, "velodyne_points/data", "image_{:02d}/data")
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
-    stamps, recorded = _stamps(root, numbers, chosen)
+    # Those of the scans or, if they have none, of the first sensor that has some.
+    folders = [stream.expected(int(numbers[0])).parent.parent for stream in chosen.values()]
+    times = [folder / "timestamps.txt" for folder in folders]
+    stamps, recorded = stamps_of(numbers, times, read_timestamps)
     rectified_from_points, cameras = _calibration(root, chosen, camera_numbers)
     truth = _truth(root, request.poses, rectified_from_points, numbers, stamps, recorded)
     return FileDataset(
@@ -101,26 +103,19 @@ def _truth(
     records = None if root.name.endswith("_extract") else scan(root / OXTS, (".txt",))
     if records is None:
         return _Truth(None, None, POSE_FRAME, rectified_from_points)
-    imu_poses, velodyne_from_imu = read_oxts(records, numbers), _velodyne_from_imu(root)
-    if velodyne_from_imu is None:
+    imu_poses = read_oxts(records, numbers)
+    mounting = _calibration_file(root, "calib_imu_to_velo.txt")
+    if mounting is None:
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, None)
+    velodyne_from_imu = read_calibration(mounting).transform("R", "T")
+    with naming(mounting):
+        check_mounting("R T", velodyne_from_imu)
     if rectified_from_points is None:
         imu_from_velodyne = np.linalg.inv(velodyne_from_imu).astype(np.float64)
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, imu_from_velodyne)
     camera_from_imu = rectified_from_points @ velodyne_from_imu
     poses = camera_from_imu @ imu_poses @ np.linalg.inv(camera_from_imu)
     return _Truth(poses, root / OXTS, POSE_FRAME, rectified_from_points)
-
-
-def _velodyne_from_imu(root: Path) -> Matrix | None:
-    """Where the IMU is in the scanner's frame; None if calib_imu_to_velo.txt is missing."""
-    path = _calibration_file(root, "calib_imu_to_velo.txt")
-    if path is None:
-        return None
-    transform = read_calibration(path).transform("R", "T")
-    with naming(path):
-        check_mounting("R T", transform)
-    return transform
 
 
 def _calibration_file(root: Path, name: str) -> Path | None:
@@ -142,34 +137,6 @@ def _is_drive(path: Path) -> bool:
     return any((path / folder).is_dir() for folder in STREAM_FOLDERS)
 
 
-def _stamps(
-    root: Path, numbers: NDArray[np.int64], streams: dict[str, Stream]
-) -> tuple[NDArray[np.int64], int | None]:
-    """Stamps of the scans or, if they have none, of the first sensor that has some; their number.
-
-    The number is that of the whole drive; None without a file of stamps.
-    """
-    folders = [stream.expected(int(numbers[0])).parent.parent for stream in streams.values()]
-    paths = [folder / "timestamps.txt" for folder in folders]
-    path = find_existing(*paths)
-    if path is None:
-        return regular_stamps(numbers, str(paths[0])), None
-    times = read_timestamps(path)
-    return pick(times, numbers, path), len(times)
-
-
-def _camera(
-    cam_to_cam: Calibration, number: int, rectified_from_points: NDArray[np.float64]
-) -> Camera:
-    width, height = cam_to_cam.numbers(f"S_rect_{number:02d}", 2)
-    return camera(
-        cam_to_cam.path,
-        cam_to_cam.matrix(f"P_rect_{number:02d}", 3, 4),
-        rectified_from_points,
-        (int(width), int(height)),
-    )
-
-
 def _calibration(
     root: Path, streams: dict[str, Stream], numbers: dict[str, int]
 ) -> tuple[NDArray[np.float64] | None, dict[str, Camera]]:
@@ -184,9 +151,10 @@ def _calibration(
     cam_to_cam, velo_to_cam = found
     rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
     rectified_from_points = rectified_from_camera @ velo_to_cam.transform("R", "T")
-    used = {name: number for name, number in numbers.items() if name in streams}
     return rectified_from_points, {
-        name: _camera(cam_to_cam, number, rectified_from_points) for name, number in used.items()
+        name: rectified_camera(cam_to_cam, number, rectified_from_points)
+        for name, number in numbers.items()
+        if name in streams
     }
 
 

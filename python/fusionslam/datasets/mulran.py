@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import read_bin
-from fusionslam.datasets.pose_tables import read_matrices
+from fusionslam.datasets.pose_files import read_matrices
 from fusionslam.datasets.stamped_scans import StampedScans
 from fusionslam.datasets.streams import find_existing
 from fusionslam.storage.arrays import Matrix

@@ -4,7 +4,7 @@
 
 import functools
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -137,17 +137,13 @@ class BagDataset(Dataset):
         return sorted(found, key=lambda message: message.stamp_ns)
 
     def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        places = self.matched.cameras_from_points
-        matched = self.matched._replace(
-            rows={name: found[rows] for name, found in self.matched.rows.items()},
-            numbers=self.matched.numbers[rows],
-            cameras_from_points=None if places is None else places[rows],
-        )
         surround = {name: found[rows] for name, found in self.surround.items()}
-        return {"matched": matched, "surround": surround}
+        return {"matched": self.matched.only(rows), "surround": surround}
 
     def _frame(self, index: int) -> Frame:
-        scan = functools.cache(functools.partial(self._scan, index))
+        scan: Callable[[], Scan] = functools.cache(
+            functools.partial(self._message, "points", index)
+        )
         stamp_ns, robot = int(self.stamps_ns[index]), self.source.frames.robot
         has_points, places = self.has_points, self.matched.cameras_from_points
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
@@ -185,14 +181,8 @@ class BagDataset(Dataset):
                     cameras[name] = camera_from(info, place, self.source.roles[info_role(name)])
         return cameras
 
-    def _scan(self, index: int) -> Scan:
-        scan = self._message("points", index)
-        assert isinstance(scan, Scan)
-        return scan
-
     def _image(self, camera: str, index: int) -> NDArray[np.uint8]:
-        picture = self._message(camera, index)
-        assert isinstance(picture, Picture)
+        picture: Picture = self._message(camera, index)
         stamps_ns = self.source.series(camera).stamps_ns
         info = self.source.info_at(int(stamps_ns[self._row_of(camera, index)]), camera)
         if info is None:

@@ -31,9 +31,16 @@ def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
             has an unknown type, or x, y, z are missing or not floating point.
     """
     cells = _cells(message)
-    _check_axes(message, cells)
+    names = cells.dtype.names or ()
+    for axis in _AXES:
+        if axis not in names:
+            raise DataError(f"point fields are {', '.join(names) or 'none'}, expected x, y, z")
+        if cells[axis].dtype.kind != "f" or cells[axis].ndim != 1:
+            raise DataError(
+                f"point field '{axis}' is {cells.dtype[axis]}, expected float32 or float64"
+            )
     points = np.stack([cells[axis].astype(np.float32) for axis in _AXES], axis=1)
-    packed = next((name for name in _PACKED if name in (cells.dtype.names or ())), None)
+    packed = next((name for name in _PACKED if name in names), None)
     return Scan(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
@@ -90,17 +97,6 @@ def _record(message: Any) -> np.dtype[Any]:
     return np.dtype(
         {"names": names, "formats": single, "offsets": offsets, "itemsize": max(step, 1)}
     )
-
-
-def _check_axes(message: Any, cells: NDArray[Any]) -> None:
-    names = cells.dtype.names or ()
-    for axis in _AXES:
-        if axis not in names:
-            raise DataError(f"point fields are {', '.join(names) or 'none'}, expected x, y, z")
-        if cells[axis].dtype.kind != "f" or cells[axis].ndim != 1:
-            raise DataError(
-                f"point field '{axis}' is {cells.dtype[axis]}, expected float32 or float64"
-            )
 
 
 def _others(cells: NDArray[Any], packed: str | None) -> Iterator[tuple[str, NDArray[Any]]]:
