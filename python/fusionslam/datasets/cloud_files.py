@@ -248,8 +248,7 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     """
     require_cloud(cloud)
     path = Path(path)
-    encoders = {".bin": _encode_bin, ".pcd": _encode_pcd, ".ply": _encode_ply}
-    encode = encoders[_cloud_suffix(path)]
+    suffix = _cloud_suffix(path)
     points = _float32(cloud.points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"points have shape {points.shape}, expected (N, 3)")
@@ -258,25 +257,24 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     if cloud.intensities is not None and cloud.intensities.shape != points.shape[:1]:
         found = cloud.intensities.shape
         raise ShapeError(f"intensities have shape {found}, expected {points.shape[:1]}")
-    data = encode(Cloud(points, cloud.colors, cloud.intensities))
+    if suffix == ".bin":
+        last = np.zeros(len(points)) if cloud.intensities is None else cloud.intensities
+        data = np.column_stack([points, last]).astype("<f4").tobytes()
+    else:
+        encode = _encode_pcd if suffix == ".pcd" else _encode_ply
+        data = encode(points, cloud.colors)
     with atomic_path(path, durable=False) as temporary:
         temporary.write_bytes(data)
 
 
-def _encode_bin(cloud: Cloud) -> bytes:
-    zeros = np.zeros(len(cloud), np.float32)
-    reflectances = zeros if cloud.intensities is None else cloud.intensities
-    return np.column_stack([cloud.points, reflectances]).astype("<f4").tobytes()
-
-
-def _encode_pcd(cloud: Cloud) -> bytes:
+def _encode_pcd(points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> bytes:
     import io
 
     from pypcd4.pypcd4 import Encoding, PointCloud
 
-    columns, fields = list(cloud.points.T), ["x", "y", "z"]
-    if cloud.colors is not None:
-        columns.append(PointCloud.encode_rgb(cloud.colors))
+    columns, fields = list(points.T), ["x", "y", "z"]
+    if colors is not None:
+        columns.append(PointCloud.encode_rgb(colors))
         fields.append("rgb")
     buffer = io.BytesIO()
     pcd = PointCloud.from_points(columns, fields, [np.float32] * len(fields))
@@ -284,13 +282,13 @@ def _encode_pcd(cloud: Cloud) -> bytes:
     return buffer.getvalue()
 
 
-def _encode_ply(cloud: Cloud) -> bytes:
+def _encode_ply(points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> bytes:
     from trimesh import PointCloud
     from trimesh.exchange.ply import export_ply
 
     # trimesh cannot write a cloud that has neither points nor colours.
-    colors = cloud.colors if len(cloud) else np.empty((0, 3), dtype=np.uint8)
-    data: bytes = export_ply(PointCloud(cloud.points, colors=colors))  # type: ignore[no-untyped-call]
+    colors = colors if len(points) else np.empty((0, 3), dtype=np.uint8)
+    data: bytes = export_ply(PointCloud(points, colors=colors))  # type: ignore[no-untyped-call]
     return data
 
 

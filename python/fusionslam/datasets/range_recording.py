@@ -96,11 +96,21 @@ class RangeRecording(CloudDataset):
                 that do not match each other; the message names the file and the array.
         """
         source = Path(path)
-        arrays = _arrays(source)
-        shapes = _chosen_shapes(source, arrays, shapes)
+        with load_arrays(source, "a recording of ranges") as arrays:
+            pass
+        there = [name for name in SHAPES if f"{name}_offsets" in arrays]
+        if not there:
+            raise DataError(
+                f"{source}: expected visual_offsets or collision_offsets, found neither"
+            )
+        if shapes is not None and shapes not in there:
+            raise DataError(f"{source} has no {shapes} shapes; it has {', '.join(there)}")
+        shapes = shapes or there[0]
         seconds, offsets = _scans(source, arrays, shapes)
         points, colors = _points(source, arrays, shapes, int(offsets[-1]))
-        places = _places(source, arrays, len(seconds))
+        places = None
+        if "poses" in arrays:
+            places = _finite(source, arrays, "poses", (len(seconds), 3))
         return cls(
             kind=KIND,
             name=source.stem,
@@ -190,20 +200,6 @@ def open_recording(root: Path, request: Request) -> RangeRecording:
     return RangeRecording.open(root, request.shapes)
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    with load_arrays(path, "a recording of ranges") as arrays:
-        return arrays
-
-
-def _chosen_shapes(path: Path, arrays: dict[str, NDArray[Any]], shapes: str | None) -> str:
-    there = [name for name in SHAPES if f"{name}_offsets" in arrays]
-    if not there:
-        raise DataError(f"{path}: expected visual_offsets or collision_offsets, found neither")
-    if shapes is not None and shapes not in there:
-        raise DataError(f"{path} has no {shapes} shapes; it has {', '.join(there)}")
-    return shapes or there[0]
-
-
 def _get(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> Any:
     """Get an array and check its shape, in which -1 is any length."""
     if name not in arrays:
@@ -217,16 +213,19 @@ def _get(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[in
     return arrays[name]
 
 
-def _finite(path: Path, name: str, values: NDArray[Any]) -> Floats:
+def _finite(
+    path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]
+) -> Floats:
+    values = _get(path, arrays, name, shape)
     if not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
         raise DataError(f"{path}: {name} must be finite numbers")
-    return values.astype(np.float64)
+    return np.asarray(values, np.float64)
 
 
 def _scans(
     path: Path, arrays: dict[str, NDArray[Any]], shapes: str
 ) -> tuple[Floats, NDArray[np.int64]]:
-    seconds = _finite(path, "stamps", _get(path, arrays, "stamps", (-1,)))
+    seconds = _finite(path, arrays, "stamps", (-1,))
     if not len(seconds) or (np.diff(seconds) <= 0).any():
         raise DataError(f"{path}: stamps must increase, and there must be one")
     name = f"{shapes}_offsets"
@@ -239,8 +238,8 @@ def _scans(
 def _points(
     path: Path, arrays: dict[str, NDArray[Any]], shapes: str, count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    rays = _finite(path, "rays", _get(path, arrays, "rays", (-1, 3)))
-    origin = _finite(path, "lidar_xyz", _get(path, arrays, "lidar_xyz", (3,)))
+    rays = _finite(path, arrays, "rays", (-1, 3))
+    origin = _finite(path, arrays, "lidar_xyz", (3,))
     ray = _get(path, arrays, f"{shapes}_ray", (count,)).astype(np.int64)
     if count and (ray.min() < 0 or ray.max() >= len(rays)):
         raise DataError(f"{path}: {shapes}_ray must be below {len(rays)}, the number of rays")
@@ -249,9 +248,3 @@ def _points(
     if colors.dtype != np.uint8:
         raise DataError(f"{path}: {shapes}_rgb is {colors.dtype}, expected uint8")
     return (rays[ray] * metres[:, None] + origin).astype(np.float32), colors
-
-
-def _places(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Floats | None:
-    if "poses" not in arrays:
-        return None
-    return _finite(path, "poses", _get(path, arrays, "poses", (count, 3)))
