@@ -36,9 +36,8 @@ def describe_frames(
 
     ``only_describable`` drops unsuitable descriptors.
     """
-    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
     from fusionslam.pipelines.describe import describable
-    from fusionslam.pipelines.recording import warn_of_turns
+    from fusionslam.pipelines.recording import warn_of_mistakes
     from fusionslam.pipelines.reusable_runs import describe_recording
 
     bad_frames = opt.bad_frames(skip_bad_frames)
@@ -60,8 +59,7 @@ def describe_frames(
             step=step,
             inside=inside,
         )
-    warn_of_turns(dataset)
-    warn_of_wrong_calibration(dataset, config.fusion.source)
+    warn_of_mistakes(dataset, config.fusion.source)
     return dict(zip(names, runs, strict=True))
 
 

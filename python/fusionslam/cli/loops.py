@@ -34,10 +34,9 @@ def prove_loops(
     jobs: opt.Jobs = None,
 ) -> None:
     """Prove the loops of each descriptor, and write and print them."""
-    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.loops import loops_path
-    from fusionslam.pipelines.recording import warn_of_turns
+    from fusionslam.pipelines.recording import warn_of_mistakes
     from fusionslam.pipelines.verified_loops import (
         describe_loops,
         verify_recording,
@@ -71,8 +70,7 @@ def prove_loops(
         title = f"{name}: " if len(names) > 1 else ""
         print(f"{title}{describe_loops(run)}{left_out(run)}")
         print(path)
-    warn_of_turns(dataset)
-    warn_of_wrong_calibration(dataset, config.fusion.source)
+    warn_of_mistakes(dataset, config.fusion.source)
 
 
 @opt.options_of(

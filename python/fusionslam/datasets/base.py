@@ -73,6 +73,11 @@ class Dataset(ABC):
         body_is_camera: whether that body is a camera, z ahead and y down, instead of a robot or a
             scanner, x ahead and z up.
         poses: float64 (N, 4, 4), world_from_body, of ``poses_origin``; None if there are none.
+        origin: origin of the poses, if there are any.
+        truth_topic: topic of ground truth poses, whether or not ``poses`` come from it; None if
+            absent.
+        odometry_topic: topic of odometry messages, or name of the file of odometry; None if absent.
+        odometry_origin: origin of the frames' odometry.
         cameras: calibration by camera name; the first frame's if each frame has its own.
         gaps: numbers of the incomplete frames, which were left out.
         recorded: number of frames of the whole recording, of which some may be missing here; None
@@ -88,6 +93,10 @@ class Dataset(ABC):
     body_from_points: NDArray[np.float64] | None = None
     body_is_camera: bool = False
     poses: NDArray[np.float64] | None = None
+    origin: PosesOrigin = PosesOrigin.FILE
+    truth_topic: str | None = None
+    odometry_topic: str | None = None
+    odometry_origin: OdometryOrigin = OdometryOrigin.NONE
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     gaps: Sequence[int] = ()
     recorded: int | None = None
@@ -100,7 +109,7 @@ class Dataset(ABC):
     @property
     def poses_origin(self) -> PosesOrigin:
         """Origin of the poses."""
-        return PosesOrigin.NONE if self.poses is None else PosesOrigin.FILE
+        return PosesOrigin.NONE if self.poses is None else self.origin
 
     @property
     def true_poses(self) -> Matrix | None:
@@ -121,24 +130,9 @@ class Dataset(ABC):
             return self.body_from_points
         return np.asarray(self.body_from_points @ np.linalg.inv(robot_from_points))
 
-    @property
-    def truth_topic(self) -> str | None:
-        """Topic of ground truth poses, whether or not ``poses`` come from it; None if absent."""
-        return None
-
     def motion(self, role: str) -> list[Odometry]:
         """Messages of role "odometry" or "truth", by stamp. Raises DataError if there are none."""
         raise DataError(f"{self.name} has no {role} messages", code="no-messages", fields=(role,))
-
-    @property
-    def odometry_origin(self) -> OdometryOrigin:
-        """Origin of the frames' odometry."""
-        return OdometryOrigin.NONE
-
-    @property
-    def odometry_topic(self) -> str | None:
-        """Topic of odometry messages; None if absent."""
-        return None
 
     @property
     @abstractmethod
@@ -278,11 +272,6 @@ class FileDataset(Dataset):
     poses_file: Path | None = None
     read_scan: Callable[[Path], Cloud] = read_cloud
 
-    @property
-    def odometry_topic(self) -> str | None:
-        """Name of the file of odometry; None if absent."""
-        return None if self.odometry is None else self.odometry.name
-
     def motion(self, role: str) -> list[Odometry]:
         """The poses of the file of odometry, of the robot, by stamp; without velocities.
 
@@ -363,7 +352,11 @@ class FileDataset(Dataset):
             points=points,
             colors=colors,
             intensities=intensities,
-            images=self._images(number, cameras),
+            images={
+                name: functools.partial(self._image, name, number, cameras.get(name))
+                for name, stream in self._all_streams.items()
+                if name != "points" and number in stream.files
+            },
             cameras=cameras,
             pose=None if self.poses is None else self.poses[index],
             robot_from_points=self.robot_from_points,
@@ -382,13 +375,6 @@ class FileDataset(Dataset):
         # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
         colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
         return lambda: cloud().points, colors, lambda: cast(Floats32, cloud().intensities)
-
-    def _images(self, number: int, cameras: Mapping[str, Camera]) -> dict[str, Callable[[], Image]]:
-        return {
-            name: functools.partial(self._image, name, number, cameras.get(name))
-            for name, stream in self._all_streams.items()
-            if name != "points" and number in stream.files
-        }
 
     def _image(self, name: str, number: int, camera: Camera | None) -> Image:
         path = self._all_streams[name].files[number]

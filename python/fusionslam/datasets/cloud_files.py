@@ -113,11 +113,11 @@ def read_pcd(path: PathLike) -> Cloud:
     path = Path(path)
     with reading(path, "a PCD file with fields x, y and z"):
         _check_header(path, b"DATA ", b"")
-        _check_counts(path)
+        header, begin = _pcd_header(path)
         try:
             cloud = PointCloud.from_path(path)
         except Exception as error:  # whatever numpy and lzf make of a part of the data
-            if not _is_cut(path):
+            if not _is_cut(header, path.read_bytes()[begin:]):
                 raise
             message = "truncated: its last points are missing"
             raise DataError(message, code="truncated", fields=(str(path),)) from error
@@ -182,27 +182,27 @@ def _check_header(path: Path, last: bytes, first: bytes) -> None:
         raise DataError(message, code="bad-header", fields=(str(path),))
 
 
-def _check_counts(path: Path) -> None:
-    """Raise ValueError if a point of a PCD file has too many numbers."""
+def _pcd_header(path: Path) -> tuple[dict[bytes, list[bytes]], int]:
+    """Values of a PCD file's header by key, and where its data begin.
+
+    Raises:
+        ValueError: a point has too many numbers.
+    """
+    header: dict[bytes, list[bytes]] = {}
     with path.open("rb") as file:
         for line in islice(file, _LONGEST_HEADER):
             key, *values = line[: 20 * _MOST_VALUES].split()[: _MOST_VALUES + 2] or [b""]
             count = sum(map(int, values)) if key == b"COUNT" else len(values)
             if count > _MOST_VALUES and key in (b"FIELDS", b"SIZE", b"TYPE", b"COUNT"):
                 raise ValueError(f"{count} numbers a point, expected at most {_MOST_VALUES}")
-            if key == b"DATA":
-                return
-
-
-def _is_cut(path: Path) -> bool:
-    """Whether a PCD file that cannot be read lacks the end of its data."""
-    header: dict[bytes, list[bytes]] = {}
-    with path.open("rb") as file:
-        for line in islice(file, _LONGEST_HEADER):
-            key, *header[key] = line.split() or [b""]
+            header[key] = values
             if key == b"DATA":
                 break
-        data = file.read()
+        return header, file.tell()
+
+
+def _is_cut(header: dict[bytes, list[bytes]], data: bytes) -> bool:
+    """Whether the data of a PCD file that cannot be read lack their end."""
     with suppress(KeyError, IndexError, ValueError, struct.error):  # of a damaged header
         sizes = [int(size) for size in header[b"SIZE"]]
         counts = [int(count) for count in header.get(b"COUNT", [b"1"] * len(sizes))]

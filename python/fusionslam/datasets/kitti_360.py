@@ -78,7 +78,10 @@ def open_kitti_360(path: Path, request: Request) -> Dataset:
         expected = "a frame number and 12 numbers (row-major 3x4), with blanks between them"
         poses = _poses_of_numbers(truth, *read_matrices(truth, expected), numbers) @ TURN
     if set(chosen) & set(CAMERAS):
-        _report_fisheyes(images)
+        found = {one: len(files_in(images / one / "data_rgb", IMAGE_SUFFIXES)) for one in FISHEYES}
+        words = ", ".join(f"{count} of {name}" for name, count in found.items() if count)
+        if words:
+            logger.warning("%s: fisheye images are not read: %s", images, words)
     return FileDataset(
         kind="kitti-360",
         name=f"KITTI-360 {drive}",
@@ -195,11 +198,3 @@ def _body_from_points(folder: Path) -> Matrix | None:
     with naming(path):
         check_mounting("image_00", imu_from_camera)
     return np.asarray(TURN @ imu_from_camera @ np.linalg.inv(velodyne_from_camera))
-
-
-def _report_fisheyes(images: Path) -> None:
-    """Log how many images of the fisheye cameras are not read."""
-    counts = {name: len(files_in(images / name / "data_rgb", IMAGE_SUFFIXES)) for name in FISHEYES}
-    if sum(counts.values()):
-        found = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
-        logger.warning("%s: fisheye images are not read: %s", images, found)

@@ -39,7 +39,6 @@ from fusionslam.sensors.synchronizer import (
     stereo_synchronizer,
 )
 from fusionslam.sensors.transforms import TransformError
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
@@ -405,8 +404,12 @@ class FrameBuilder:
 
     def _assemble(self, pair: Pair, late: bool) -> Frame:
         """Frame of a pair, without odometry if only that is missing."""
-        scan = pair.item if isinstance(pair.item, Scan) else None
-        pose = self._true_pose(pair.stamp_ns, late)
+        scan, pose = pair.item if isinstance(pair.item, Scan) else None, None
+        try:
+            pose = self.robot.world_from_robot(pair.stamp_ns)
+        except TransformError as error:
+            if error.may_come and not late:
+                raise
         given = scan, _pictures(pair), self._infos, self.robot
         make = partial(
             frame_from_pair,
@@ -428,15 +431,6 @@ class FrameBuilder:
             self.still += 1
             self._log("odometry", str(error), *cause_of(error))
             return frame
-
-    def _true_pose(self, stamp_ns: int, late: bool) -> Matrix | None:
-        """Ground truth pose; None if unknown. Raises TransformError if it may become known."""
-        try:
-            return self.robot.world_from_robot(stamp_ns)
-        except TransformError as error:
-            if error.may_come and not late:
-                raise
-            return None
 
     def _give_up(self, reason: str, problem: str, *cause: str) -> None:
         self._given_up[self.sync.scans, reason] += 1

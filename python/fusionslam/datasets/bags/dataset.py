@@ -43,39 +43,16 @@ class BagDataset(Dataset):
         source: the open bag with its roles and index.
         matched: the messages of each frame.
         surround: index of each frame's image of further cameras, int64 (N); -1 where there is none.
-        origin: origin of the poses.
     """
 
     source: IndexedBag
     matched: Matched
     surround: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
-    origin: PosesOrigin
 
     @property
     def short_name(self) -> str:
         """Name of the file, whichever topics are used."""
         return self.source.bag.path.name
-
-    @property
-    def poses_origin(self) -> PosesOrigin:
-        """The given pose file, else ground truth or odometry, whichever covers more frames."""
-        return self.origin
-
-    @property
-    def truth_topic(self) -> str | None:
-        return self.source.roles.get("truth")
-
-    @property
-    def odometry_origin(self) -> OdometryOrigin:
-        """Odometry messages if the bag has a topic of them, else TF."""
-        if self.odometry_topic is not None:
-            return OdometryOrigin.TOPIC
-        frames = self.source.frames
-        return OdometryOrigin.NONE if frames.odometry is None else OdometryOrigin.TF
-
-    @property
-    def odometry_topic(self) -> str | None:
-        return self.source.roles.get("odometry")
 
     @property
     def counts(self) -> dict[str, int]:
@@ -225,6 +202,11 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
     if request.poses is not None:
         poses = match_poses(request.poses, matched.numbers, stamps_ns, recorded=recorded)
         origin = PosesOrigin.FILE
+    odometry_origin = OdometryOrigin.NONE
+    if "odometry" in source.roles:
+        odometry_origin = OdometryOrigin.TOPIC
+    elif source.frames.odometry is not None:
+        odometry_origin = OdometryOrigin.TF
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
     dataset = BagDataset(
         kind=source.bag.kind,
@@ -234,6 +216,9 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         stamps_ns=stamps_ns,
         pose_frame=moved.body or "the robot",
         origin=origin,
+        truth_topic=source.roles.get("truth"),
+        odometry_topic=source.roles.get("odometry"),
+        odometry_origin=odometry_origin,
         body_from_points=source.find_transform(moved.body, matched.points_frame, int(stamps_ns[0]))
         if has_points
         else None,
@@ -280,7 +265,15 @@ def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...
 
 def _usable(source: IndexedBag, found: tuple[str, ...]) -> tuple[str, ...]:
     """Choose those of scans and left images that can be used, and right images if possible."""
-    if {*found} >= _FUSED and (lacking := _lacks_to_fuse(source)):
+    lacking = ""
+    if {*found} >= _FUSED and source.info_at(0) is None:
+        lacking = "no CameraInfo calibrates them: topics= (--topic camera_info=/NAME) names a topic"
+    elif {*found} >= _FUSED and "right" not in source.roles:  # a stereo pair needs no TF
+        try:
+            source.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
+        except TransformError as error:
+            lacking = f"TF does not place the camera: {one_line(error)}"
+    if lacking:
         logger.warning(
             "%s: the images of %s are not used, %s; calibration= (--calib FILE) takes a calib.yaml",
             source.bag.path,
@@ -315,19 +308,6 @@ def _check_calibrated(source: IndexedBag, camera: str) -> CameraInfo:
         message = f"{source.bag.path} has no CameraInfo of {topic}: {_topics(source)}"
         raise DataError(message, code="no-camera-info", fields=(topic,))
     return info
-
-
-def _lacks_to_fuse(source: IndexedBag) -> str:
-    """Say what a bag with scans and images lacks to colour the scans; empty if nothing."""
-    if source.info_at(0) is None:
-        return "no CameraInfo calibrates them: topics= (--topic camera_info=/NAME) names a topic"
-    if "right" in source.roles:
-        return ""  # a stereo pair needs no TF
-    try:
-        source.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
-    except TransformError as error:
-        return f"TF does not place the camera: {one_line(error)}"
-    return ""
 
 
 def _topics(source: IndexedBag) -> str:

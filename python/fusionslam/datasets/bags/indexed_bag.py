@@ -198,7 +198,10 @@ class IndexedBag:
         value = restamp(raw.value(), stamp_ns)
         if isinstance(value, CameraInfo):
             infos = self.infos.setdefault(raw.topic, [])
-            if not infos or not _is_same_camera(infos[-1], value):
+            names = [each.name for each in fields(CameraInfo) if each.name != "stamp_ns"]
+            if not infos or not all(
+                np.array_equal(getattr(infos[-1], name), getattr(value, name)) for name in names
+            ):
                 infos.append(value)
         elif isinstance(value, Odometry) and is_truth and not is_motion:
             self.truth_frames = value.frame_id, value.child_frame_id
@@ -271,15 +274,6 @@ def restamp(value: Message, stamp_ns: int | None) -> Message:
         moved = (replace(each, stamp_ns=stamp_ns) for each in value.transforms)
         return FrameTransforms(transforms=tuple(moved))
     return replace(value, stamp_ns=stamp_ns)
-
-
-def _is_same_camera(first: CameraInfo, second: CameraInfo) -> bool:
-    """Whether two calibrations differ in nothing but their stamps."""
-    return all(
-        np.array_equal(getattr(first, each.name), getattr(second, each.name))
-        for each in fields(CameraInfo)
-        if each.name != "stamp_ns"
-    )
 
 
 def lookup_or_none(lookup: Callable[[], Matrix | None]) -> Matrix | None:
