@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any, Self, cast, overload
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.arrays import Floats32, Image, Matrix, Points
+from fusionslam.storage.arrays import Image, Matrix
 
 CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
@@ -344,14 +344,20 @@ class FileDataset(Dataset):
     def _frame(self, index: int) -> Frame:
         number = int(self.numbers[index])
         cameras = self.frame_cameras(number) if self.frame_cameras else self.cameras
-        points, colors, intensities = self._scan(number)
+        scan: dict[str, Any] = {}  # functions that load it
+        if self.has_points:
+            path = self.streams["points"].files[number]
+            # All from one file, which is read once.
+            cloud = functools.cache(functools.partial(self.read_scan, path))
+            scan = {"points": lambda: cloud().points, "intensities": lambda: cloud().intensities}
+            # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
+            if path.suffix.lower() != ".bin":
+                scan["colors"] = lambda: cloud().colors
         return Frame(
             index=index,
             number=number,
             stamp_ns=int(self.stamps_ns[index]),
-            points=points,
-            colors=colors,
-            intensities=intensities,
+            **scan,
             images={
                 name: functools.partial(self._image, name, number, cameras.get(name))
                 for name, stream in self._all_streams.items()
@@ -361,20 +367,6 @@ class FileDataset(Dataset):
             pose=None if self.poses is None else self.poses[index],
             robot_from_points=self.robot_from_points,
         )
-
-    def _scan(
-        self, number: int
-    ) -> tuple[
-        Callable[[], Points] | None, Callable[[], Image] | None, Callable[[], Floats32] | None
-    ]:
-        """Loaders of points, colours and intensities; all from one file, which is read once."""
-        if not self.has_points:
-            return None, None, None
-        path = self.streams["points"].files[number]
-        cloud = functools.cache(functools.partial(self.read_scan, path))
-        # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
-        colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
-        return lambda: cloud().points, colors, lambda: cast(Floats32, cloud().intensities)
 
     def _image(self, name: str, number: int, camera: Camera | None) -> Image:
         path = self._all_streams[name].files[number]

@@ -185,7 +185,10 @@ class LidarOdometry:
     def _register(self, points: Points, stamp_ns: int, seconds: Floats) -> Matrix:
         last = self._last
         gap_ns = stamp_ns - last.stamp_ns if last else NANOSECONDS
-        expected = self._predict(gap_ns)
+        # At constant velocity; none where nothing tells the velocity.
+        ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
+        part = ratio if ratio <= _LONGEST_RATIO else 0.0
+        expected: Matrix = _take_part(self.motion, np.array([part]))[0]
         # To the middle of the sweep: to its begin, errors of the velocity would build up.
         middle = (seconds.min() + seconds.max()) / 2 if len(seconds) else 0.0
         if len(seconds):
@@ -204,13 +207,6 @@ class LidarOdometry:
         until_stamp = np.array([-middle * NANOSECONDS / gap_ns])
         at_stamp: Matrix = pose @ _take_part(self.motion, until_stamp)[0]
         return at_stamp
-
-    def _predict(self, gap_ns: int) -> Matrix:
-        """The motion within a time at constant velocity; none where nothing tells the velocity."""
-        ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
-        part = ratio if ratio <= _LONGEST_RATIO else 0.0
-        expected: Matrix = _take_part(self.motion, np.array([part]))[0]
-        return expected
 
     def _follow(self, last: _RegisteredScan, scan: _RegisteredScan, expected: Matrix) -> None:
         """Take over the motion between two scans, and check it."""

@@ -12,7 +12,6 @@ from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
-from fusionslam.sensors.point_times import point_seconds
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.storage.arrays import Floats, Matrix
@@ -85,7 +84,7 @@ def frame_from_pair(
 
 
 def _seconds_of_returns(scan: Scan) -> Floats | None:
-    seconds = point_seconds(scan)
+    seconds = scan.point_seconds
     return None if seconds is None else seconds[np.isfinite(scan.points).all(axis=1)]
 
 

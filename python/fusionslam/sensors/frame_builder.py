@@ -129,21 +129,18 @@ class SurroundImages:
             newest_ns: newest stamp of all sensors.
         """
         self._first_ns = stamp_ns if self._first_ns is None else min(self._first_ns, stamp_ns)
-        return all(self._is_settled(name, stamp_ns, newest_ns) for name in self.names)
-
-    def _is_settled(self, name: str, stamp_ns: int, newest_ns: int) -> bool:
-        images = self._images[name]
-        assert self._first_ns is not None
-        last_ns = images[-1][0] if images else self._first_ns
-        if newest_ns - last_ns > self._wait_ns:
-            return True
-        chosen = self._chosen(name, stamp_ns)
-        ahead = self._reach_ns if chosen is None else abs(chosen.stamp_ns - stamp_ns)
-        if ahead == 0 and chosen is not None:
-            return True
-        if self._config.policy == "last_before":
-            ahead = 0
-        return bool(images) and last_ns > stamp_ns + ahead + self._lateness_ns
+        for name, images in self._images.items():
+            last_ns = images[-1][0] if images else self._first_ns
+            chosen = self._chosen(name, stamp_ns)
+            ahead = self._reach_ns if chosen is None else abs(chosen.stamp_ns - stamp_ns)
+            is_silent = newest_ns - last_ns > self._wait_ns
+            if is_silent or (chosen is not None and ahead == 0):
+                continue
+            if self._config.policy == "last_before":
+                ahead = 0
+            if not images or last_ns <= stamp_ns + ahead + self._lateness_ns:
+                return False
+        return True
 
     def choose(self, stamp_ns: int) -> dict[str, Picture]:
         """The images of a scan by camera, without the cameras that have none."""
@@ -318,8 +315,12 @@ class FrameBuilder:
         return frames
 
     def _synchronise(self, sensor: str, message: Scan | Picture) -> None:
-        jumps = self.sync.jumps
-        pairs = self._pair(sensor, message)
+        jumps, pairs = self.sync.jumps, []
+        if self.stereo is None or sensor not in _PAIR:
+            pairs = self.sync.add(sensor, message.stamp_ns, message)
+        else:  # left and right images pair first
+            for both in self.stereo.add(sensor, message.stamp_ns, message):
+                pairs += self.sync.add("left", both.stamp_ns, both)
         if self.sync.jumps > jumps:
             self._restart()
             # Odometry and TF that already have the new time are kept.
@@ -329,15 +330,6 @@ class FrameBuilder:
         if len(self._pending) > self.config.sync.buffer:
             self._pending.popleft()
             self._give_up(BUFFER_FULL, "too many scans wait")
-
-    def _pair(self, sensor: str, message: Scan | Picture) -> list[Pair]:
-        """Add a message and return the pairs it completes; left and right images pair first."""
-        if self.stereo is None or sensor not in _PAIR:
-            return self.sync.add(sensor, message.stamp_ns, message)
-        pairs: list[Pair] = []
-        for both in self.stereo.add(sensor, message.stamp_ns, message):
-            pairs += self.sync.add("left", both.stamp_ns, both)
-        return pairs
 
     def _move(self, message: FrameTransforms | Odometry) -> None:
         if self.robot.goes_back(message, self._jump_ns):

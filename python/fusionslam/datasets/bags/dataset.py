@@ -26,7 +26,6 @@ from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
-from fusionslam.sensors.point_times import point_seconds
 from fusionslam.sensors.transforms import TransformError
 
 logger = logging.getLogger(__name__)
@@ -132,7 +131,7 @@ class BagDataset(Dataset):
             points=(lambda: scan().points) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
             intensities=(lambda: scan().intensities) if has_points else None,
-            point_seconds=(lambda: point_seconds(scan())) if has_points else None,
+            point_seconds=(lambda: scan().point_seconds) if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index) | self._surround_cameras(index),
             pose=None if self.poses is None else self.poses[index],

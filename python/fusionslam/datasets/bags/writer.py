@@ -194,19 +194,16 @@ class BagWriter:
         partial = self._target.with_name(f"{self._target.stem}.partial{self._target.suffix}")
         if not self.count:
             return "nothing was written before"
-        if not self._is_readable():
+        is_readable = False
+        with suppress(DataError), open_bag(self._made) as bag:
+            is_readable = any(True for _ in bag.events())
+        if not is_readable:
             return "and what was written before is lost: no message had reached the disk whole"
         try:
             self._put_in_place(partial)
         except DataError as error:
             return f"and what was written before is lost: {error}"
         return f"what was written before is kept in {partial}"
-
-    def _is_readable(self) -> bool:
-        """Whether at least one message can be read."""
-        with suppress(DataError), open_bag(self._made) as bag:
-            return next(iter(bag.events()), None) is not None
-        return False
 
     @property
     def _storage(self) -> Path:
