@@ -137,8 +137,14 @@ def merged(
         if isinstance(current, Section):
             values[key] = _merge_inner(current, value, path, new_names)
         elif kind is not None and isinstance(value, Mapping):
-            if not new_names:
-                _check_names(key, where, value, current)
+            for name in () if new_names else value:
+                if name not in current:
+                    raise ConfigError(
+                        f"{path}: unknown {key.removesuffix('s')} {name!r}; "
+                        f"{_hint(name, current)}known: {', '.join(current) or 'none'}",
+                        code="unknown-name",
+                        fields=(path, name),
+                    )
             values[key] = current | {
                 name: _merge_inner(current.get(name, kind()), inner, f"{path}.{name}", new_names)
                 for name, inner in value.items()
@@ -164,20 +170,9 @@ def flatten(values: Mapping[str, Any], where: str = "") -> dict[str, Any]:
 
 def _merge_inner(current: Section, value: Any, path: str, new_names: bool) -> Section:
     if not isinstance(value, Mapping):
-        raise ConfigError(f"{path} is {value!r}, expected keys of its own: {_names(current)}")
+        known = ", ".join(type(current).model_fields)
+        raise ConfigError(f"{path} is {value!r}, expected keys of its own: {known}")
     return merged(current, value, f"{path}.", new_names=new_names)
-
-
-def _check_names(key: str, where: str, given: Mapping[str, Any], known: Collection[str]) -> None:
-    for name in given:
-        if name not in known:
-            what = key.removesuffix("s")
-            listed = ", ".join(known) or "none"
-            raise ConfigError(
-                f"{where}{key}: unknown {what} {name!r}; {_hint(name, known)}known: {listed}",
-                code="unknown-name",
-                fields=(f"{where}{key}", name),
-            )
 
 
 def _named_sections(section: Section, key: str) -> type[Section] | None:
@@ -192,25 +187,20 @@ def with_settings(section: S, settings: list[str]) -> S:
     # All at once: values that depend on each other may be invalid one at a time.
     changes: dict[str, Any] = {}
     for setting in settings:
-        keys, value = _setting(setting)
-        place = changes
-        for key in keys[:-1]:
-            if not isinstance(place.get(key), dict):
-                place[key] = {}
-            place = place[key]
+        key, equals, text = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {setting}: expected stage.key=value")
+        keys, place = key.strip().split("."), changes
+        try:
+            value = parse_yaml(text)
+        except ValueError as error:
+            raise ConfigError(f"--set {setting}: the value is no YAML: {error}") from error
+        for outer in keys[:-1]:
+            if not isinstance(place.get(outer), dict):
+                place[outer] = {}
+            place = place[outer]
         place[keys[-1]] = value
     return merged(section, changes)
-
-
-def _setting(text: str) -> tuple[list[str], Any]:
-    """Split ``stage.key=value`` into the parts of the key and the value."""
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise ConfigError(f"--set {text}: expected stage.key=value")
-    try:
-        return key.strip().split("."), parse_yaml(value)
-    except ValueError as error:
-        raise ConfigError(f"--set {text}: the value is no YAML: {error}") from error
 
 
 def with_file(section: S, path: str | Path, *, new_names: bool = False) -> S:
@@ -257,11 +247,9 @@ def limits_of(definition: FieldInfo) -> dict[str, float]:
 
 def range_of(definition: FieldInfo) -> str:
     """Format the choices or limits in a value's definition."""
-    kinds = (definition.annotation, *get_args(definition.annotation))
-    choices = next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
-    if choices:
-        return ", ".join(str(choice) for choice in choices)
-    if bool in kinds:
+    if choices := _choices(definition):
+        return ", ".join(map(str, choices))
+    if bool in (definition.annotation, *get_args(definition.annotation)):
         return "true, false"
     return ", ".join(f"{_SIGNS[name]} {limit:g}" for name, limit in limits_of(definition).items())
 
@@ -285,8 +273,7 @@ def _yaml_lines(
     for name, definition in type(section).model_fields.items():
         if only is not None and name not in only:
             continue
-        extra = definition.json_schema_extra
-        unit = extra.get("unit") if isinstance(extra, dict) else ""
+        unit = unit_of(definition)
         yield f"{indent}# {definition.description}{f' [{unit}]' if unit else ''}\n"
         inner = getattr(section, name)
         if isinstance(inner, Section) and type(inner).model_fields:
@@ -332,10 +319,6 @@ def nearest_name(value: str, choices: Collection[str]) -> str | None:
     return near[0] if near else None
 
 
-def _names(section: Section) -> str:
-    return ", ".join(type(section).model_fields)
-
-
 def _check_key(kind: type[Section], key: str, where: str = "") -> None:
     """Raise ConfigError unless a section has this key; ``where`` is the prefix in the message."""
     path, known = f"{where}{key}", list(kind.model_fields)
@@ -370,7 +353,7 @@ def _first_problem(kind: type[Section], error: ValidationError, where: str = "")
     return ConfigError(message, fields=(key,) if key else ())
 
 
-def _choices(definition: FieldInfo) -> list[str]:
-    """The texts that a field accepts; empty if it is no choice."""
+def _choices(definition: FieldInfo) -> list[Any]:
+    """The values that a field accepts; empty if it is no choice."""
     kinds = (definition.annotation, *get_args(definition.annotation))
     return [text for kind in kinds if get_origin(kind) is Literal for text in get_args(kind)]

@@ -114,10 +114,16 @@ def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
     from fusionslam.storage.machine import machine
 
     core = _check_core()
+    packages = []
+    for name in _PACKAGES:
+        try:
+            packages.append(Finding(name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            packages.append(Finding(name, f"pip install {name}", "no-package", (name,)))
     return [
         Finding("python", f"{platform.python_version()} on {platform.platform()}"),
         core,
-        *_check_packages(),
+        *packages,
         *_check_extras(missing_extras),
         Finding("cores", str(machine()["cores"])),
         *([_check_simd_level()] if core.fine else []),
@@ -140,29 +146,24 @@ def _check_core() -> Finding:
         core = import_module(_CORE)
         return Finding("core", f"fusionslam {core.__version__}, {core.__file__}")
     anew = "pip install --force-reinstall with the path of its wheel or of its sources"
-    libraries = _missing_libraries(error.path)
+    libraries: list[str] = []
+    if error.path is not None and shutil.which("ldd") is not None:
+        result = subprocess.run(["ldd", error.path], capture_output=True, text=True, check=False)
+        lines = [line for line in result.stdout.splitlines() if line.endswith("not found")]
+        # A library is listed once for each library that needs it.
+        libraries = list(dict.fromkeys(line.split()[0] for line in lines))
     if not libraries:
         return Finding("core", f"{error}: install fusionslam again, {anew}", "no-core")
-    names, packages = ", ".join(libraries), " ".join(map(_debian_package, libraries))
-    advice = f"on Debian 12 apt-get install {packages}; where these versions cannot be had, {anew}"
-    return Finding("core", f"{names} cannot be found: {advice}", "no-library", libraries)
-
-
-def _missing_libraries(path: str | None) -> list[str]:
-    """Return the shared libraries that a compiled module needs and the loader does not find."""
-    if path is None or shutil.which("ldd") is None:
-        return []
-    result = subprocess.run(["ldd", path], capture_output=True, text=True, check=False)
-    lines = [line for line in result.stdout.splitlines() if line.endswith("not found")]
-    # A library is listed once for each library that needs it.
-    return list(dict.fromkeys(line.split()[0] for line in lines))
-
-
-def _debian_package(library: str) -> str:
-    """Return the package of a shared library, whose name Debian's policy (8.1) derives from it."""
-    name, _, version = library.partition(".so.")
-    hyphen = "-" if name[-1].isdigit() else ""
-    return f"{name}{hyphen}{version}".replace("_", "-").lower()
+    packages = []
+    for library in libraries:  # Debian's policy (8.1) derives the package's name from it
+        name, _, version = library.partition(".so.")
+        hyphen = "-" if name[-1].isdigit() else ""
+        packages.append(f"{name}{hyphen}{version}".replace("_", "-").lower())
+    detail = (
+        f"{', '.join(libraries)} cannot be found: on Debian 12 apt-get install "
+        f"{' '.join(packages)}; where these versions cannot be had, {anew}"
+    )
+    return Finding("core", detail, "no-library", libraries)
 
 
 def _check_simd_level() -> Finding:
@@ -172,14 +173,6 @@ def _check_simd_level() -> Finding:
         return Finding("instructions", fusionslam.simd_level())
     except fusionslam.ConfigError as error:
         return Finding("instructions", str(error), "unknown-simd-level")
-
-
-def _check_packages() -> Iterator[Finding]:
-    for name in _PACKAGES:
-        try:
-            yield Finding(name, metadata.version(name))
-        except metadata.PackageNotFoundError:
-            yield Finding(name, f"pip install {name}", "no-package", (name,))
 
 
 def _check_extras(missing: Sequence[str]) -> Iterator[Finding]:

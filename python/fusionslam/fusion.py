@@ -186,13 +186,16 @@ def remove_ground(frame: Frame, cloud: Cloud, config: FusionConfig) -> Cloud:
     if config.ground == "none" or not len(cloud):
         return cloud
     points = _transform(cloud, frame_from_points(frame, _ground_frame(config))).points
-    kept = _above_ground(points, config)
+    if config.ground == "height":
+        default = _SCAN_GROUND_M if _is_cars(config) else _ROBOT_GROUND_M
+        height = default if config.ground_height is None else config.ground_height
+        kept = above_height(points, height, up=config.up)
+    elif config.ground == "plane":
+        kept = remove_ground_plane(points, up=config.up, config=plane_of(config))[0]
+    else:
+        kept = remove_ground_segments(points, up=config.up, config=segments_of(config))[0]
     if len(kept) == len(cloud):
-        logger.warning(
-            "frame %d: no ground found, all points are kept",
-            frame.number,
-            extra={PER_FRAME: "no ground found, all points are kept"},
-        )
+        _warn(frame, "no ground found, all points are kept")
     return subset(cloud, kept)
 
 
@@ -306,7 +309,13 @@ def _warn_of_optical(frame: Frame) -> None:
         f"{OPTICAL}: robot_from_points in a calib.yaml (--calib, or in a plain folder) and "
         "fusion.frame=robot turn it up"
     )
-    logger.warning("frame %d: %s", frame.number, text, extra={PER_FRAME: text})
+    _warn(frame, "%s", text, kind=text)
+
+
+def _warn(frame: Frame, text: str, *values: object, kind: str = "") -> None:
+    """Log a warning of a frame; commands count those of a kind, which is the text by default."""
+    extra = {PER_FRAME: kind or text}
+    logger.warning(f"frame %d: {text}", frame.number, *values, extra=extra)
 
 
 def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
@@ -330,18 +339,13 @@ def color_cameras(frame: Frame, config: FusionConfig) -> tuple[str, ...]:
         return config.cameras
     main = main_camera(frame)
     others = {*frame.cameras, *frame.images} - {main}
-    if main == "left" and _is_pair(frame):
+    left, right = frame.cameras.get("left"), frame.cameras.get("right")
+    # Where they look the same way, or nothing is known, they are a stereo pair.
+    if main == "left" and (
+        left is None or right is None or _line_of_sight(left) @ _line_of_sight(right) > _COS_45
+    ):
         others.discard("right")
     return (main, *sorted(others))
-
-
-def _is_pair(frame: Frame) -> bool:
-    """Whether left and right look the same way; as far as is known, they are a stereo pair."""
-    pair = [frame.cameras.get(name) for name in ("left", "right")]
-    if None in pair:
-        return True
-    left, right = (_line_of_sight(camera) for camera in pair if camera is not None)
-    return bool(left @ right > _COS_45)
 
 
 def _line_of_sight(camera: Camera) -> NDArray[np.float64]:
@@ -351,33 +355,14 @@ def _line_of_sight(camera: Camera) -> NDArray[np.float64]:
 
 
 def _lidar_cloud(frame: Frame, config: FusionConfig) -> Cloud:
-    scan = _scan(frame)
-    images, projections = _usable_cameras(frame, color_cameras(frame, config))
-    if len(images) == 1:
-        points, colors, kept = colorize(
-            scan.points, images[0], projections[0], interpolation=config.interpolation
-        )
-    else:
-        points, colors, kept, _, _ = colorize_all_round(
-            scan.points,
-            images,
-            projections,
-            balance=config.balance,
-            interpolation=config.interpolation,
-        )
-    return Cloud(points, colors, subset(scan, kept).intensities)
-
-
-def _usable_cameras(
-    frame: Frame, names: tuple[str, ...]
-) -> tuple[list[NDArray[np.uint8]], list[NDArray[np.float64]]]:
-    """Images and projections of cameras; one that cannot be used is left out, which is logged.
+    """The scan, coloured by its cameras; one that cannot be used is left out, which is logged.
 
     Raises:
         DataError: none can be used: that of the first one.
     """
+    scan = _scan(frame)
     images, projections, problems = [], [], []
-    for name in names:
+    for name in color_cameras(frame, config):
         try:
             image, camera = _image(frame, name), _camera(frame, name)
         except DataError as error:
@@ -393,7 +378,19 @@ def _usable_cameras(
             problem,
             extra={PER_FRAME: f"the {name} camera is left out ({problem.code})"},
         )
-    return images, projections
+    if len(images) == 1:
+        points, colors, kept = colorize(
+            scan.points, images[0], projections[0], interpolation=config.interpolation
+        )
+    else:
+        points, colors, kept, _, _ = colorize_all_round(
+            scan.points,
+            images,
+            projections,
+            balance=config.balance,
+            interpolation=config.interpolation,
+        )
+    return Cloud(points, colors, subset(scan, kept).intensities)
 
 
 def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
@@ -470,21 +467,12 @@ def _scan(frame: Frame) -> Cloud:
         (found.distant, f"lie beyond {DISTANT_M:g} m: expected metres"),
     ):
         if 2 * count > len(scan):
-            logger.warning(
-                "frame %d: %d of %d points %s",
-                frame.number,
-                count,
-                len(scan),
-                where,
-                extra={PER_FRAME: f"most points {where}"},
-            )
+            kind = f"most points {where}"
+            _warn(frame, "%d of %d points %s", count, len(scan), where, kind=kind)
     if len(valid) < len(scan):
-        logger.warning(
-            "frame %d: dropped %s with NaN or infinity",
-            frame.number,
-            counted(len(scan) - len(valid), "point"),
-            extra={PER_FRAME: "points with NaN or infinity are dropped"},
-        )
+        dropped = counted(len(scan) - len(valid), "point")
+        kind = "points with NaN or infinity are dropped"
+        _warn(frame, "dropped %s with NaN or infinity", dropped, kind=kind)
     return subset(scan, valid)
 
 
@@ -529,17 +517,6 @@ def _ground_frame(config: FusionConfig) -> CloudFrame:
     if config.frame == "odometry" and config.ground == "segments":
         return "robot"
     return config.frame
-
-
-def _above_ground(points: NDArray[np.float32], config: FusionConfig) -> NDArray[np.int64]:
-    if config.ground == "height":
-        height = config.ground_height
-        if height is None:
-            height = _SCAN_GROUND_M if _is_cars(config) else _ROBOT_GROUND_M
-        return above_height(points, height, up=config.up)
-    if config.ground == "plane":
-        return remove_ground_plane(points, up=config.up, config=plane_of(config))[0]
-    return remove_ground_segments(points, up=config.up, config=segments_of(config))[0]
 
 
 def plane_of(config: FusionConfig) -> GroundPlaneConfig:

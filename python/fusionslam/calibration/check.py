@@ -9,6 +9,7 @@ the result tells users whether their extrinsics or clocks are wrong.
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -124,9 +125,13 @@ class CalibrationCheck:
         for name, best, (low, high) in zip(TURNS, turn.degrees, turn.ranges, strict=True):
             bounds = f"{low:+.1f} .. {high:+.1f}"
             rows.append((f"turn: {name} [deg]", f"{best:+.1f}", bounds, f"{turn.score:.4f}"))
-        for name in (*SHIFTS, DELAY):
-            if name in self.curves:
-                rows.append(_row(self.curves[name]))
+        for curve in (self.curves[name] for name in (*SHIFTS, DELAY) if name in self.curves):
+            is_delay = curve.name == DELAY
+            label = "images late by [s]" if is_delay else f"shift: {curve.name} [m]"
+            digits = 3 if is_delay else 2
+            bounds = f"{curve.low:+.{digits}f} .. {curve.high:+.{digits}f}"
+            bounds += " (cannot say)" if curve.flat else ""
+            rows.append((label, f"{curve.best:+.{digits}f}", bounds, f"{curve.scores.max():.4f}"))
         return rows
 
     def save(self, path: Path) -> None:
@@ -171,8 +176,10 @@ def check_calibration(
     trials = {name: search.single(name) for name in (*TURNS, *SHIFTS, DELAY)}
     curves = {name: _curve(name, trial) for name, trial in trials.items() if trial is not None}
     present = float(search.present.scores[0])
-    remedy = _remedy(len(indices), len(recording))
-    if points >= _PLENTY and _by_chance(search.present):
+    remedy = "record more of a scene with posts, doors or furniture"
+    if len(indices) < len(recording):
+        remedy = f"try more frames (calib_check.frames, {len(recording)} at most)"
+    if points >= _PLENTY and search.present.above_chance < _PERHAPS:
         remedy = (
             f"{points} depth edges meet edges of the images no better than by chance: perhaps the "
             "extrinsics are wholly wrong, for example inverted (rectified_from_points maps points "
@@ -224,19 +231,7 @@ def _gain(trial: Trial, present: Floats) -> float:
     return float(now.errors(trial.parts[trial.best])[0])
 
 
-def _row(curve: Curve) -> tuple[str, str, str, str]:
-    unit, digits = ("s", 3) if curve.name == DELAY else ("m", 2)
-    bounds = f"{curve.low:+.{digits}f} .. {curve.high:+.{digits}f}"
-    return (
-        "images late by [s]" if curve.name == DELAY else f"shift: {curve.name} [{unit}]",
-        f"{curve.best:+.{digits}f}",
-        bounds + (" (cannot say)" if curve.flat else ""),
-        f"{curve.scores.max():.4f}",
-    )
-
-
-@dataclass(frozen=True)
-class _Better:
+class _Better(NamedTuple):
     """A change that would fit better: its score, gain in standard errors, and description."""
 
     score: float
@@ -279,18 +274,6 @@ def _verdict(
     if DELAY in curves:
         within += f", {config.delay_tolerance:g} s"
     return f"calibration fits{about}; tolerances: {within}", True
-
-
-def _by_chance(present: Trial) -> bool:
-    """Whether the score is within two standard errors of that of points anywhere, 0, or below."""
-    return float(present.errors(np.zeros(present.parts.shape[1]))[0]) > -_PERHAPS
-
-
-def _remedy(used: int, available: int) -> str:
-    """How to get more depth edges."""
-    if used < available:
-        return f"try more frames (calib_check.frames, {available} at most)"
-    return "record more of a scene with posts, doors or furniture"
 
 
 def _doubt(

@@ -191,16 +191,13 @@ class EdgeView:
             rectified_from_points: float64 (K, 4, 4), the calibrations to judge.
         """
         member = np.eye(STRIPS)[self.strips] * self.weights[:, None]
-        chunks = np.array_split(rectified_from_points, -(-len(rectified_from_points) // 128))
-        return np.concatenate([self._values(chunk) @ member for chunk in chunks])
-
-    def _values(self, rectified_from_points: Floats) -> Floats:
-        columns, rows, inside = _pixels(
-            self.points, self.camera, rectified_from_points, self.edges.shape[1:]
-        )
-        level = self.level.astype(np.int64)
+        level, scores = self.level.astype(np.int64), []
         outside = self.edges.mean(axis=(1, 2))[level]
-        return np.where(inside, self.edges[level, rows, columns], outside)
+        for chunk in np.array_split(rectified_from_points, -(-len(rectified_from_points) // 128)):
+            columns, rows, inside = _pixels(self.points, self.camera, chunk, self.edges.shape[1:])
+            values = np.where(inside, self.edges[level, rows, columns], outside)
+            scores.append(values @ member)
+        return np.concatenate(scores)
 
 
 def in_view(

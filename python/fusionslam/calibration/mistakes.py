@@ -10,13 +10,13 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.calibration.edges import EdgeView, depth_edges, edge_map, in_view
-from fusionslam.calibration.search import CalibrationCheckConfig, Trial, sensor_data
+from fusionslam.calibration.edges import edge_map
+from fusionslam.calibration.search import CalibrationCheckConfig, Trial, edge_view, sensor_data
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import inverse
 from fusionslam.sensors.frame import Camera
@@ -36,10 +36,6 @@ _SURE = 4.0
 """Standard errors by which the score of a remedy exceeds that of chance."""
 
 
-def _invert(camera: Camera) -> Camera:
-    return replace(camera, rectified_from_points=inverse(camera.rectified_from_points))
-
-
 def _scale(camera: Camera, factor: float) -> Camera:
     projection = camera.projection.copy()
     projection[:2] *= factor
@@ -48,7 +44,9 @@ def _scale(camera: Camera, factor: float) -> Camera:
 
 _REMEDIES: dict[str, Callable[[Camera], Camera]] = {
     "by the inverse of rectified_from_points: does it map points of the camera to the scan? "
-    "Expected points of the scan to the camera": _invert,
+    "Expected points of the scan to the camera": (
+        lambda camera: replace(camera, rectified_from_points=inverse(camera.rectified_from_points))
+    ),
     "by twice the focal length and centre: are they for images of half the size?": (
         lambda camera: _scale(camera, 2)
     ),
@@ -75,7 +73,7 @@ def warn_of_wrong_calibration(dataset: "Dataset", source: str) -> None:
     for row in np.unique(np.linspace(0, max(len(dataset) - 1, 0), count).astype(int)).tolist():
         with suppress(FusionSlamError, ValueError):  # who uses the frame says what is wrong
             points, image, camera = sensor_data(dataset, row, dataset[row])
-            seen.append(_Seen(points, edge_map(image, config.reach), camera))
+            seen.append((points, edge_map(image, config.reach), camera))
     present, _ = _score(seen, lambda camera: camera, config)
     if present >= _MEETS:
         return
@@ -90,27 +88,21 @@ def warn_of_wrong_calibration(dataset: "Dataset", source: str) -> None:
             return
 
 
-class _Seen(NamedTuple):
-    points: NDArray[np.float32]
-    edges: NDArray[np.float32]
-    """Of the image: ``edge_map``."""
-    camera: Camera
-
-
 def _score(
-    seen: list[_Seen], change: Callable[[Camera], Camera], config: CalibrationCheckConfig
+    seen: list[tuple[NDArray[np.float32], NDArray[np.float32], Camera]],
+    change: Callable[[Camera], Camera],
+    config: CalibrationCheckConfig,
 ) -> tuple[float, float]:
-    """Score, -1 to 1, of a changed calibration, and by how many standard errors it exceeds 0."""
+    """Score, -1 to 1, of a changed calibration, and by how many standard errors it exceeds 0.
+
+    ``seen`` are points of scans, edges of their images, and their cameras.
+    """
     views = []
     for points, edges, present in seen:
         with suppress(FusionSlamError):  # extrinsics whose inverse is farther away than may be
-            camera = change(present)
-            inside = in_view(points, camera, edges.shape[1:])
-            found = depth_edges(inside, -camera.rectified_from_points[1, :3], config.jump)
-            views.append(EdgeView.of(*found, edges, camera, config.points))
+            views.append(edge_view(points, edges, change(present), config))
     if sum(len(view.points) for view in views) < _FEWEST:
         return 0.0, 0.0
     parts = [view.scores(view.camera.rectified_from_points[None]) for view in views]
-    weight = sum(float(view.weights.sum()) for view in views)
-    trial = Trial(np.zeros(1), np.concatenate(parts, axis=1), weight)
-    return float(trial.scores[0]), -float(trial.errors(np.zeros(trial.parts.shape[1]))[0])
+    trial = Trial.of(np.zeros(1), parts, views)
+    return float(trial.scores[0]), trial.above_chance

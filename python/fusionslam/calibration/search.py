@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scores many calibrations of a recording: rotations, translations and delays of its camera."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -72,22 +72,15 @@ class Site:
         self._recording, self._index, self._config = recording, index, config
         self._frame = recording[index]
         points, image, self.camera = sensor_data(recording, index, self._frame)
-        points = in_view(points, self.camera, image.shape)
-        self._edges = depth_edges(points, -self.camera.rectified_from_points[1, :3], config.jump)
-        self.view = self._view(image)
+        self.view = edge_view(points, edge_map(image, config.reach), self.camera, config)
         self.stamp_ns = self._frame.stamp_ns
-
-    def _view(self, image: NDArray[np.uint8]) -> EdgeView:
-        edges = edge_map(image, self._config.reach)
-        return EdgeView.of(*self._edges, edges, self.camera, self._config.points)
 
     def other_image(self, steps: int) -> Floats | None:
         """(STRIPS,) scores on the image ``steps`` frames later; None if there is none."""
         if not 0 <= self._index + steps < len(self._recording):
             return None
         image = self._recording[self._index + steps].images[CAMERA]
-        edges = edge_map(image, self._config.reach)
-        view = replace(self.view, edges=edges)
+        view = replace(self.view, edges=edge_map(image, self._config.reach))
         return np.asarray(view.scores(self.camera.rectified_from_points[None])[0])
 
     @cached_property
@@ -109,17 +102,23 @@ class Site:
             if not 0 <= index < len(self._recording):
                 continue
             frame = self._frame if index == self._index else self._recording[index]
-            if (known := _pose_of(self._recording, frame)) is None:
+            # Odometry if there is any, else ground truth.
+            body_from_points = self._recording.body_from_points
+            if frame.odometry is not None and frame.robot_from_points is not None:
+                world_from_body, body_from_points = frame.odometry, frame.robot_from_points
+            elif frame.pose is not None and body_from_points is not None:
+                world_from_body = frame.pose
+            else:
                 return None
             tree.add(
                 FrameTransform(
                     stamp_ns=frame.stamp_ns,
                     parent=_WORLD,
                     child=_BODY,
-                    parent_from_child=known[0],
+                    parent_from_child=world_from_body,
                 )
             )
-            place = known[1] if index == self._index else place
+            place = body_from_points if index == self._index else place
         return None if place is None else (tree, place)
 
     def calibration_at(self, delay_ns: int) -> Floats:
@@ -129,15 +128,6 @@ class Site:
         then, now = (tree.lookup(_WORLD, _BODY, self.stamp_ns - d) for d in (delay_ns, 0))
         moved = np.linalg.inv(then @ body_from_points) @ now @ body_from_points
         return np.asarray(self.camera.rectified_from_points @ moved)
-
-
-def _pose_of(recording: Recording, frame: Frame) -> tuple[Floats, Floats] | None:
-    """world_from_body and body_from_points from odometry if there is any, else ground truth."""
-    if frame.odometry is not None and frame.robot_from_points is not None:
-        return frame.odometry, frame.robot_from_points
-    if frame.pose is not None and recording.body_from_points is not None:
-        return frame.pose, recording.body_from_points
-    return None
 
 
 def sensor_data(
@@ -156,6 +146,18 @@ def sensor_data(
     return frame.points, frame.images[CAMERA], frame.cameras[CAMERA]
 
 
+def edge_view(
+    points: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    camera: Camera,
+    config: CalibrationCheckConfig,
+) -> EdgeView:
+    """The depth edges of a scan, float32 (N, 3), on the ``edge_map`` of an image, by a camera."""
+    seen = in_view(points, camera, edges.shape[1:])
+    found = depth_edges(seen, -camera.rectified_from_points[1, :3], config.jump)
+    return EdgeView.of(*found, edges, camera, config.points)
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """Scores of K calibrations.
@@ -169,6 +171,12 @@ class Trial:
     values: Floats
     parts: Floats
     weight: float
+
+    @classmethod
+    def of(cls, values: Floats, parts: Sequence[Floats], views: Iterable[EdgeView]) -> "Trial":
+        """Join the scores of some frames, (K, STRIPS) each, and the weights of their views."""
+        weight = sum(float(view.weights.sum()) for view in views)
+        return cls(values, np.concatenate(parts, axis=1), weight)
 
     @property
     def scores(self) -> Floats:
@@ -186,6 +194,11 @@ class Trial:
         spread = difference.std(axis=1, ddof=1) * np.sqrt(self.parts.shape[1])
         gain = difference.sum(axis=1)
         return np.asarray(np.divide(gain, spread, out=np.zeros_like(gain), where=spread > 0))
+
+    @property
+    def above_chance(self) -> float:
+        """Standard errors by which the first score exceeds that of points anywhere, 0."""
+        return -float(self.errors(np.zeros(self.parts.shape[1]))[0])
 
     @property
     def plausible(self) -> NDArray[np.bool_]:
@@ -241,7 +254,8 @@ class Search:
     def single(self, name: str) -> Trial | None:
         """Try one angle (deg), shift (m) or the delay (s) alone; None for an unknown delay."""
         if name == DELAY:
-            return self._delays()
+            still = any(site.motion is None for site in self._sites)
+            return self._delays_by_images() if still else self._delays_by_motion()
         kinds, change = (TURNS, camera_turns) if name in TURNS else (SHIFTS, camera_shifts)
         largest = self._config.turn if name in TURNS else self._config.shift
         step = self._config.turn_step / _FINER if name in TURNS else largest / _STEPS
@@ -251,12 +265,9 @@ class Search:
 
     def _score(self, values: Floats, changes: Floats) -> Trial:
         parts = [s.view.scores(changes @ s.camera.rectified_from_points) for s in self._sites]
-        return _trial(values, parts, self._sites)
+        return Trial.of(values, parts, [site.view for site in self._sites])
 
-    def _delays(self) -> Trial | None:
-        """Try delays by the robot's motion, else by the images of neighbouring frames."""
-        if any(site.motion is None for site in self._sites):
-            return self._delays_by_images()
+    def _delays_by_motion(self) -> Trial:
         values = _line(self._config.delay, self._config.delay / _STEPS)
         parts = [
             site.view.scores(
@@ -264,7 +275,7 @@ class Search:
             )
             for site in self._sites
         ]
-        return _trial(values, parts, self._sites)
+        return Trial.of(values, parts, [site.view for site in self._sites])
 
     def _delays_by_images(self) -> Trial | None:
         period = self._sites[0].period
@@ -276,12 +287,7 @@ class Search:
             return None
         values = np.array(steps) * period
         parts = [np.stack([p for p in parts if p is not None]) for _, parts in whole]
-        return _trial(values, parts, [site for site, _ in whole])
-
-
-def _trial(values: Floats, parts: Sequence[Floats], sites: Sequence[Site]) -> Trial:
-    weight = sum(float(site.view.weights.sum()) for site in sites)
-    return Trial(values, np.concatenate(parts, axis=1), weight)
+        return Trial.of(values, parts, [site.view for site, _ in whole])
 
 
 def _line(largest: float, step: float) -> Floats:

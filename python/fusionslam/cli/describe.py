@@ -40,9 +40,8 @@ def describe_frames(
 
     ``only_describable`` drops unsuitable descriptors.
     """
-    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
     from fusionslam.pipelines.describe import describable
-    from fusionslam.pipelines.recording import warn_of_turns
+    from fusionslam.pipelines.recording import warn_of_mistakes
     from fusionslam.pipelines.reusable_runs import describe_recording
 
     bad_frames = opt.bad_frames(skip_bad_frames)
@@ -63,8 +62,7 @@ def describe_frames(
             step=step,
             inside=inside,
         )
-    warn_of_turns(dataset)
-    warn_of_wrong_calibration(dataset, config.fusion.source)
+    warn_of_mistakes(dataset, config.fusion.source)
     return dict(zip(names, runs, strict=True))
 
 
@@ -109,10 +107,9 @@ def prove_loops(
     jobs: opt.Jobs = None,
 ) -> None:
     """Prove the loops of each descriptor, and write and print them."""
-    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.loops import loops_path
-    from fusionslam.pipelines.recording import warn_of_turns
+    from fusionslam.pipelines.recording import warn_of_mistakes
     from fusionslam.pipelines.verified_loops import (
         describe_loops,
         verify_recording,
@@ -144,8 +141,7 @@ def prove_loops(
         title = f"{name}: " if len(names) > 1 else ""
         print(f"{title}{describe_loops(run)}{left_out(run)}")
         print(path)
-    warn_of_turns(dataset)
-    warn_of_wrong_calibration(dataset, config.fusion.source)
+    warn_of_mistakes(dataset, config.fusion.source)
 
 
 @opt.command

@@ -137,10 +137,13 @@ def open_dataset(
     root = _root(path)
     _one_of("gaps", gaps, GAPS)
     _one_of("without_pose", without_pose, WITHOUT_POSE)
-    name = None if sequence is None else str(sequence)
+    if sensors is not None:
+        sensors = [sensors] if isinstance(sensors, str) else list(sensors)
+        for name in sensors or [""]:
+            _one_of("sensors", name, SENSORS)
     request = Request(
-        name,
-        _sensors(sensors),
+        None if sequence is None else str(sequence),
+        sensors,
         gaps,
         Path(poses) if poses else None,
         topics or {},
@@ -228,34 +231,18 @@ def _kind(root: Path, name: str | None) -> Kind:
     recognised = next((kind for kind in possible if kind.recognises(root)), None)
     if recognised is None:
         looked_for = "; ".join(f"{kind.name}: {kind.layout}" for kind in KINDS.values())
-        inner = next((path for path in entries(root) if _is_recording(path)), None)
+        inner = None
+        for path in entries(root):
+            with suppress(OSError):  # of a folder that cannot be read
+                if path.is_dir() and any(kind.recognises(path) for kind in KINDS.values()):
+                    inner = path
+                    break
         near = "" if inner is None else f", but {inner} is one"
         unread = [problem for sensor in SENSORS for problem in unread_files(root, sensor)]
-        message = "; ".join(
-            [
-                f"{root} is no recording that is known here{near}",
-                *unread,
-                f"looked for {looked_for}",
-            ]
-        )
+        parts = [f"{root} is no recording that is known here{near}", *unread]
+        message = "; ".join([*parts, f"looked for {looked_for}"])
         raise DataError(message, code="no-recording", fields=(str(root),))
     return recognised
-
-
-def _is_recording(path: Path) -> bool:
-    """Tell whether a folder has the layout of a recording; not of one that cannot be read."""
-    with suppress(OSError):
-        return path.is_dir() and any(kind.recognises(path) for kind in KINDS.values())
-    return False
-
-
-def _sensors(names: Sequence[str] | None) -> Sequence[str] | None:
-    if names is None:
-        return None
-    names = [names] if isinstance(names, str) else list(names)
-    for name in names or [""]:
-        _one_of("sensors", name, SENSORS)
-    return names
 
 
 def _one_of(key: str, value: str, values: Collection[str]) -> None:

@@ -9,20 +9,25 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any, Self, cast, overload
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
-from fusionslam.datasets.pose_files import check_odometry, read_poses_tum, read_timestamps
+from fusionslam.datasets.pose_files import (
+    check_same_time,
+    check_times,
+    read_poses_tum,
+    read_timestamps,
+)
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError, one_line
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.arrays import Floats32, Image, Matrix, Points
+from fusionslam.storage.arrays import Image, Matrix
 
 CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
@@ -68,6 +73,11 @@ class Dataset(ABC):
         body_is_camera: whether that body is a camera, z ahead and y down, instead of a robot or a
             scanner, x ahead and z up.
         poses: float64 (N, 4, 4), world_from_body, of ``poses_origin``; None if there are none.
+        origin: origin of the poses, if there are any.
+        truth_topic: topic of ground truth poses, whether or not ``poses`` come from it; None if
+            absent.
+        odometry_topic: topic of odometry messages, or name of the file of odometry; None if absent.
+        odometry_origin: origin of the frames' odometry.
         cameras: calibration by camera name; the first frame's if each frame has its own.
         gaps: numbers of the incomplete frames, which were left out.
         recorded: number of frames of the whole recording, of which some may be missing here; None
@@ -83,6 +93,10 @@ class Dataset(ABC):
     body_from_points: NDArray[np.float64] | None = None
     body_is_camera: bool = False
     poses: NDArray[np.float64] | None = None
+    origin: PosesOrigin = PosesOrigin.FILE
+    truth_topic: str | None = None
+    odometry_topic: str | None = None
+    odometry_origin: OdometryOrigin = OdometryOrigin.NONE
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     gaps: Sequence[int] = ()
     recorded: int | None = None
@@ -95,7 +109,7 @@ class Dataset(ABC):
     @property
     def poses_origin(self) -> PosesOrigin:
         """Origin of the poses."""
-        return PosesOrigin.NONE if self.poses is None else PosesOrigin.FILE
+        return PosesOrigin.NONE if self.poses is None else self.origin
 
     @property
     def true_poses(self) -> Matrix | None:
@@ -116,24 +130,9 @@ class Dataset(ABC):
             return self.body_from_points
         return np.asarray(self.body_from_points @ np.linalg.inv(robot_from_points))
 
-    @property
-    def truth_topic(self) -> str | None:
-        """Topic of ground truth poses, whether or not ``poses`` come from it; None if absent."""
-        return None
-
     def motion(self, role: str) -> list[Odometry]:
         """Messages of role "odometry" or "truth", by stamp. Raises DataError if there are none."""
         raise DataError(f"{self.name} has no {role} messages", code="no-messages", fields=(role,))
-
-    @property
-    def odometry_origin(self) -> OdometryOrigin:
-        """Origin of the frames' odometry."""
-        return OdometryOrigin.NONE
-
-    @property
-    def odometry_topic(self) -> str | None:
-        """Topic of odometry messages; None if absent."""
-        return None
 
     @property
     @abstractmethod
@@ -273,11 +272,6 @@ class FileDataset(Dataset):
     poses_file: Path | None = None
     read_scan: Callable[[Path], Cloud] = read_cloud
 
-    @property
-    def odometry_topic(self) -> str | None:
-        """Name of the file of odometry; None if absent."""
-        return None if self.odometry is None else self.odometry.name
-
     def motion(self, role: str) -> list[Odometry]:
         """The poses of the file of odometry, of the robot, by stamp; without velocities.
 
@@ -289,9 +283,9 @@ class FileDataset(Dataset):
             return super().motion(role)
         stamps_ns, poses = read_poses_tum(self.odometry)
         if len(self):
-            check_odometry(
-                self.odometry, stamps_ns, self.numbers, self.stamps_ns, recorded=self.recorded
-            )
+            if self.recorded is None:
+                check_times(self.odometry, stamps_ns, self.numbers, self.stamps_ns)
+            check_same_time(self.odometry, stamps_ns, self.stamps_ns)
         robots = poses @ self.body_from_robot
         return [
             Odometry(
@@ -350,40 +344,29 @@ class FileDataset(Dataset):
     def _frame(self, index: int) -> Frame:
         number = int(self.numbers[index])
         cameras = self.frame_cameras(number) if self.frame_cameras else self.cameras
-        points, colors, intensities = self._scan(number)
+        scan: dict[str, Any] = {}  # functions that load it
+        if self.has_points:
+            path = self.streams["points"].files[number]
+            # All from one file, which is read once.
+            cloud = functools.cache(functools.partial(self.read_scan, path))
+            scan = {"points": lambda: cloud().points, "intensities": lambda: cloud().intensities}
+            # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
+            if path.suffix.lower() != ".bin":
+                scan["colors"] = lambda: cloud().colors
         return Frame(
             index=index,
             number=number,
             stamp_ns=int(self.stamps_ns[index]),
-            points=points,
-            colors=colors,
-            intensities=intensities,
-            images=self._images(number, cameras),
+            **scan,
+            images={
+                name: functools.partial(self._image, name, number, cameras.get(name))
+                for name, stream in self._all_streams.items()
+                if name != "points" and number in stream.files
+            },
             cameras=cameras,
             pose=None if self.poses is None else self.poses[index],
             robot_from_points=self.robot_from_points,
         )
-
-    def _scan(
-        self, number: int
-    ) -> tuple[
-        Callable[[], Points] | None, Callable[[], Image] | None, Callable[[], Floats32] | None
-    ]:
-        """Loaders of points, colours and intensities; all from one file, which is read once."""
-        if not self.has_points:
-            return None, None, None
-        path = self.streams["points"].files[number]
-        cloud = functools.cache(functools.partial(self.read_scan, path))
-        # Only reading a .ply or .pcd tells whether it has colours; Frame passes None on.
-        colors = None if path.suffix.lower() == ".bin" else lambda: cast(Image, cloud().colors)
-        return lambda: cloud().points, colors, lambda: cast(Floats32, cloud().intensities)
-
-    def _images(self, number: int, cameras: Mapping[str, Camera]) -> dict[str, Callable[[], Image]]:
-        return {
-            name: functools.partial(self._image, name, number, cameras.get(name))
-            for name, stream in self._all_streams.items()
-            if name != "points" and number in stream.files
-        }
 
     def _image(self, name: str, number: int, camera: Camera | None) -> Image:
         path = self._all_streams[name].files[number]

@@ -97,6 +97,15 @@ def camera(
         return Camera(projection, rectified_from_points, size)
 
 
+def rectified_camera(
+    calibration: Calibration, number: int, rectified_from_points: NDArray[np.float64]
+) -> Camera:
+    """The camera of a number of KITTI raw or KITTI-360, with its size. Raises as ``numbers``."""
+    width, height = calibration.numbers(f"S_rect_{number:02d}", 2)
+    projection = calibration.matrix(f"P_rect_{number:02d}", 3, 4)
+    return camera(calibration.path, projection, rectified_from_points, (int(width), int(height)))
+
+
 @checked
 def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
     """Read a calib.yaml; returns its cameras by name, in the order of the file.
@@ -109,9 +118,23 @@ def read_calib_yaml(path: PathLike) -> dict[str, Camera]:
         DataError: the file is missing or not YAML, a key is unknown or missing, or a value has
             the wrong shape; or a camera's name cannot be that of a folder.
     """
-    path, entries = Path(path), _calib_yaml(Path(path))
-    cameras = {name: entry for name, entry in entries.items() if name != ON_ROBOT}
-    return {name: _yaml_camera(path, name, entry) for name, entry in cameras.items()}
+    path, cameras = Path(path), {}
+    for name, value in _calib_yaml(path).items():
+        if name == ON_ROBOT:
+            continue
+        entry = {"rectified_from_points": np.eye(4), **_mapping(path, name, value, CAMERA_KEYS)}
+        if "projection" not in entry:
+            raise DataError(f"{path}: {name} lacks projection (12 numbers)")
+        size = None
+        if "size" in entry:
+            width, height = _array(path, f"{name}.size", entry["size"], (2,))
+            size = (int(width), int(height))
+        projection, transform = (
+            _array(path, f"{name}.{key}", entry[key], shape)
+            for key, shape in (("projection", (3, 4)), ("rectified_from_points", (4, 4)))
+        )
+        cameras[name] = camera(path, projection, transform, size)
+    return cameras
 
 
 def read_place_on_robot(path: PathLike) -> NDArray[np.float64] | None:
@@ -143,23 +166,6 @@ def _calib_yaml(path: Path) -> dict[str, Any]:
                 fields=(str(path), name),
             )
     return entries
-
-
-def _yaml_camera(path: Path, name: str, entry: Any) -> Camera:
-    entry = _mapping(path, name, entry, CAMERA_KEYS)
-    if "projection" not in entry:
-        raise DataError(f"{path}: {name} lacks projection (12 numbers)")
-    size = None
-    if "size" in entry:
-        width, height = _array(path, f"{name}.size", entry["size"], (2,))
-        size = (int(width), int(height))
-    transform = entry.get("rectified_from_points", np.eye(4))
-    return camera(
-        path,
-        _array(path, f"{name}.projection", entry["projection"], (3, 4)),
-        _array(path, f"{name}.rectified_from_points", transform, (4, 4)),
-        size,
-    )
 
 
 def _mapping(path: Path, name: str, value: Any, keys: tuple[str, ...] | None) -> dict[str, Any]:

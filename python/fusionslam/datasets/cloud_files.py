@@ -113,11 +113,11 @@ def read_pcd(path: PathLike) -> Cloud:
     path = Path(path)
     with reading(path, "a PCD file with fields x, y and z"):
         _check_header(path, b"DATA ", b"")
-        _check_counts(path)
+        header, begin = _pcd_header(path)
         try:
             cloud = PointCloud.from_path(path)
         except Exception as error:  # whatever numpy and lzf make of a part of the data
-            if not _is_cut(path):
+            if not _is_cut(header, path.read_bytes()[begin:]):
                 raise
             message = "truncated: its last points are missing"
             raise DataError(message, code="truncated", fields=(str(path),)) from error
@@ -182,27 +182,27 @@ def _check_header(path: Path, last: bytes, first: bytes) -> None:
         raise DataError(message, code="bad-header", fields=(str(path),))
 
 
-def _check_counts(path: Path) -> None:
-    """Raise ValueError if a point of a PCD file has too many numbers."""
+def _pcd_header(path: Path) -> tuple[dict[bytes, list[bytes]], int]:
+    """Values of a PCD file's header by key, and where its data begin.
+
+    Raises:
+        ValueError: a point has too many numbers.
+    """
+    header: dict[bytes, list[bytes]] = {}
     with path.open("rb") as file:
         for line in islice(file, _LONGEST_HEADER):
             key, *values = line[: 20 * _MOST_VALUES].split()[: _MOST_VALUES + 2] or [b""]
             count = sum(map(int, values)) if key == b"COUNT" else len(values)
             if count > _MOST_VALUES and key in (b"FIELDS", b"SIZE", b"TYPE", b"COUNT"):
                 raise ValueError(f"{count} numbers a point, expected at most {_MOST_VALUES}")
-            if key == b"DATA":
-                return
-
-
-def _is_cut(path: Path) -> bool:
-    """Whether a PCD file that cannot be read lacks the end of its data."""
-    header: dict[bytes, list[bytes]] = {}
-    with path.open("rb") as file:
-        for line in islice(file, _LONGEST_HEADER):
-            key, *header[key] = line.split() or [b""]
+            header[key] = values
             if key == b"DATA":
                 break
-        data = file.read()
+        return header, file.tell()
+
+
+def _is_cut(header: dict[bytes, list[bytes]], data: bytes) -> bool:
+    """Whether the data of a PCD file that cannot be read lack their end."""
     with suppress(KeyError, IndexError, ValueError, struct.error):  # of a damaged header
         sizes = [int(size) for size in header[b"SIZE"]]
         counts = [int(count) for count in header.get(b"COUNT", [b"1"] * len(sizes))]
@@ -248,8 +248,7 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     """
     require_cloud(cloud)
     path = Path(path)
-    encoders = {".bin": _encode_bin, ".pcd": _encode_pcd, ".ply": _encode_ply}
-    encode = encoders[_cloud_suffix(path)]
+    suffix = _cloud_suffix(path)
     points = _float32(cloud.points)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"points have shape {points.shape}, expected (N, 3)")
@@ -258,25 +257,24 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     if cloud.intensities is not None and cloud.intensities.shape != points.shape[:1]:
         found = cloud.intensities.shape
         raise ShapeError(f"intensities have shape {found}, expected {points.shape[:1]}")
-    data = encode(Cloud(points, cloud.colors, cloud.intensities))
+    if suffix == ".bin":
+        last = np.zeros(len(points)) if cloud.intensities is None else cloud.intensities
+        data = np.column_stack([points, last]).astype("<f4").tobytes()
+    else:
+        encode = _encode_pcd if suffix == ".pcd" else _encode_ply
+        data = encode(points, cloud.colors)
     with atomic_path(path, durable=False) as temporary:
         temporary.write_bytes(data)
 
 
-def _encode_bin(cloud: Cloud) -> bytes:
-    zeros = np.zeros(len(cloud), np.float32)
-    reflectances = zeros if cloud.intensities is None else cloud.intensities
-    return np.column_stack([cloud.points, reflectances]).astype("<f4").tobytes()
-
-
-def _encode_pcd(cloud: Cloud) -> bytes:
+def _encode_pcd(points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> bytes:
     import io
 
     from pypcd4.pypcd4 import Encoding, PointCloud
 
-    columns, fields = list(cloud.points.T), ["x", "y", "z"]
-    if cloud.colors is not None:
-        columns.append(PointCloud.encode_rgb(cloud.colors))
+    columns, fields = list(points.T), ["x", "y", "z"]
+    if colors is not None:
+        columns.append(PointCloud.encode_rgb(colors))
         fields.append("rgb")
     buffer = io.BytesIO()
     pcd = PointCloud.from_points(columns, fields, [np.float32] * len(fields))
@@ -284,13 +282,13 @@ def _encode_pcd(cloud: Cloud) -> bytes:
     return buffer.getvalue()
 
 
-def _encode_ply(cloud: Cloud) -> bytes:
+def _encode_ply(points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> bytes:
     from trimesh import PointCloud
     from trimesh.exchange.ply import export_ply
 
     # trimesh cannot write a cloud that has neither points nor colours.
-    colors = cloud.colors if len(cloud) else np.empty((0, 3), dtype=np.uint8)
-    data: bytes = export_ply(PointCloud(cloud.points, colors=colors))  # type: ignore[no-untyped-call]
+    colors = colors if len(points) else np.empty((0, 3), dtype=np.uint8)
+    data: bytes = export_ply(PointCloud(points, colors=colors))  # type: ignore[no-untyped-call]
     return data
 
 

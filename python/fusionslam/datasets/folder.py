@@ -4,7 +4,6 @@
 
 import logging
 import re
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,6 @@ from fusionslam.datasets.streams import (
     warn_uncalibrated,
 )
 from fusionslam.errors import DataError
-from fusionslam.sensors.frame import Camera
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +60,14 @@ def open_folder(path: Path, request: Request) -> Dataset:
     # Files of sensors that were not requested do not count as frames.
     wanted = request.sensors or tuple(LAYOUT)
     files = {sensor: paths for sensor, paths in _files(root).items() if sensor in wanted}
-    around = _surround_files(root, calibrated) if "left" in wanted else {}
+    around: dict[str, list[Path]] = {}
+    for name in (name for name in calibrated if name not in LAYOUT and "left" in wanted):
+        if paths := files_in(root / name, IMAGE_SUFFIXES):
+            around[name] = paths
+        else:
+            logger.warning(
+                "%s: no images of camera '%s' of the calibration in it", root / name, name
+            )
     if around and not files["left"]:
         main = next(iter(around))
         files["left"], calibrated["left"] = around.pop(main), calibrated.pop(main)
@@ -74,8 +79,13 @@ def open_folder(path: Path, request: Request) -> Dataset:
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
     poses = request.poses or find_existing(root / "poses.txt")
+    odometry = find_existing(root / "odometry.txt")
     stamps, recorded = _stamps(root, numbers, name_stamps, poses)
-    cameras = _cameras(calibration, calibrated, chosen, surround)
+    # A calibration must have every camera in use.
+    names = [name for name in chosen if name != "points"] if calibrated else []
+    if lacking := [name for name in names if name not in calibrated]:
+        raise DataError(f"{calibration} lacks camera '{lacking[0]}', of which there are images")
+    cameras = {name: calibrated[name] for name in [*names, *surround]}
     if not cameras:
         warn_uncalibrated(chosen, f"cameras in {calibration or root / 'calib.yaml'}")
     return FileDataset(
@@ -96,7 +106,8 @@ def open_folder(path: Path, request: Request) -> Dataset:
         gaps=gaps,
         recorded=recorded,
         robot_from_points=read_place_on_robot(calibration) if calibration else None,
-        odometry=find_existing(root / "odometry.txt"),
+        odometry=odometry,
+        odometry_topic=None if odometry is None else odometry.name,
     )
 
 
@@ -161,33 +172,6 @@ def _stamps(
     if poses is None or pose_stamps is None:
         return regular_stamps(numbers, str(times)), None
     return pick(pose_stamps, numbers, poses), len(pose_stamps)
-
-
-def _surround_files(root: Path, calibrated: Mapping[str, Camera]) -> dict[str, list[Path]]:
-    """The images of the cameras in calib.yaml beside "left" and "right"."""
-    found = {}
-    for name in (name for name in calibrated if name not in LAYOUT):
-        if paths := files_in(root / name, IMAGE_SUFFIXES):
-            found[name] = paths
-        else:
-            logger.warning(
-                "%s: no images of camera '%s' of the calibration in it", root / name, name
-            )
-    return found
-
-
-def _cameras(
-    path: Path | None,
-    calibrated: Mapping[str, Camera],
-    streams: Mapping[str, Stream],
-    surround: Mapping[str, Stream],
-) -> dict[str, Camera]:
-    """Cameras of the calibration, if there is one; it must then have every camera in use."""
-    names = [name for name in streams if name != "points"] if calibrated else []
-    for name in names:
-        if name not in calibrated:
-            raise DataError(f"{path} lacks camera '{name}', of which there are images")
-    return {name: calibrated[name] for name in [*names, *surround]}
 
 
 def unread_files(root: Path, sensor: str) -> list[str]:

@@ -36,22 +36,27 @@ class Kind(NamedTuple):
     layout: str
     recognises: Callable[[Path], bool]
     open: Callable[[Path, Request], Dataset]
-    folder: bool = False
+    folder: bool = True
     topics: bool = False
     calibration: bool = False
 
 
 def _bag(name: str, suffix: str) -> Kind:
+    def open_bag(path: Path, request: Request) -> Dataset:
+        # Imported here, as it loads SciPy.
+        from fusionslam.datasets.bags.dataset import open_bag_dataset
+
+        return open_bag_dataset(path, request)
+
     return Kind(
-        name, suffix, lambda path: bag_kind(path) == name, _open_bag, topics=True, calibration=True
+        name,
+        suffix,
+        lambda path: bag_kind(path) == name,
+        open_bag,
+        folder=False,
+        topics=True,
+        calibration=True,
     )
-
-
-def _open_bag(path: Path, request: Request) -> Dataset:
-    # Imported here, as it loads SciPy.
-    from fusionslam.datasets.bags.dataset import open_bag_dataset
-
-    return open_bag_dataset(path, request)
 
 
 # In the order in which they are tried: an object folder has a velodyne/ too, a drive of KITTI-360
@@ -60,50 +65,42 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind(
-            "kitti-object",
-            "calib/ with velodyne/ or image_2/",
-            is_kitti_object,
-            open_kitti_object,
-            folder=True,
+            "kitti-object", "calib/ with velodyne/ or image_2/", is_kitti_object, open_kitti_object
         ),
         Kind(
             "kitti-odometry",
             "sequences/, velodyne/ or image_0/ ... image_3/",
             is_kitti_odometry,
             open_kitti_odometry,
-            folder=True,
         ),
-        Kind(
-            "kitti-360",
-            "data_3d_raw/ or data_2d_raw/",
-            is_kitti_360,
-            open_kitti_360,
-            folder=True,
-        ),
+        Kind("kitti-360", "data_3d_raw/ or data_2d_raw/", is_kitti_360, open_kitti_360),
         Kind(
             "kitti-raw",
             "velodyne_points/ or image_00/ ... image_03/",
             is_kitti_raw,
             open_kitti_raw,
-            folder=True,
         ),
         Kind(
             "mulran",
             "sensor_data/Ouster/, or Ouster/ and global_pose.csv",
             MULRAN.recognises,
             MULRAN.open,
-            folder=True,
         ),
-        Kind("nclt", "velodyne_sync/", NCLT.recognises, NCLT.open, folder=True),
+        Kind("nclt", "velodyne_sync/", NCLT.recognises, NCLT.open),
         Kind(
             "folder",
             "files in clouds/, points/, images/ or left/",
             is_folder,
             open_folder,
-            folder=True,
             calibration=True,
         ),
-        Kind("ranges", "a .npz with stamps, rays and lidar_xyz", is_recording, open_recording),
+        Kind(
+            "ranges",
+            "a .npz with stamps, rays and lidar_xyz",
+            is_recording,
+            open_recording,
+            folder=False,
+        ),
         _bag("rosbag1", ".bag"),
         _bag("rosbag2", ".db3"),
         _bag("mcap", ".mcap"),

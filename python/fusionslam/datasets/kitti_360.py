@@ -12,10 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Z_UP, Dataset, FileDataset
-from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
+from fusionslam.datasets.calibration import homogeneous, read_calibration, rectified_camera
 from fusionslam.datasets.kitti_odometry import ROBOT_FROM_VELODYNE
-from fusionslam.datasets.pose_files import match_poses, pick, read_poses_kitti, read_timestamps
-from fusionslam.datasets.pose_tables import poses_of_numbers, read_matrices
+from fusionslam.datasets.pose_files import (
+    line_of,
+    match_poses,
+    read_matrices,
+    read_poses_kitti,
+    read_timestamps,
+    stamps_of,
+)
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
     Request,
@@ -26,7 +32,6 @@ from fusionslam.datasets.streams import (
     find_existing,
     frame_numbers,
     one_of,
-    regular_stamps,
     scan,
     warn_uncalibrated,
 )
@@ -55,22 +60,32 @@ def open_kitti_360(path: Path, request: Request) -> Dataset:
         DataError: no such drive; a file is missing, too short or malformed.
     """
     base, drive = _drive(path, request.sequence)
-    streams = _streams(base, drive)
-    chosen = choose(streams, request, base / RAW[0] / drive)
+    scans, images = (base / raw / drive for raw in RAW)
+    streams = {"points": scan(scans / "velodyne_points" / "data", (".bin",))} | {
+        name: scan(images / f"image_{number:02d}" / "data_rect", IMAGE_SUFFIXES)
+        for name, number in CAMERAS.items()
+    }
+    chosen = choose(streams, request, scans)
     numbers, gaps = frame_numbers(chosen, request)
-    stamps, recorded = _stamps(numbers, chosen)
+    first = next(iter(chosen.values())).expected(int(numbers[0]))
+    times = first.parent.parent / "timestamps.txt"
+    stamps, recorded = stamps_of(numbers, [times], read_timestamps)
     truth = request.poses or find_existing(base / "data_poses" / drive / "poses.txt")
     poses = None
     if request.poses:
         poses = match_poses(request.poses, numbers, stamps, recorded=recorded)
     elif truth:
-        poses = _poses(truth, numbers)
+        expected = "a frame number and 12 numbers (row-major 3x4), with blanks between them"
+        poses = _poses_of_numbers(truth, *read_matrices(truth, expected), numbers) @ TURN
     if set(chosen) & set(CAMERAS):
-        _report_fisheyes(base / RAW[1] / drive)
+        found = {one: len(files_in(images / one / "data_rgb", IMAGE_SUFFIXES)) for one in FISHEYES}
+        words = ", ".join(f"{count} of {name}" for name, count in found.items() if count)
+        if words:
+            logger.warning("%s: fisheye images are not read: %s", images, words)
     return FileDataset(
         kind="kitti-360",
         name=f"KITTI-360 {drive}",
-        root=base / RAW[0] / drive if "points" in chosen else base / RAW[1] / drive,
+        root=scans if "points" in chosen else images,
         streams=chosen,
         numbers=numbers,
         stamps_ns=stamps,
@@ -117,36 +132,38 @@ def _drive(path: Path, name: str | None) -> tuple[Path, str]:
     return base, one_of(base, {drive: Path(drive) for drive in sorted(names)}, full).name
 
 
-def _streams(base: Path, drive: str) -> dict[str, Stream | None]:
-    scans, images = (base / raw / drive for raw in RAW)
-    cameras = {
-        name: scan(images / f"image_{number:02d}" / "data_rect", IMAGE_SUFFIXES)
-        for name, number in CAMERAS.items()
-    }
-    return {"points": scan(scans / "velodyne_points" / "data", (".bin",)), **cameras}
+def _poses_of_numbers(
+    path: Path, keys: NDArray[np.int64], poses: NDArray[np.float64], numbers: NDArray[np.int64]
+) -> Matrix:
+    """Poses of frames by number, float64 (N, 4, 4), NaN for those that the file lacks.
 
+    Args:
+        path: the file that the poses are of, for errors.
+        keys: int64 (M), frame numbers of the poses.
+        poses: float64 (M, 4, 4).
+        numbers: int64 (N), of the frames.
 
-def _stamps(
-    numbers: NDArray[np.int64], streams: dict[str, Stream]
-) -> tuple[NDArray[np.int64], int | None]:
-    """Stamps of the first sensor, and the number of frames of the drive; None if unknown."""
-    stream = next(iter(streams.values()))
-    path = stream.expected(int(numbers[0])).parent.parent / "timestamps.txt"
-    if not path.exists():
-        return regular_stamps(numbers, str(path)), None
-    times = read_timestamps(path)
-    return pick(times, numbers, path), len(times)
-
-
-def _poses(path: Path, numbers: NDArray[np.int64]) -> Matrix:
-    """True poses of the turned GPS/IMU, NaN where there is none."""
-    expected = "a frame number and 12 numbers (row-major 3x4), with blanks between them"
-    return poses_of_numbers(path, *read_matrices(path, expected), numbers) @ TURN
+    Raises:
+        DataError: two poses are of one frame.
+    """
+    order = np.argsort(keys, kind="stable")
+    if (twice := np.flatnonzero(np.diff(keys[order]) == 0)).size:
+        row = order[twice[0] + 1]
+        line = line_of(path, row)
+        raise DataError(
+            f"{path}, line {line}: a second pose of frame {keys[row]}",
+            code="two-poses",
+            fields=(str(path), str(line)),
+        )
+    found = np.full((len(numbers), 4, 4), np.nan)
+    rows = np.searchsorted(keys[order], numbers).clip(0, len(keys) - 1)
+    known = keys[order[rows]] == numbers
+    found[known] = poses[order[rows[known]]]
+    return found
 
 
 def _cameras(folder: Path, streams: dict[str, Stream]) -> dict[str, Camera]:
     """The perspective cameras in use, both rectified to camera 0; none if a file is missing."""
-    used = {name: number for name, number in CAMERAS.items() if name in streams}
     perspective, velodyne_from_camera = folder / "perspective.txt", _velodyne_from_camera(folder)
     if velodyne_from_camera is None or not perspective.exists():
         warn_uncalibrated(streams, f"{perspective} or no {MOUNTING} beside it")
@@ -155,18 +172,10 @@ def _cameras(folder: Path, streams: dict[str, Stream]) -> dict[str, Camera]:
     rectified_from_camera = homogeneous(calibration.matrix("R_rect_00", 3, 3))
     rectified_from_points = rectified_from_camera @ np.linalg.inv(velodyne_from_camera)
     return {
-        name: _camera(calibration, number, rectified_from_points) for name, number in used.items()
+        name: rectified_camera(calibration, number, rectified_from_points)
+        for name, number in CAMERAS.items()
+        if name in streams
     }
-
-
-def _camera(calibration: Calibration, number: int, rectified_from_points: Matrix) -> Camera:
-    width, height = calibration.numbers(f"S_rect_{number:02d}", 2)
-    return camera(
-        calibration.path,
-        calibration.matrix(f"P_rect_{number:02d}", 3, 4),
-        rectified_from_points,
-        (int(width), int(height)),
-    )
 
 
 def _velodyne_from_camera(folder: Path) -> Matrix | None:
@@ -189,11 +198,3 @@ def _body_from_points(folder: Path) -> Matrix | None:
     with naming(path):
         check_mounting("image_00", imu_from_camera)
     return np.asarray(TURN @ imu_from_camera @ np.linalg.inv(velodyne_from_camera))
-
-
-def _report_fisheyes(images: Path) -> None:
-    """Log how many images of the fisheye cameras are not read."""
-    counts = {name: len(files_in(images / name / "data_rgb", IMAGE_SUFFIXES)) for name in FISHEYES}
-    if sum(counts.values()):
-        found = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
-        logger.warning("%s: fisheye images are not read: %s", images, found)

@@ -29,7 +29,11 @@ def open_kitti_object(path: Path, request: Request) -> Dataset:
     camera_numbers, streams = find_streams(root, "velodyne", "image_{}")
     chosen = choose(streams, request, root)
     used = {name: n for name, n in camera_numbers.items() if name in chosen}
-    calib = {"calib": _calibrations(root)} if used else {}
+    calib: dict[str, Stream] = {}
+    if used:
+        if (stream := scan(root / "calib", (".txt",))) is None:
+            raise DataError(f"{root / 'calib'} has no file: expected NNNNNN.txt for each frame")
+        calib["calib"] = stream
     numbers, gaps = frame_numbers(chosen | calib, request, consecutive=False)
     cameras = functools.partial(_cameras, calib.get("calib"), used)
     return FileDataset(
@@ -60,13 +64,6 @@ def _is_split(path: Path) -> bool:
     return (path / "calib").is_dir() and any(
         (path / folder).is_dir() for folder in ("velodyne", "image_2", "image_3")
     )
-
-
-def _calibrations(root: Path) -> Stream:
-    stream = scan(root / "calib", (".txt",))
-    if stream is None:
-        raise DataError(f"{root / 'calib'} has no file: expected NNNNNN.txt for each frame")
-    return stream
 
 
 def _cameras(calib: Stream | None, used: Mapping[str, int], number: int) -> dict[str, Camera]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset
-from fusionslam.datasets.calibration import Calibration, camera, read_calibration
-from fusionslam.datasets.pose_files import match_poses, pick, read_times
+from fusionslam.datasets.calibration import camera, read_calibration
+from fusionslam.datasets.pose_files import match_poses, read_times, stamps_of
 from fusionslam.datasets.streams import (
     IMAGE_SUFFIXES,
     Request,
@@ -25,7 +25,6 @@ from fusionslam.datasets.streams import (
     itself,
     named_and_linked,
     one_of,
-    regular_stamps,
     scan,
     warn_uncalibrated,
 )
@@ -47,14 +46,15 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         DataError: no such sequence; a file is missing, too short or malformed.
     """
     root = _sequence(path, request.sequence)
-    cameras, streams = find_streams(root, "velodyne", "image_{}")
+    camera_numbers, streams = find_streams(root, "velodyne", "image_{}")
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
-    stamps, recorded = _stamps(root, numbers)
-    calibration = _calibration(root, chosen)
+    named = [(one.parent.parent, one.name) for one in named_and_linked(root)]
+    times = [root / "times.txt", *(base / "times" / f"times_{name}.txt" for base, name in named)]
+    stamps, recorded = stamps_of(numbers, times, read_times)
+    camera0_from_points, cameras = _calibrate(root, chosen, camera_numbers)
     poses = request.poses or find_existing(
-        root / "poses.txt",
-        *(one.parent.parent / "poses" / f"{one.name}.txt" for one in named_and_linked(root)),
+        root / "poses.txt", *(base / "poses" / f"{name}.txt" for base, name in named)
     )
     return FileDataset(
         kind="kitti-odometry",
@@ -65,12 +65,12 @@ def open_kitti_odometry(path: Path, request: Request) -> Dataset:
         stamps_ns=stamps,
         pose_frame=POSE_FRAME,
         body_is_camera=True,
-        body_from_points=_camera0_from_points(calibration, chosen),
+        body_from_points=camera0_from_points,
         poses=match_poses(poses, numbers, stamps, recorded=recorded, strict=poses == request.poses)
         if poses
         else None,
         poses_file=poses,
-        cameras=_cameras(calibration, cameras, chosen) if calibration else {},
+        cameras=cameras,
         gaps=gaps,
         recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
@@ -114,54 +114,29 @@ def _sequence(path: Path, name: str | None) -> Path:
     return one_of(path / "sequences", available, name)
 
 
-def _stamps(root: Path, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], int | None]:
-    """Return the frames' stamps, and the number of frames of the whole sequence if it is known."""
-    path = find_existing(
-        root / "times.txt",
-        *(one.parent.parent / "times" / f"times_{one.name}.txt" for one in named_and_linked(root)),
-    )
-    if path is None:
-        return regular_stamps(numbers, str(root / "times.txt")), None
-    times = read_times(path)
-    return pick(times, numbers, path), len(times)
-
-
-def _calibration(root: Path, streams: dict[str, Stream]) -> Calibration | None:
-    """Read calib.txt; None if it is missing, which the log says."""
+def _calibrate(
+    root: Path, streams: dict[str, Stream], numbers: dict[str, int]
+) -> tuple[NDArray[np.float64] | None, dict[str, Camera]]:
+    """Where the scanner is in camera 0, and the cameras; without calib.txt, nothing, logged."""
     path = root / "calib.txt"
     if not path.exists():
         warn_uncalibrated(streams, str(path))
-        return None
-    return read_calibration(path)
-
-
-def _camera0_from_points(
-    calibration: Calibration | None, streams: dict[str, Stream]
-) -> NDArray[np.float64] | None:
-    """Tr, or None: the calib.txt that comes with images alone may lack it."""
-    if calibration is None:
-        return None
+        return None, {}
+    calibration, camera0_from_points = read_calibration(path), None
     if "Tr" in calibration.entries:
-        return calibration.transform("Tr")
-    if "points" not in streams:
-        return None
-    raise DataError(
-        f"{calibration.path} lacks Tr (12 numbers), which maps the scans to camera 0: it has "
-        f"{', '.join(calibration.entries) or 'nothing'}; the files of KITTI's download of "
-        "calibrations have it, those that come with its images do not",
-        code="calibration-key",
-        fields=(str(calibration.path), "Tr"),
-    )
-
-
-def _cameras(
-    calibration: Calibration, cameras: dict[str, int], streams: dict[str, Stream]
-) -> dict[str, Camera]:
-    tr = _camera0_from_points(calibration, streams)
-    rectified_from_points = np.eye(4) if tr is None else tr
-    return {
-        name: camera(calibration.path, calibration.matrix(f"P{n}", 3, 4), rectified_from_points)
-        for name, n in cameras.items()
+        camera0_from_points = calibration.transform("Tr")
+    elif "points" in streams:  # the calib.txt that comes with images alone may lack it
+        raise DataError(
+            f"{path} lacks Tr (12 numbers), which maps the scans to camera 0: it has "
+            f"{', '.join(calibration.entries) or 'nothing'}; the files of KITTI's download of "
+            "calibrations have it, those that come with its images do not",
+            code="calibration-key",
+            fields=(str(path), "Tr"),
+        )
+    rectified_from_points = np.eye(4) if camera0_from_points is None else camera0_from_points
+    return camera0_from_points, {
+        name: camera(path, calibration.matrix(f"P{n}", 3, 4), rectified_from_points)
+        for name, n in numbers.items()
         if name in streams
     }
 

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads synchronised, rectified KITTI raw drives (Geiger, Lenz, Stiller, Urtasun 2013).
 
-True poses are those of the GPS/IMU records in ``oxts/``, unless a pose file is given.
+True poses are those of the GPS/IMU records in ``oxts/``, made as the data's devkit makes them,
+unless a pose file is given.
 """
 
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset
-from fusionslam.datasets.calibration import Calibration, camera, homogeneous, read_calibration
+from fusionslam.datasets.calibration import homogeneous, read_calibration, rectified_camera
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, ROBOT_FROM_VELODYNE, find_streams
-from fusionslam.datasets.oxts import read_oxts
-from fusionslam.datasets.pose_files import match_poses, pick, read_timestamps
+from fusionslam.datasets.pose_files import match_poses, read_timestamps, stamps_of
 from fusionslam.datasets.streams import (
     Request,
     Stream,
@@ -26,17 +27,26 @@ from fusionslam.datasets.streams import (
     itself,
     named_and_linked,
     one_of,
-    regular_stamps,
     scan,
     warn_uncalibrated,
 )
-from fusionslam.errors import naming
+from fusionslam.errors import DataError, naming
 from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.arrays import Matrix
+from fusionslam.storage.arrays import Floats, Matrix
+from fusionslam.storage.files import reading
 
 IMU_FRAME = "GPS/IMU"
 OXTS = Path("oxts", "data")
+EARTH_RADIUS_M = 6378137.0
+FIELDS = (
+    *("lat", "lon", "alt", "roll", "pitch", "yaw", "vn", "ve", "vf", "vl", "vu"),
+    *("ax", "ay", "az", "af", "al", "au", "wx", "wy", "wz", "wf", "wl", "wu"),
+    *("pos_accuracy", "vel_accuracy", "navstat", "numsats", "posmode", "velmode", "orimode"),
+)
+"""Numbers of a record, as in oxts/dataformat.txt of the data: degrees, metres, radians first."""
+_POSE = len(("lat", "lon", "alt", "roll", "pitch", "yaw"))
+_LARGEST = {"lat": 90.0, "lon": 180.0}
 STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_03")
 
 
@@ -50,7 +60,10 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     camera_numbers, streams = find_streams(root, "velodyne_points/data", "image_{:02d}/data")
     chosen = choose(streams, request, root)
     numbers, gaps = frame_numbers(chosen, request)
-    stamps, recorded = _stamps(root, numbers, chosen)
+    # Those of the scans or, if they have none, of the first sensor that has some.
+    folders = [stream.expected(int(numbers[0])).parent.parent for stream in chosen.values()]
+    times = [folder / "timestamps.txt" for folder in folders]
+    stamps, recorded = stamps_of(numbers, times, read_timestamps)
     rectified_from_points, cameras = _calibration(root, chosen, camera_numbers)
     truth = _truth(root, request.poses, rectified_from_points, numbers, stamps, recorded)
     return FileDataset(
@@ -101,26 +114,19 @@ def _truth(
     records = None if root.name.endswith("_extract") else scan(root / OXTS, (".txt",))
     if records is None:
         return _Truth(None, None, POSE_FRAME, rectified_from_points)
-    imu_poses, velodyne_from_imu = read_oxts(records, numbers), _velodyne_from_imu(root)
-    if velodyne_from_imu is None:
+    imu_poses = _read_oxts(records, numbers)
+    mounting = _calibration_file(root, "calib_imu_to_velo.txt")
+    if mounting is None:
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, None)
+    velodyne_from_imu = read_calibration(mounting).transform("R", "T")
+    with naming(mounting):
+        check_mounting("R T", velodyne_from_imu)
     if rectified_from_points is None:
         imu_from_velodyne = np.linalg.inv(velodyne_from_imu).astype(np.float64)
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, imu_from_velodyne)
     camera_from_imu = rectified_from_points @ velodyne_from_imu
     poses = camera_from_imu @ imu_poses @ np.linalg.inv(camera_from_imu)
     return _Truth(poses, root / OXTS, POSE_FRAME, rectified_from_points)
-
-
-def _velodyne_from_imu(root: Path) -> Matrix | None:
-    """Where the IMU is in the scanner's frame; None if calib_imu_to_velo.txt is missing."""
-    path = _calibration_file(root, "calib_imu_to_velo.txt")
-    if path is None:
-        return None
-    transform = read_calibration(path).transform("R", "T")
-    with naming(path):
-        check_mounting("R T", transform)
-    return transform
 
 
 def _calibration_file(root: Path, name: str) -> Path | None:
@@ -142,34 +148,6 @@ def _is_drive(path: Path) -> bool:
     return any((path / folder).is_dir() for folder in STREAM_FOLDERS)
 
 
-def _stamps(
-    root: Path, numbers: NDArray[np.int64], streams: dict[str, Stream]
-) -> tuple[NDArray[np.int64], int | None]:
-    """Stamps of the scans or, if they have none, of the first sensor that has some; their number.
-
-    The number is that of the whole drive; None without a file of stamps.
-    """
-    folders = [stream.expected(int(numbers[0])).parent.parent for stream in streams.values()]
-    paths = [folder / "timestamps.txt" for folder in folders]
-    path = find_existing(*paths)
-    if path is None:
-        return regular_stamps(numbers, str(paths[0])), None
-    times = read_timestamps(path)
-    return pick(times, numbers, path), len(times)
-
-
-def _camera(
-    cam_to_cam: Calibration, number: int, rectified_from_points: NDArray[np.float64]
-) -> Camera:
-    width, height = cam_to_cam.numbers(f"S_rect_{number:02d}", 2)
-    return camera(
-        cam_to_cam.path,
-        cam_to_cam.matrix(f"P_rect_{number:02d}", 3, 4),
-        rectified_from_points,
-        (int(width), int(height)),
-    )
-
-
 def _calibration(
     root: Path, streams: dict[str, Stream], numbers: dict[str, int]
 ) -> tuple[NDArray[np.float64] | None, dict[str, Camera]]:
@@ -184,12 +162,84 @@ def _calibration(
     cam_to_cam, velo_to_cam = found
     rectified_from_camera = homogeneous(cam_to_cam.matrix("R_rect_00", 3, 3))
     rectified_from_points = rectified_from_camera @ velo_to_cam.transform("R", "T")
-    used = {name: number for name, number in numbers.items() if name in streams}
     return rectified_from_points, {
-        name: _camera(cam_to_cam, number, rectified_from_points) for name, number in used.items()
+        name: rectified_camera(cam_to_cam, number, rectified_from_points)
+        for name, number in numbers.items()
+        if name in streams
     }
 
 
 def is_kitti_raw(path: Path) -> bool:
     """Whether a folder has this layout."""
     return _is_drive(path) or any(_is_drive(folder) for folder in entries(path))
+
+
+def _read_oxts(records: Stream, numbers: NDArray[np.int64]) -> Matrix:
+    """Poses of the IMU at frames, float64 (N, 4, 4), NaN for those without a record.
+
+    They are relative to the first record of the drive: its x axis ahead, y to the left, z up.
+
+    Args:
+        records: the files by frame number.
+        numbers: int64 (N), of the frames.
+
+    Raises:
+        DataError: a record is cut or garbled; the message names the file and the field.
+    """
+    first = min(records.files)
+    known = np.array([number in records.files for number in numbers.tolist()], dtype=bool)
+    wanted = [first, *numbers[known].tolist()]
+    poses = oxts_poses(np.array([_read_record(records.files[number]) for number in wanted]))
+    found = np.full((len(numbers), 4, 4), np.nan)
+    found[known] = poses[1:]
+    return found
+
+
+def oxts_poses(records: Floats) -> Matrix:
+    """Poses relative to the first, first_from_imu, of latitude, longitude, altitude and angles.
+
+    Positions are in Mercator's projection of a sphere, scaled by the cosine of the first latitude
+    (devkit of Geiger, Lenz, Stiller, Urtasun 2013). The earth being flattened, distances at KITTI's
+    latitude come out 0.2 % too short from west to east and 0.1 % too long from south to north.
+
+    Args:
+        records: float64 (N, 6), N > 0: degrees, degrees, metres, and roll, pitch, yaw in radians.
+
+    Returns:
+        float64 (N, 4, 4).
+    """
+    from scipy.spatial.transform import Rotation
+
+    latitude, longitude = np.radians(records[:, :2]).T
+    scale = EARTH_RADIUS_M * np.cos(latitude[0])
+    east, north = scale * longitude, scale * np.log(np.tan(np.pi / 4 + latitude / 2))
+    poses = np.tile(np.eye(4), (len(records), 1, 1))
+    poses[:, :3, 3] = np.stack([east, north, records[:, 2]], axis=1)
+    poses[:, :3, :3] = Rotation.from_euler("ZYX", records[:, 5:2:-1]).as_matrix()
+    return np.asarray(np.linalg.inv(poses[0]) @ poses)
+
+
+def _read_record(path: Path) -> Floats:
+    """Read the first six numbers of a record: float64 (6,)."""
+    with reading(path, f"{len(FIELDS)} numbers of a GPS/IMU record"):
+        texts = path.read_text(encoding="ascii").split()
+    if len(texts) != len(FIELDS):
+        raise DataError(
+            f"{path} has {len(texts)} numbers, expected {len(FIELDS)} of a GPS/IMU record",
+            code="truncated",
+            fields=(str(path), str(len(texts))),
+        )
+    values = np.full(_POSE, np.nan)
+    for row, (name, text) in enumerate(zip(FIELDS[:_POSE], texts, strict=False)):
+        with suppress(ValueError):
+            values[row] = float(text)
+        largest, size = _LARGEST.get(name, np.inf), abs(values[row])
+        # At a pole Mercator's projection is infinite.
+        if not np.isfinite(size) or size > largest or (name == "lat" and size == largest):
+            limit = "a number" if np.isinf(largest) else f"degrees from -{largest:g} to {largest:g}"
+            raise DataError(
+                f"{path}: {name} is {text!r}, expected {limit}",
+                code="damaged-file",
+                fields=(str(path), name),
+            )
+    return values

@@ -5,10 +5,9 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fusionslam.datasets.cloud_files import read_bin
-from fusionslam.datasets.pose_tables import read_matrices
+from fusionslam.datasets.pose_files import read_matrices
 from fusionslam.datasets.stamped_scans import StampedScans
 from fusionslam.datasets.streams import find_existing
 from fusionslam.storage.arrays import Matrix
@@ -36,10 +35,7 @@ def _scans(root: Path) -> Path | None:
     return folder if folder.is_dir() and (root / TRUTH).exists() else None
 
 
-def _read_truth(path: Path) -> tuple[NDArray[np.int64], Matrix]:
-    expected = "a stamp in nanoseconds and 12 numbers (row-major 3x4), with commas between them"
-    return read_matrices(path, expected, delimiter=",")
-
+_LINE = "a stamp in nanoseconds and 12 numbers (row-major 3x4), with commas between them"
 
 MULRAN = StampedScans(
     kind="mulran",
@@ -48,7 +44,7 @@ MULRAN = StampedScans(
     read_scan=read_bin,
     unit_ns=1,
     truth=lambda root: find_existing(root / TRUTH),
-    read_truth=_read_truth,
+    read_truth=lambda path: read_matrices(path, _LINE, delimiter=","),
     pose_frame="the car's base",
     body_from_points=BASE_FROM_OUSTER,
     robot_from_points=BASE_FROM_OUSTER,

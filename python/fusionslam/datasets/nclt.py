@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Z_UP
 from fusionslam.datasets.cloud_files import read_records
-from fusionslam.datasets.pose_tables import read_table
+from fusionslam.datasets.pose_files import read_table
 from fusionslam.datasets.stamped_scans import StampedScans
 from fusionslam.datasets.streams import find_existing
 from fusionslam.errors import DataError

@@ -1,9 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and writes text files of poses and times, and matches them to frames."""
+"""Reads and writes text files of poses and times, and matches them to frames.
+
+Of a table whose lines begin with a stamp or a frame number, frames without a pose have one of NaN:
+``open_dataset`` leaves them out, or keeps it unknown.
+"""
 
 import logging
 import warnings
+from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import TypeVar
@@ -12,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.argument_types import checked
-from fusionslam.datasets.streams import PERIOD_NS
+from fusionslam.datasets.streams import PERIOD_NS, find_existing, regular_stamps
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.storage.arrays import read_numbers
 from fusionslam.storage.files import PathLike, atomic_path, reading
@@ -61,11 +66,8 @@ def read_poses_kitti(path: PathLike) -> NDArray[np.float64]:
         DataError: the file is missing or empty, has another number of columns, or a value is not
             a number or R not a rotation.
     """
-    rows = _table(Path(path), (12,), "poses of 12 numbers (row-major 3x4), one a line")
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3] = rows.reshape(-1, 3, 4)
-    check_rotations(Path(path), poses[:, :3, :3])
-    return poses
+    path = Path(path)
+    return _matrices(path, _table(path, (12,), "poses of 12 numbers (row-major 3x4), one a line"))
 
 
 @checked
@@ -112,14 +114,11 @@ def write_poses_tum(
         )
     if poses.shape != (len(stamps), 4, 4):
         raise ShapeError(f"poses have shape {poses.shape}, expected ({len(stamps)}, 4, 4)")
-    lines = []
-    for stamp, pose in zip(stamps, poses, strict=True):
-        seconds = Decimal(int(stamp)).scaleb(-9)
+    rows = []
+    for pose in poses:
         wxyz = quaternion_from_matrix(pose)  # type: ignore[no-untyped-call]
-        values = [*pose[:3, 3], *np.roll(wxyz, -1)]
-        lines.append(f"{seconds:f} " + " ".join(f"{value:.17g}" for value in values) + "\n")
-    with atomic_path(path) as temporary:
-        temporary.write_text("".join(lines), encoding="ascii")
+        rows.append([*pose[:3, 3], *np.roll(wxyz, -1)])
+    _write_rows(path, rows, [f"{Decimal(int(stamp)).scaleb(-9):f} " for stamp in stamps])
 
 
 @checked
@@ -132,8 +131,14 @@ def write_poses_kitti(path: PathLike, poses: NDArray[np.float64]) -> None:
     poses = read_numbers("poses", poses, "(N, 4, 4)")
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise ShapeError(f"poses have shape {poses.shape}, expected (N, 4, 4)")
-    lines = [" ".join(f"{value:.17g}" for value in pose[:3].ravel()) + "\n" for pose in poses]
+    _write_rows(path, [pose[:3].ravel() for pose in poses], [""] * len(poses))
+
+
+def _write_rows(path: PathLike, rows: Iterable[Iterable[float]], starts: Iterable[str]) -> None:
+    """Write each row's numbers, with all digits, behind the start of its line."""
+    texts = (" ".join(f"{value:.17g}" for value in row) for row in rows)
     with atomic_path(path) as temporary:
+        lines = (f"{start}{text}\n" for start, text in zip(starts, texts, strict=True))
         temporary.write_text("".join(lines), encoding="ascii")
 
 
@@ -151,7 +156,14 @@ def read_times(path: PathLike) -> NDArray[np.int64]:
     _table(path, (1,), "times in seconds, one a line")
     stamps = _exact_stamps(path)
     _check_order(path, stamps)
-    _warn_of_slow(path, stamps)
+    step = float(np.median(np.diff(stamps))) / 1e9 if len(stamps) > 1 else 0.0
+    if step >= _SLOWEST_S:
+        unit, exponent = next(each for each in _UNITS if step < _SLOWEST_S * 10 ** each[1])
+        logger.warning(
+            "%s: the usual step between times is %g s (%.2g Hz), expected seconds and less than "
+            "%g s: are they %s, which need division by 1e%d?",
+            *(path, step, 1 / step, _SLOWEST_S, unit, exponent),
+        )
     return stamps
 
 
@@ -171,6 +183,26 @@ def read_timestamps(path: PathLike) -> NDArray[np.int64]:
         raise DataError(f"{path}: a line is empty, expected a date and time in each")
     _check_order(path, stamps.astype(np.int64))
     return stamps.astype(np.int64)
+
+
+def stamps_of(
+    numbers: NDArray[np.int64],
+    paths: Sequence[Path],
+    read: Callable[[Path], NDArray[np.int64]],
+) -> tuple[NDArray[np.int64], int | None]:
+    """Stamps of frames by number, from the first of some files that exists, else at 10 Hz.
+
+    Returns:
+        int64 (N) nanoseconds, and the number of frames of the whole recording; None without a file.
+
+    Raises:
+        DataError: the file cannot be read or is too short.
+    """
+    path = find_existing(*paths)
+    if path is None:
+        return regular_stamps(numbers, str(paths[0])), None
+    times = read(path)
+    return pick(times, numbers, path), len(times)
 
 
 @checked
@@ -212,12 +244,15 @@ def match_poses(
         _check_count(path, len(poses), int(numbers[-1]) + 1, recorded, strict)
         return pick(poses, numbers, path)
     if recorded is None:
-        _check_times(path, pose_stamps, numbers, stamps_ns)
+        check_times(path, pose_stamps, numbers, stamps_ns)
     nearest = _nearest(pose_stamps, stamps_ns)
     found, far = poses[nearest], np.abs(pose_stamps[nearest] - stamps_ns) > POSE_TOLERANCE_NS
     if not far.any():
         return found
-    outside = far & _are_just_outside(pose_stamps, stamps_ns)
+    # Before or after all poses by less than the mean time between two.
+    period_ns = min(float(np.ptp(pose_stamps)) / max(len(pose_stamps) - 1, 1), POSE_GAP_NS)
+    beyond_ns = np.maximum(pose_stamps.min() - stamps_ns, stamps_ns - pose_stamps.max())
+    outside = far & (beyond_ns > 0) & (beyond_ns < period_ns)
     if outside.all():
         outside[:] = False  # no frame would be left: refused below
     found[far], gaps_ns = interpolate_poses(pose_stamps, poses, stamps_ns[far])
@@ -245,13 +280,22 @@ def _span(stamps_ns: NDArray[np.int64]) -> str:
     return f"{stamps_ns.min() / 1e9:.3f} to {stamps_ns.max() / 1e9:.3f} s"
 
 
-def _check_times(
+def check_times(
     path: Path,
     pose_stamps: NDArray[np.int64],
     numbers: NDArray[np.int64],
     stamps_ns: NDArray[np.int64],
 ) -> None:
-    """Refuse TUM poses for frames whose times are assumed, unless they are of just these times."""
+    """Refuse TUM poses for frames whose times are assumed, unless they are of just these times.
+
+    Args:
+        path: file of the poses, for the message.
+        pose_stamps: int64 (M), nanoseconds.
+        numbers, stamps_ns: int64 (N), of the frames.
+
+    Raises:
+        DataError: not all times of the frames are among those of the poses (code "no-times").
+    """
     assumed = np.array_equal(stamps_ns, numbers * PERIOD_NS)
     if assumed and not np.isin(stamps_ns, pose_stamps).all():
         raise DataError(
@@ -261,33 +305,6 @@ def _check_times(
             code="no-times",
             fields=(str(path),),
         )
-
-
-def check_odometry(
-    path: PathLike,
-    pose_stamps: NDArray[np.int64],
-    numbers: NDArray[np.int64],
-    stamps_ns: NDArray[np.int64],
-    *,
-    recorded: int | None,
-) -> None:
-    """Refuse odometry that is of another time than the frames. It may begin and end anywhere.
-
-    Args:
-        path: file of the odometry, for the message.
-        pose_stamps: int64 (M), M > 0, nanoseconds.
-        numbers: int64 (N), N > 0, of the frames.
-        stamps_ns: int64 (N), of the frames.
-        recorded: as for ``match_poses``: None if the frames' times are assumed.
-
-    Raises:
-        DataError: the frames' times are assumed and not among those of the odometry (code
-            "no-times"), or all of it is before or after the frames (code "other-time").
-    """
-    path = Path(path)
-    if recorded is None:
-        _check_times(path, pose_stamps, numbers, stamps_ns)
-    check_same_time(path, pose_stamps, stamps_ns)
 
 
 def check_same_time(
@@ -348,13 +365,6 @@ def _nearest(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np
     return order[np.where(wanted - earlier < later - wanted, before, after)]
 
 
-def _are_just_outside(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Bool (N,): wanted stamps before or after all by less than the mean time between two."""
-    period_ns = min(float(np.ptp(stamps)) / max(len(stamps) - 1, 1), POSE_GAP_NS)
-    beyond_ns = np.maximum(stamps.min() - wanted, wanted - stamps.max())
-    return np.asarray((beyond_ns > 0) & (beyond_ns < period_ns), dtype=np.bool_)
-
-
 def interpolate_poses(
     stamps: NDArray[np.int64], poses: NDArray[np.float64], wanted: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -392,7 +402,10 @@ def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.fl
         try:
             rows = np.loadtxt(path, dtype=np.float64, ndmin=2, encoding="utf-8")
         except ValueError as error:
-            if (bad_line := _find_bad_line(path)) is None:
+            lines = _filled_lines(path)
+            width = len(lines[0][1]) if lines else 0
+            bad_lines = (n for n, words in lines if len(words) != width or not _are(float, words))
+            if (bad_line := next(bad_lines, None)) is None:
                 raise
             raise DataError(
                 f"line {bad_line}: expected {expected}, with blanks between numbers",
@@ -409,39 +422,43 @@ def _table(path: Path, columns: tuple[int, ...], expected: str) -> NDArray[np.fl
     return rows
 
 
-def _find_bad_line(path: Path) -> int | None:
-    """Number (from 1) of the first line that is no row of numbers, or not as long as the first."""
-    columns = None
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-        words = line.partition("#")[0].split()
-        columns = columns or len(words)
-        try:
-            [float(word) for word in words]
-        except ValueError:
-            return number
-        if words and len(words) != columns:
-            return number
-    return None
+def _filled_lines(path: Path, delimiter: str | None = None) -> list[tuple[int, list[str]]]:
+    """Number (from 1) and words of each line that is a row: not blank, and not only a comment."""
+    contents = (line.partition("#")[0] for line in path.read_text(encoding="utf-8").splitlines())
+    return [(n, text.split(delimiter)) for n, text in enumerate(contents, start=1) if text.strip()]
+
+
+def _are(kind: type, words: Iterable[str]) -> bool:
+    """Whether all words are numbers of a kind."""
+    try:
+        return all(kind(word) is not None for word in words)
+    except (ValueError, OverflowError):
+        return False
 
 
 def line_of(path: Path, row: int | np.intp) -> int:
-    """Line number (from 1) of a row (from 0); blank lines and comments are not rows."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    filled = [n for n, line in enumerate(lines, start=1) if line.partition("#")[0].strip()]
-    return filled[row]
+    """Line number (from 1) of a row (from 0)."""
+    return _filled_lines(path)[row][0]
 
 
-def check_rotations(path: Path, matrices: NDArray[np.float64]) -> None:
-    """Raise DataError unless these (N, 3, 3) are rotations, within the precision of text."""
-    apart = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    mirrored = np.linalg.det(matrices) < 0
-    if (bad := np.flatnonzero((apart > ROTATION_TOLERANCE) | mirrored)).size:
+def _matrices(path: Path, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """float64 (N, 4, 4) of the 12 numbers of [R t] in each row, within the precision of text.
+
+    Raises:
+        DataError: an R is no rotation.
+    """
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3] = rows.reshape(-1, 3, 4)
+    turns = poses[:, :3, :3]
+    apart = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    if (bad := np.flatnonzero((apart > ROTATION_TOLERANCE) | (np.linalg.det(turns) < 0))).size:
         line = line_of(path, bad[0])
         raise DataError(
             f"{path}, line {line}: the first three columns of [R t] are no rotation",
             code="not-a-rotation",
             fields=(str(path), str(line)),
         )
+    return poses
 
 
 def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
@@ -453,19 +470,6 @@ def _check_order(path: Path, stamps: NDArray[np.int64]) -> None:
             code="stamps-decrease",
             fields=(str(path), str(line)),
         )
-
-
-def _warn_of_slow(path: Path, stamps: NDArray[np.int64]) -> None:
-    """Warn of times farther apart than those of sensors are, and name the unit they may have."""
-    step = float(np.median(np.diff(stamps))) / 1e9 if len(stamps) > 1 else 0.0
-    if step < _SLOWEST_S:
-        return
-    unit, exponent = next(each for each in _UNITS if step < _SLOWEST_S * 10 ** each[1])
-    logger.warning(
-        "%s: the usual step between times is %g s (%.2g Hz), expected seconds and less than %g s: "
-        "are they %s, which need division by 1e%d?",
-        *(path, step, 1 / step, _SLOWEST_S, unit, exponent),
-    )
 
 
 def _exact_stamps(path: Path) -> NDArray[np.int64]:
@@ -481,18 +485,80 @@ def _exact_stamps(path: Path) -> NDArray[np.int64]:
         )
     if (large := np.flatnonzero(np.abs(stamps) > np.iinfo(np.int64).max)).size:
         line, seconds = line_of(path, large[0]), stamps[large[0]] // 10**9
+        # The unit in which it is a time of this century.
+        fitting = (each for each in _UNITS if 10**9 <= seconds // 10 ** each[1] < 4 * 10**9)
+        guesses = (f": these look like {u}, which need division by 1e{e}" for u, e in fitting)
         raise DataError(
             f"{path}, line {line}: {seconds:.4g} seconds do not fit 64 bits as nanoseconds, "
-            f"expected times in seconds{_guess_unit(seconds)}",
+            f"expected times in seconds{next(guesses, '')}",
             code="not-seconds",
             fields=(str(path), str(line)),
         )
     return stamps.astype(np.int64)
 
 
-def _guess_unit(stamp: int) -> str:
-    """Name the unit in which a stamp is a time of this century, as the end of a message."""
-    for unit, exponent in _UNITS:
-        if 10**9 <= stamp // 10**exponent < 4 * 10**9:
-            return f": these look like {unit}, which need division by 1e{exponent}"
-    return ""
+def read_table(
+    path: PathLike, columns: int, expected: str, *, delimiter: str | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Read lines of an integer and numbers; # begins a comment.
+
+    Args:
+        path: of the file.
+        columns: how many numbers follow the integer.
+        expected: description of a line, for errors.
+        delimiter: between numbers; None for blanks.
+
+    Returns:
+        int64 (N) and float64 (N, columns), N > 0; numbers may be NaN.
+
+    Raises:
+        DataError: the file is missing or empty, or a line is something else; the message names it.
+    """
+    path, row = Path(path), np.dtype([("key", "<i8"), ("values", "<f8", (columns,))])
+    with reading(path, expected), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
+        # An integer with decimals would lose digits.
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            rows = np.loadtxt(path, dtype=row, delimiter=delimiter, ndmin=1, encoding="utf-8")
+        except (ValueError, DeprecationWarning) as error:
+            bad_lines = (
+                number
+                for number, words in _filled_lines(path, delimiter)
+                if len(words) != 1 + columns
+                or not (_are(np.int64, words[:1]) and _are(float, words[1:]))
+            )
+            line = next(bad_lines, 1)
+            raise DataError(
+                f"line {line}: expected {expected}",
+                code="damaged-file",
+                fields=(str(path), str(line)),
+            ) from error
+    if not rows.size:
+        raise DataError(
+            f"{path} is empty: expected {expected}", code="too-short", fields=(str(path), "1")
+        )
+    return rows["key"].astype(np.int64), rows["values"].astype(np.float64)
+
+
+def read_matrices(
+    path: PathLike, expected: str, *, delimiter: str | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Read lines of an integer and the 12 numbers of a row-major 3x4 matrix [R t].
+
+    Returns:
+        int64 (N) and float64 (N, 4, 4).
+
+    Raises:
+        DataError: as ``read_table``; a number is not finite, or R is no rotation.
+    """
+    path = Path(path)
+    keys, rows = read_table(path, 12, expected, delimiter=delimiter)
+    if (bad := np.flatnonzero(~np.isfinite(rows).all(axis=1))).size:
+        line = line_of(path, bad[0])
+        raise DataError(
+            f"{path}, line {line}: NaN or infinity, expected {expected}",
+            code="not-finite",
+            fields=(str(path), str(line)),
+        )
+    return keys, _matrices(path, rows)

@@ -12,7 +12,7 @@ both: ``<shapes>_range_mm`` (m), ``<shapes>_ray`` (m), indices into ``rays``, ``
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,11 +96,19 @@ class RangeRecording(CloudDataset):
                 that do not match each other; the message names the file and the array.
         """
         source = Path(path)
-        arrays = _arrays(source)
-        shapes = _chosen_shapes(source, arrays, shapes)
-        seconds, offsets = _scans(source, arrays, shapes)
-        points, colors = _points(source, arrays, shapes, int(offsets[-1]))
-        places = _places(source, arrays, len(seconds))
+        with load_arrays(source, "a recording of ranges") as loaded:
+            arrays = _Arrays(source, loaded)
+        there = [name for name in SHAPES if f"{name}_offsets" in loaded]
+        if not there:
+            raise DataError(
+                f"{source}: expected visual_offsets or collision_offsets, found neither"
+            )
+        if shapes is not None and shapes not in there:
+            raise DataError(f"{source} has no {shapes} shapes; it has {', '.join(there)}")
+        shapes = shapes or there[0]
+        seconds, offsets = _scans(arrays, shapes)
+        points, colors = _points(arrays, shapes, int(offsets[-1]))
+        places = arrays.finite("poses", (len(seconds), 3)) if "poses" in loaded else None
         return cls(
             kind=KIND,
             name=source.stem,
@@ -190,68 +198,54 @@ def open_recording(root: Path, request: Request) -> RangeRecording:
     return RangeRecording.open(root, request.shapes)
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    with load_arrays(path, "a recording of ranges") as arrays:
-        return arrays
+class _Arrays(NamedTuple):
+    """The arrays of a file, by which errors are named."""
+
+    path: Path
+    by_name: dict[str, NDArray[Any]]
+
+    def get(self, name: str, shape: tuple[int, ...]) -> Any:
+        """Get an array and check its shape, in which -1 is any length."""
+        if name not in self.by_name:
+            raise DataError(f"{self.path} has no array {name}")
+        found = self.by_name[name].shape
+        fits = len(found) == len(shape) and all(
+            want in (-1, have) for want, have in zip(shape, found, strict=True)
+        )
+        if not fits:
+            message = f"{self.path}: {name} has shape {found}, expected {shape} (-1: any length)"
+            raise DataError(message)
+        return self.by_name[name]
+
+    def finite(self, name: str, shape: tuple[int, ...]) -> Floats:
+        """Get an array of finite numbers as float64."""
+        values = self.get(name, shape)
+        if not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
+            raise DataError(f"{self.path}: {name} must be finite numbers")
+        return np.asarray(values, np.float64)
 
 
-def _chosen_shapes(path: Path, arrays: dict[str, NDArray[Any]], shapes: str | None) -> str:
-    there = [name for name in SHAPES if f"{name}_offsets" in arrays]
-    if not there:
-        raise DataError(f"{path}: expected visual_offsets or collision_offsets, found neither")
-    if shapes is not None and shapes not in there:
-        raise DataError(f"{path} has no {shapes} shapes; it has {', '.join(there)}")
-    return shapes or there[0]
-
-
-def _get(path: Path, arrays: dict[str, NDArray[Any]], name: str, shape: tuple[int, ...]) -> Any:
-    """Get an array and check its shape, in which -1 is any length."""
-    if name not in arrays:
-        raise DataError(f"{path} has no array {name}")
-    found = arrays[name].shape
-    fits = len(found) == len(shape) and all(
-        want in (-1, have) for want, have in zip(shape, found, strict=True)
-    )
-    if not fits:
-        raise DataError(f"{path}: {name} has shape {found}, expected {shape} (-1: any length)")
-    return arrays[name]
-
-
-def _finite(path: Path, name: str, values: NDArray[Any]) -> Floats:
-    if not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
-        raise DataError(f"{path}: {name} must be finite numbers")
-    return values.astype(np.float64)
-
-
-def _scans(
-    path: Path, arrays: dict[str, NDArray[Any]], shapes: str
-) -> tuple[Floats, NDArray[np.int64]]:
-    seconds = _finite(path, "stamps", _get(path, arrays, "stamps", (-1,)))
+def _scans(arrays: _Arrays, shapes: str) -> tuple[Floats, NDArray[np.int64]]:
+    seconds = arrays.finite("stamps", (-1,))
     if not len(seconds) or (np.diff(seconds) <= 0).any():
-        raise DataError(f"{path}: stamps must increase, and there must be one")
+        raise DataError(f"{arrays.path}: stamps must increase, and there must be one")
     name = f"{shapes}_offsets"
-    offsets = _get(path, arrays, name, (len(seconds) + 1,)).astype(np.int64)
+    offsets = arrays.get(name, (len(seconds) + 1,)).astype(np.int64)
     if offsets[0] != 0 or (np.diff(offsets) < 0).any():
-        raise DataError(f"{path}: {name} must begin with 0 and never decrease")
+        raise DataError(f"{arrays.path}: {name} must begin with 0 and never decrease")
     return seconds, offsets
 
 
 def _points(
-    path: Path, arrays: dict[str, NDArray[Any]], shapes: str, count: int
+    arrays: _Arrays, shapes: str, count: int
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    rays = _finite(path, "rays", _get(path, arrays, "rays", (-1, 3)))
-    origin = _finite(path, "lidar_xyz", _get(path, arrays, "lidar_xyz", (3,)))
-    ray = _get(path, arrays, f"{shapes}_ray", (count,)).astype(np.int64)
+    rays, origin = arrays.finite("rays", (-1, 3)), arrays.finite("lidar_xyz", (3,))
+    ray = arrays.get(f"{shapes}_ray", (count,)).astype(np.int64)
     if count and (ray.min() < 0 or ray.max() >= len(rays)):
-        raise DataError(f"{path}: {shapes}_ray must be below {len(rays)}, the number of rays")
-    metres = _get(path, arrays, f"{shapes}_range_mm", (count,)) / 1000.0
-    colors = _get(path, arrays, f"{shapes}_rgb", (count, 3))
+        message = f"{arrays.path}: {shapes}_ray must be below {len(rays)}, the number of rays"
+        raise DataError(message)
+    metres = arrays.get(f"{shapes}_range_mm", (count,)) / 1000.0
+    colors = arrays.get(f"{shapes}_rgb", (count, 3))
     if colors.dtype != np.uint8:
-        raise DataError(f"{path}: {shapes}_rgb is {colors.dtype}, expected uint8")
+        raise DataError(f"{arrays.path}: {shapes}_rgb is {colors.dtype}, expected uint8")
     return (rays[ray] * metres[:, None] + origin).astype(np.float32), colors
-
-
-def _places(path: Path, arrays: dict[str, NDArray[Any]], count: int) -> Floats | None:
-    if "poses" not in arrays:
-        return None
-    return _finite(path, "poses", _get(path, arrays, "poses", (count, 3)))

@@ -10,8 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.base import Dataset, FileDataset
-from fusionslam.datasets.pose_files import match_poses
-from fusionslam.datasets.pose_tables import poses_at
+from fusionslam.datasets.pose_files import (
+    POSE_GAP_NS,
+    check_same_time,
+    interpolate_poses,
+    match_poses,
+)
 from fusionslam.datasets.streams import (
     Request,
     Stream,
@@ -78,7 +82,7 @@ class StampedScans:
         if request.poses:
             poses = match_poses(request.poses, numbers, stamps_ns, recorded=recorded)
         elif truth:
-            poses = poses_at(truth, *self.read_truth(truth), stamps_ns)
+            poses = _poses_at(truth, *self.read_truth(truth), stamps_ns)
         return FileDataset(
             kind=self.kind,
             name=f"{self.title} {root.name}",
@@ -107,6 +111,38 @@ class StampedScans:
         }
         root = one_of(path, {key: folder for key, (folder, _) in found.items()}, name)
         return found[root.name]
+
+
+def _poses_at(
+    path: Path,
+    pose_stamps: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    stamps_ns: NDArray[np.int64],
+) -> Matrix:
+    """Poses at the stamps of frames, float64 (N, 4, 4), interpolated between the two around each.
+
+    They are NaN before the first pose, after the last, and between two that are more than 0.5 s
+    apart (``POSE_GAP_NS``).
+
+    Args:
+        path: the file that the poses are of, for errors.
+        pose_stamps: int64 (M), nanoseconds.
+        poses: float64 (M, 4, 4).
+        stamps_ns: int64 (N), of the frames.
+
+    Raises:
+        DataError: there are fewer than two poses, or all are before or after the frames.
+    """
+    if len(poses) < 2:
+        raise DataError(
+            f"{path} has {len(poses)} poses, expected two or more",
+            code="too-short",
+            fields=(str(path), "2"),
+        )
+    check_same_time(path, pose_stamps, stamps_ns)
+    found, gaps_ns = interpolate_poses(pose_stamps, poses, stamps_ns)
+    found[gaps_ns > POSE_GAP_NS] = np.nan
+    return found
 
 
 def _folders(path: Path) -> list[Path]:

@@ -221,22 +221,20 @@ def frame_numbers(
     """
     stream_numbers = [set(stream.files) for stream in streams.values()]
     seen, complete = set.union(*stream_numbers), set.intersection(*stream_numbers)
-    gaps = sorted((_span(streams, seen) if consecutive else seen) - complete)
+    if consecutive:
+        first, last = min(seen), max(seen)
+        if last - first > MAX_SPAN:
+            folder = next(iter(streams.values())).expected(first).parent
+            message = f"{folder}: file names {first} to {last} do not count frames"
+            raise DataError(message, code="no-frame-numbers", fields=(str(folder),))
+        seen = set(range(first, last + 1))
+    gaps = sorted(seen - complete)
     if gaps:
         _report(streams, gaps, len(complete), request.gaps)
     if not complete:
         message = f"no frame has a file from each of {', '.join(streams)}{_rule(streams)}"
         raise DataError(message, code="no-frames", fields=tuple(streams))
     return np.array(sorted(complete), dtype=np.int64), gaps
-
-
-def _span(streams: Mapping[str, Stream], seen: set[int]) -> set[int]:
-    first, last = min(seen), max(seen)
-    if last - first > MAX_SPAN:
-        folder = next(iter(streams.values())).expected(first).parent
-        message = f"{folder}: file names {first} to {last} do not count frames"
-        raise DataError(message, code="no-frame-numbers", fields=(str(folder),))
-    return set(range(first, last + 1))
 
 
 def _report(streams: Mapping[str, Stream], gaps: list[int], complete: int, policy: str) -> None:

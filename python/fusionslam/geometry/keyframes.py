@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a robot has moved so far that what it sees is worth keeping."""
 
-import numpy as np
-
+from fusionslam.geometry.se3 import motion_size
 from fusionslam.storage.arrays import Matrix
 
 
@@ -15,5 +14,5 @@ def is_keyframe(step: Matrix, distance: float, turn: float) -> bool:
         distance: least motion, metres.
         turn: least turn, degrees.
     """
-    cosine = np.clip((np.trace(step[:3, :3]) - 1) / 2, -1, 1)
-    return bool(np.linalg.norm(step[:3, 3]) >= distance or np.degrees(np.arccos(cosine)) >= turn)
+    metres, degrees = motion_size(step)
+    return metres >= distance or degrees >= turn

@@ -116,7 +116,14 @@ class OdometryCalibration:
         if not used:
             return None
         self._seen_way = self._track.way
-        return self._update()
+        information = self._sums[:, 0] + _PRIOR**-2
+        errors, deviations = self._sums[:, 1] / information, information**-0.5
+        learned = np.where(np.abs(errors) > _SURE * deviations, 1 + errors, 1.0)
+        before, now = np.array(self.factors), learned.clip(0.5, 2.0)
+        if (np.abs(now / before - 1) < _STEP).all():
+            return None
+        self.factors = Factors(*now.tolist())
+        return Factors(*(now / before).tolist())
 
     def _observe_one(self, number: int, pose: Place, count: int) -> bool:
         """Learn from one of some views; False if its pose cannot be right."""
@@ -138,27 +145,14 @@ class OdometryCalibration:
         if allowed < math.pi / 2:  # else it may be another rest
             error = learned * turn + rest
             self._sums[1] += news / variance * np.array([turn * turn, turn * error])
-        if since <= _NEAR_M:
-            self._observe_way(news, then, pose)
-        return True
-
-    def _observe_way(self, news: float, then: _Track, pose: Place) -> None:
-        ahead, aside, _ = relative_to(then, self._track)
+        if since > _NEAR_M:
+            return True
+        ahead, aside, _ = relative_to(then, now)
         off = pose[0] - ahead, pose[1] - aside
-        if math.hypot(*off) > _OFF_M + _OFF_SHARE * math.hypot(ahead, aside):
-            return
-        values = [ahead * ahead + aside * aside, ahead * off[0] + aside * off[1]]
-        self._sums[0] += news / _PLACE_M**2 * np.array(values)
-
-    def _update(self) -> Factors | None:
-        information = self._sums[:, 0] + _PRIOR**-2
-        errors, deviations = self._sums[:, 1] / information, information**-0.5
-        learned = np.where(np.abs(errors) > _SURE * deviations, 1 + errors, 1.0)
-        before, now = np.array(self.factors), learned.clip(0.5, 2.0)
-        if (np.abs(now / before - 1) < _STEP).all():
-            return None
-        self.factors = Factors(*now.tolist())
-        return Factors(*(now / before).tolist())
+        if math.hypot(*off) <= _OFF_M + _OFF_SHARE * math.hypot(ahead, aside):
+            values = [ahead * ahead + aside * aside, ahead * off[0] + aside * off[1]]
+            self._sums[0] += news / _PLACE_M**2 * np.array(values)
+        return True
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that ``restore`` needs, as arrays."""

@@ -91,7 +91,10 @@ def simulate_odometry(
     if not config.neutral:
         turn, way = _add_errors(turn, way, gap, config)
         x, y, yaw = _chain_steps(x[0], y[0], yaw[0], turn, way)
-    return OdometryTrack(stamps, ground_poses(x, y, yaw), _rates(way, gap), _turn_rates(turn, gap))
+    still = np.zeros_like(gap)
+    rates = np.stack([way[0] / gap, way[1] / gap, still, still, still, turn / gap], axis=1)
+    rates = np.concatenate([rates[:1], rates])  # the first one repeated
+    return OdometryTrack(stamps, ground_poses(x, y, yaw), rates[:, :3], rates[:, 3:])
 
 
 def add_odometry_errors(places: Floats, seconds: Floats, config: OdometryConfig) -> Floats:
@@ -163,18 +166,6 @@ def _chain_steps(
     xs = x + np.concatenate([[0.0], np.cumsum(c * way[0] - s * way[1])])
     ys = y + np.concatenate([[0.0], np.cumsum(s * way[0] + c * way[1])])
     return xs, ys, yaws
-
-
-def _rates(way: Floats, gap: Floats) -> Floats:
-    """Velocities of the steps, (N, 3), the first one repeated."""
-    rates = np.stack([way[0] / gap, way[1] / gap, np.zeros_like(gap)], axis=1)
-    return np.concatenate([rates[:1], rates])
-
-
-def _turn_rates(turn: Floats, gap: Floats) -> Floats:
-    """Turn rates of the steps, (N, 3), the first one repeated."""
-    rates = np.stack([np.zeros_like(gap), np.zeros_like(gap), turn / gap], axis=1)
-    return np.concatenate([rates[:1], rates])
 
 
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)

@@ -24,17 +24,13 @@ def places_of(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     up = poses[:, :3, 2].mean(axis=0)
     up /= np.linalg.norm(up)
-    turned = poses if up[2] > _UPRIGHT else _to_z(up) @ poses[:, :3]
+    turned = poses
+    if up[2] <= _UPRIGHT:
+        x = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
+        x /= np.linalg.norm(x)
+        turned = np.stack([x, np.cross(up, x), up]) @ poses[:, :3]
     yaw = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     return np.stack([turned[:, 0, 3], turned[:, 1, 3], yaw], axis=1)
-
-
-def _to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """float64 (3, 3): rotation that maps a direction to z."""
-    aside = np.eye(3)[np.argmin(np.abs(up))]
-    x = np.cross(aside, up)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(up, x), up])
 
 
 def compose(poses: Floats, offsets: Floats) -> Floats:

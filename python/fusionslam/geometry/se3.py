@@ -20,6 +20,12 @@ def inverse(poses: Floats) -> Floats:
     return result
 
 
+def motion_size(motion: Floats) -> tuple[float, float]:
+    """Metres and degrees of a motion, float64 (4, 4)."""
+    cosine = np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1)
+    return float(np.linalg.norm(motion[:3, 3])), float(np.degrees(np.arccos(cosine)))
+
+
 def exp(motions: Floats) -> Floats:
     """Poses (..., 4, 4) of small motions (..., 6): the exponential map of SE(3)."""
     from scipy.spatial.transform import Rotation  # slow to import

@@ -3,7 +3,6 @@
 """Trajectories of a robot on the ground."""
 
 import csv
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -122,8 +121,8 @@ def read_trajectory(path: PathLike) -> Trajectory:
     """
     path = Path(path)
     with reading(path, _EXPECTED):
-        text = path.read_text(encoding="utf-8-sig")
-        lines = list(_nonempty_lines(text))
+        reader = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        lines = [(reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
     if not lines or tuple(name.strip() for name in lines[0][1]) != _COLUMNS:
         found = repr(",".join(lines[0][1])) if lines else "nothing"
         raise DataError(
@@ -161,14 +160,6 @@ def write_trajectory(path: PathLike, trajectory: Trajectory) -> None:
     lines = [",".join(_COLUMNS), *(",".join(map(repr, row)) for row in rows)]
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="ascii")
-
-
-def _nonempty_lines(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the non-empty lines of a CSV text with their numbers from 1."""
-    reader = csv.reader(text.splitlines())
-    for cells in reader:
-        if any(cell.strip() for cell in cells):
-            yield reader.line_num, cells
 
 
 def _row(path: Path, number: int, cells: list[str]) -> list[float]:

@@ -7,10 +7,13 @@
 ...     first_from_scan = odometry.process(frame.points, frame.stamp_ns, frame.point_seconds)
 """
 
+import sys
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from fusionslam._core import (
     GroundSegmentsConfig,
@@ -22,9 +25,9 @@ from fusionslam._core import (
 )
 from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
-from fusionslam.errors import ClockError, DataError, ShapeError
+from fusionslam.errors import ClockError, DataError, FusionSlamError, ShapeError, needing
+from fusionslam.geometry.se3 import motion_size
 from fusionslam.help_texts import counted
-from fusionslam.odometry.kiss_icp_extra import KissIcp, take_part
 from fusionslam.sensors.messages import NANOSECONDS, as_stamp
 from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix, Points, read_numbers
 
@@ -118,7 +121,7 @@ class LidarOdometry:
         self.motion: Matrix = np.eye(4)
         self._voxel = self.config.voxel or 0.0
         # Made here so that a missing package is found before the first scan is read.
-        self._icp = KissIcp(self._voxel or 1.0, self.config.max_range)
+        self._icp = _make_icp(self._voxel or 1.0, self.config.max_range)
         self._last: _RegisteredScan | None = None
         # In which the motion was made; None before the velocity is known.
         self._gap_ns: int | None = None
@@ -170,8 +173,9 @@ class LidarOdometry:
                 fields=(str(stamp_ns), str(self._last.stamp_ns)),
             )
         if self._last is None and not self._voxel:
-            self._voxel = _choose_voxel(kept)
-            self._icp = KissIcp(self._voxel, self.config.max_range)
+            ranges = np.linalg.norm(kept, axis=1)
+            self._voxel = float(np.clip(np.quantile(ranges, 0.9) / 20, 0.1, 1.0))
+            self._icp = _make_icp(self._voxel, self.config.max_range)
         try:
             return self._register(kept, stamp_ns, parts)
         except DataError as error:
@@ -181,27 +185,28 @@ class LidarOdometry:
     def _register(self, points: Points, stamp_ns: int, seconds: Floats) -> Matrix:
         last = self._last
         gap_ns = stamp_ns - last.stamp_ns if last else NANOSECONDS
-        expected = self._predict(gap_ns)
+        # At constant velocity; none where nothing tells the velocity.
+        ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
+        part = ratio if ratio <= _LONGEST_RATIO else 0.0
+        expected: Matrix = _take_part(self.motion, np.array([part]))[0]
         # To the middle of the sweep: to its begin, errors of the velocity would build up.
         middle = (seconds.min() + seconds.max()) / 2 if len(seconds) else 0.0
         if len(seconds):
             points = _deskew(points, (seconds - middle) * (NANOSECONDS / gap_ns), expected)
-        above = self._find_above_ground(points)
-        pose = self._icp.register(_thin_rest(points, above), expected if last else np.eye(4))
+        # Rings on the ground move with the LiDAR: only what is above it shows motion.
+        ground = GroundSegmentsConfig(distance=self._voxel / 5)
+        above, _, _ = remove_ground_segments(points, config=ground)
+        self._icp.last_delta = expected if last else np.eye(4)
+        thinned = _thin_rest(points, above).astype(np.float64)
+        self._icp.register_frame(thinned, np.zeros(0))
+        pose: Matrix = self._icp.last_pose.copy()
         voxels = voxel_downsample(points[above], size=self._voxel / 2)[0]
         self._last = _RegisteredScan(stamp_ns, pose, voxels, nearest_ranges(points, step=1.0))
         if last is not None:
             self._follow(last, self._last, expected)
         until_stamp = np.array([-middle * NANOSECONDS / gap_ns])
-        at_stamp: Matrix = pose @ take_part(self.motion, until_stamp)[0]
+        at_stamp: Matrix = pose @ _take_part(self.motion, until_stamp)[0]
         return at_stamp
-
-    def _predict(self, gap_ns: int) -> Matrix:
-        """The motion within a time at constant velocity; none where nothing tells the velocity."""
-        ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
-        part = ratio if ratio <= _LONGEST_RATIO else 0.0
-        expected: Matrix = take_part(self.motion, np.array([part]))[0]
-        return expected
 
     def _follow(self, last: _RegisteredScan, scan: _RegisteredScan, expected: Matrix) -> None:
         """Take over the motion between two scans, and check it."""
@@ -218,29 +223,18 @@ class LidarOdometry:
         if self._lost >= self.config.lost_scans:
             raise self._lost_error()
 
-    def _find_above_ground(self, points: Points) -> Integers:
-        """Indices of the points that show motion: rings on the ground move with the LiDAR."""
-        ground = GroundSegmentsConfig(distance=self._voxel / 5)
-        above, _, _ = remove_ground_segments(points, config=ground)
-        return above
-
     def _check_motion(self, expected: Matrix, gap_ns: int, is_moving: bool) -> None:
-        step, turn = _size(self.motion)
-        change = _size(np.linalg.inv(expected) @ self.motion)
+        step, turn = motion_size(self.motion)
+        change = motion_size(np.linalg.inv(expected) @ self.motion)
         self._way += step
         if is_moving:
             self._changes += np.square([change[0], np.deg2rad(change[1])])
         is_fast = gap_ns <= _FAST_NS
         if is_fast and not is_moving:
             return  # the velocity is known from the next scan on
-        checked, what = (
-            (change, "from where constant velocity leads")
-            if is_fast
-            else (
-                (step, turn),
-                "from the one before",
-            )
-        )
+        checked, what = (step, turn), "from the one before"
+        if is_fast:
+            checked, what = change, "from where constant velocity leads"
         if checked[0] > self.config.max_step or checked[1] > self.config.max_turn:
             raise DataError(
                 f"the scan is {checked[0]:.2f} m and {checked[1]:.1f} degrees {what}, "
@@ -273,6 +267,52 @@ class LidarOdometry:
             f"expected scans at most {self.config.max_step:g} m and {self.config.max_turn:g} "
             "degrees apart, as 10 in a second are; slower scans need odometry of the wheels"
         )
+
+
+def _make_icp(voxel: float, max_range: float) -> Any:
+    """KISS-ICP (Vizzo et al., RA-L 2023): scans registered to a local map, on one thread.
+
+    Its own deskewing is off: it takes the pose for that of the last point, whatever the stamp, and
+    ends the process where all points have the same time.
+
+    Args:
+        voxel: of the local map, metres.
+        max_range: farther points are not used, metres.
+
+    Raises:
+        FusionSlamError: KISS-ICP is not installed (code "missing-extra"), or has no package for
+            this Python ("no-package").
+    """
+    try:
+        with needing("odometry", "odometry by LiDAR needs KISS-ICP"):
+            from kiss_icp import kiss_icp
+            from kiss_icp.config import config
+    except FusionSlamError as error:
+        if sys.version_info < (3, 14):
+            raise
+        raise FusionSlamError(
+            "odometry by LiDAR needs KISS-ICP, which has no package for Python 3.14 and later",
+            code="no-package",
+            fields=("kiss-icp",),
+        ) from error
+    # Its own class of the whole configuration takes values from the environment, too.
+    return kiss_icp.KissICP(
+        SimpleNamespace(
+            data=config.DataConfig(max_range=max_range, min_range=0.0, deskew=False),
+            mapping=config.MappingConfig(voxel_size=voxel, max_points_per_voxel=20),
+            registration=config.RegistrationConfig(max_num_threads=1),
+            adaptive_threshold=config.AdaptiveThresholdConfig(),
+        )
+    )
+
+
+def _take_part(motion: Matrix, parts: Floats) -> Floats:
+    """float64 (K, 4, 4): parts or multiples (K) of a motion, turn and translation on their own."""
+    result = np.tile(np.eye(4), (len(parts), 1, 1))
+    turn = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+    result[:, :3, :3] = Rotation.from_rotvec(parts[:, None] * turn).as_matrix()
+    result[:, :3, 3] = parts[:, None] * motion[:3, 3]
+    return result
 
 
 def _check_scan(points: Any, seconds: ArrayLike | None) -> tuple[Points, Floats]:
@@ -315,20 +355,9 @@ def _thin_rest(points: Points, kept: Integers) -> Points:
 def _deskew(points: Points, parts: Floats, motion: Matrix) -> Points:
     """The points as seen from where the parts are 0, each measured after a part of a motion."""
     steps, rows = np.unique(np.round(parts * _STEPS), return_inverse=True)
-    moves = take_part(motion, steps / _STEPS)[rows].astype(np.float32)
+    moves = _take_part(motion, steps / _STEPS)[rows].astype(np.float32)
     moved = np.einsum("nij,nj->ni", moves[:, :3, :3], points) + moves[:, :3, 3]
     return np.ascontiguousarray(moved, np.float32)
-
-
-def _choose_voxel(points: Points) -> float:
-    ranges = np.linalg.norm(points, axis=1)
-    return float(np.clip(np.quantile(ranges, 0.9) / 20, 0.1, 1.0))
-
-
-def _size(motion: Matrix) -> tuple[float, float]:
-    """Metres and degrees of a motion."""
-    cosine = np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1)
-    return float(np.linalg.norm(motion[:3, 3])), float(np.rad2deg(np.arccos(cosine)))
 
 
 def _overlap(

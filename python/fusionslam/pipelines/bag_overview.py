@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.calibration import CALIBRATED
-from fusionslam.datasets.bags.index import Series
-from fusionslam.datasets.bags.indexed_bag import IndexedBag
+from fusionslam.datasets.bags.indexed_bag import IndexedBag, Series
 from fusionslam.datasets.bags.pairing import open_indexed_bag
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES, further_cameras
@@ -60,7 +59,7 @@ class Inspection:
         in_use = [*(role for role in ROLES if role in roles), *further_cameras(roles)]
         yield "in use", ", ".join(f"{role} {roles[role]}" for role in in_use) or "-"
         yield "extrinsics", self._extrinsics()
-        for count, first in self.source.index.refused.values():
+        for count, first in self.source.refused.values():
             yield "refused", f"{_count_noun(count, 'message')}: {first}"
 
     def fusion(self, dataset: "Dataset | None") -> FirstCloud:
@@ -98,7 +97,7 @@ class Inspection:
         about = f"{topic.type}, {_count_noun(topic.count, 'message')}"
         if not topic.is_known:
             return f"{about}, of a type that is not read"
-        series = self.source.index.series.get(topic.name)
+        series = self.source.indexed.get(topic.name)
         rate = rate_words(series) if series else ""
         return f"{about}, {rate}" if rate else about
 
@@ -108,7 +107,7 @@ class Inspection:
         camera, scanner = self._ends()
         origin = "the calibration" if camera == CALIBRATED else "TF"
         try:
-            chain = self.source.index.frames.tree.chain(camera, scanner)
+            chain = self.source.frames.tree.chain(camera, scanner)
             return f"{' <- '.join(chain)}, from {origin}"
         except DataError as error:
             return f"camera in '{camera}', scanner in '{scanner}': {one_line(error)}"
@@ -116,7 +115,7 @@ class Inspection:
     def _missing_link(self) -> list[str]:
         camera, scanner = self._ends()
         try:
-            self.source.index.frames.tree.chain(camera, scanner)
+            self.source.frames.tree.chain(camera, scanner)
         except DataError as error:
             return [f"TF does not link '{camera}' and '{scanner}': {one_line(error)}"]
         return []

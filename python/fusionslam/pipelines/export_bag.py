@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.export_folder import log_empty
 from fusionslam.pipelines.frame_check import readable_frames
-from fusionslam.pipelines.recording import Recording, name_frame, warn_of_turns
+from fusionslam.pipelines.recording import Recording, name_frame, warn_of_mistakes
 from fusionslam.pipelines.results import refuse_input
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import (
@@ -94,8 +93,7 @@ def write_cloud_bag(
             if progress is not None:
                 progress(done, len(dataset))
     log_empty(dataset, empty)
-    warn_of_turns(dataset)
-    warn_of_wrong_calibration(dataset, config.source)
+    warn_of_mistakes(dataset, config.source)
     return len(dataset)
 
 

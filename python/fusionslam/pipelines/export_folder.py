@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.frame_check import readable_frames
-from fusionslam.pipelines.recording import Recording, name_frame, warn_of_turns
+from fusionslam.pipelines.recording import Recording, name_frame, warn_of_mistakes
 from fusionslam.pipelines.results import Work, claim, refuse_input
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import atomic_path
@@ -104,8 +103,7 @@ def write_clouds(
             if progress is not None:
                 progress(done, len(dataset))
     log_empty(dataset, empty)
-    warn_of_turns(dataset)
-    warn_of_wrong_calibration(dataset, config.source)
+    warn_of_mistakes(dataset, config.source)
     return len(dataset)
 
 

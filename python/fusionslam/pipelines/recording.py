@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
@@ -181,24 +182,28 @@ def warn_of_odometry(dataset: Dataset) -> None:
         )
 
 
-def warn_of_turns(dataset: Dataset) -> None:
-    """Say how far the robot turned within scans that are taken as of one moment.
+def warn_of_mistakes(dataset: Dataset, source: str) -> None:
+    """Say what makes clouds of a recording wrong: turns within scans, or its calibration.
 
-    By the odometry of all frames; times of points are those of three scans. Nothing is said where
-    either is unknown, or a scan cannot be read, of which whoever uses it says more.
+    Scans are taken as of one moment. How far the robot turned within them is told by the odometry
+    of all frames and the times of points of three scans. Nothing is said where either is unknown,
+    or a scan cannot be read, of which whoever uses it says more.
+
+    Args:
+        dataset: the recording.
+        source: of its clouds.
     """
     motion = ScanMotion()
     with suppress(DataError):
         rows = {0, len(dataset) // 2, len(dataset) - 1} if len(dataset) else ()
-        spans = [span_of(dataset[row]) for row in rows]
-        known = [span for span in spans if span is not None]
-        if not known:
-            return
-        typical = sorted(known, key=lambda span: span[1] - span[0])[len(known) // 2]
-        for frame in dataset:
-            motion.follow(frame.stamp_ns, frame.odometry)
-            motion.within(typical)
+        spans = [span for row in rows if (span := span_of(dataset[row])) is not None]
+        if spans:
+            typical = sorted(spans, key=lambda span: span[1] - span[0])[len(spans) // 2]
+            for frame in dataset:
+                motion.follow(frame.stamp_ns, frame.odometry)
+                motion.within(typical)
     motion.warn(dataset.name)
+    warn_of_wrong_calibration(dataset, source)
 
 
 class FrameError(DataError):

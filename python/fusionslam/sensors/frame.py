@@ -146,32 +146,29 @@ class Frame:
             check_mounting("robot_from_points", robot_from_points)
         self.robot_from_points = robot_from_points
         self.images: Mapping[str, Bytes] = _LazyMapping({} if images is None else images)
-        self._points = points
-        self._colors = colors
-        self._intensities = intensities
-        self._point_seconds = point_seconds
+        scan = {
+            "points": points,
+            "colors": colors,
+            "intensities": intensities,
+            "point_seconds": point_seconds,
+        }
+        self._scan = _LazyMapping(scan)
 
     def __getstate__(self) -> dict[str, object]:
         # Another process may not be able to read the recording: it gets the data themselves.
-        loaded = {
-            "_points": self.points,
-            "_colors": self.colors,
-            "_intensities": self.intensities,
-            "_point_seconds": self.point_seconds,
-            "images": dict(self.images),
-        }
-        return {**vars(self), **loaded}
+        return {**vars(self), "_scan": dict(self._scan), "images": dict(self.images)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, images=_LazyMapping(state["images"]))
+        lazy = {name: _LazyMapping(state[name]) for name in ("_scan", "images")}
+        vars(self).update(state, **lazy)
 
     def __repr__(self) -> str:
         """One line; loads nothing."""
         seconds, nanoseconds = divmod(self.stamp_ns, 1_000_000_000)
         content = []
         if self.has_points:
-            is_loaded = not callable(self._points) and self._points is not None
-            content.append(f"{len(self._points)} points" if is_loaded else "points")  # type: ignore[arg-type]
+            points = self._scan.stored("points")
+            content.append("points" if callable(points) else f"{len(points)} points")
         content += [f"{name} image" for name in self.images]
         about = ", ".join(content) or "empty"
         return f"<Frame {self.index} at {seconds}.{nanoseconds:09d} s: {about}>"
@@ -179,48 +176,48 @@ class Frame:
     @property
     def points(self) -> NDArray[np.float32] | None:
         """float32 (N, 3) in metres, or None if this frame has no scan."""
-        if callable(self._points):
-            self._points = self._points()
-        return self._points
+        points: Points | None = self._scan["points"]
+        return points
 
     @property
     def colors(self) -> NDArray[np.uint8] | None:
         """uint8 (N, 3) RGB if the data has coloured points, else None."""
-        if callable(self._colors):
-            self._colors = self._colors()
-        return self._colors
+        colors: Bytes | None = self._scan["colors"]
+        return colors
 
     @property
     def intensities(self) -> Floats32 | None:
         """float32 (N,), intensities of the returns in the scanner's own unit; None if unknown."""
-        if callable(self._intensities):
-            self._intensities = self._intensities()
-        return self._intensities
+        intensities: Floats32 | None = self._scan["intensities"]
+        return intensities
 
     @property
     def point_seconds(self) -> Floats | None:
         """float64 (N,), seconds from the stamp to when each point was measured; None if unknown."""
-        if callable(self._point_seconds):
-            self._point_seconds = self._point_seconds()
-        return self._point_seconds
+        point_seconds: Floats | None = self._scan["point_seconds"]
+        return point_seconds
 
     @property
     def has_points(self) -> bool:
         """Whether there is a scan; does not load it."""
-        return self._points is not None
+        return self._scan.stored("points") is not None
 
 
-class _LazyMapping(Mapping[str, Bytes]):
+class _LazyMapping(Mapping[str, Any]):
     """A mapping whose values are loaded on first access."""
 
-    def __init__(self, values: Mapping[str, Bytes | Callable[[], Bytes]]) -> None:
+    def __init__(self, values: Mapping[str, Any]) -> None:
         self._values = dict(values)
 
-    def __getitem__(self, key: str) -> Bytes:
+    def __getitem__(self, key: str) -> Any:
         value = self._values[key]
         if callable(value):
             value = self._values[key] = value()
         return value
+
+    def stored(self, key: str) -> Any:
+        """The value, or its loader if it was not loaded yet."""
+        return self._values[key]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)

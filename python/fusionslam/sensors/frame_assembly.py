@@ -12,7 +12,6 @@ from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
-from fusionslam.sensors.point_times import point_seconds
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.storage.arrays import Floats, Matrix
@@ -55,7 +54,14 @@ def frame_from_pair(
     for name, picture in pictures.items():
         check_size(picture, infos[name], name)
     lead = scan or pictures["left"]
-    cloud = _select_returns(scan)
+    cloud = None
+    if scan is not None:
+        valid = np.isfinite(scan.points).all(axis=1)
+        cloud = Cloud(
+            scan.points if valid.all() else scan.points[valid],
+            None if scan.colors is None else scan.colors[valid],
+            None if scan.intensities is None else scan.intensities[valid],
+        )
     around = surround or {}
     cameras = _place_cameras(scan, pictures, infos, frames, still)
     cameras |= _place_surround(scan, around, infos, frames, awaited)
@@ -78,21 +84,8 @@ def frame_from_pair(
 
 
 def _seconds_of_returns(scan: Scan) -> Floats | None:
-    seconds = point_seconds(scan)
+    seconds = scan.point_seconds
     return None if seconds is None else seconds[np.isfinite(scan.points).all(axis=1)]
-
-
-def _select_returns(scan: Scan | None) -> Cloud | None:
-    """Points, colours and intensities of the rays that returned."""
-    if scan is None:
-        return None
-    valid = np.isfinite(scan.points).all(axis=1)
-    points = scan.points if valid.all() else scan.points[valid]
-    return Cloud(
-        points,
-        None if scan.colors is None else scan.colors[valid],
-        None if scan.intensities is None else scan.intensities[valid],
-    )
 
 
 def _robot_from_points(
@@ -105,18 +98,13 @@ def _robot_from_points(
     if scan is not None:
         return frames.robot_from(scan.frame_id, scan.stamp_ns)
     try:
-        return frames.robot_from(_optical_frame("left", pictures, infos), pictures["left"].stamp_ns)
+        left = pictures["left"]
+        return frames.robot_from(infos["left"].frame_id or left.frame_id, left.stamp_ns)
     except TransformError:
         # A stereo pair works without transforms, but waits for them while they may still arrive.
         if not still:
             raise
         return None
-
-
-def _optical_frame(
-    name: str, pictures: Mapping[str, Picture], infos: Mapping[str, CameraInfo]
-) -> str:
-    return infos[name].frame_id or pictures[name].frame_id
 
 
 def _place_cameras(
@@ -133,7 +121,7 @@ def _place_cameras(
             continue
         place = np.eye(4)
         if scan is not None:
-            optical = _optical_frame(name, pictures, infos)
+            optical = infos[name].frame_id or picture.frame_id
             place = frames.camera_from_points(
                 optical, picture.stamp_ns, scan.frame_id, scan.stamp_ns, still=still
             )

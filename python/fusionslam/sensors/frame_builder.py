@@ -8,7 +8,9 @@ images.
 """
 
 import logging
+from bisect import insort
 from collections import Counter, deque
+from collections.abc import Iterable
 from functools import partial
 
 from fusionslam.argument_types import checked
@@ -27,17 +29,16 @@ from fusionslam.sensors.messages import (
     as_nanoseconds,
 )
 from fusionslam.sensors.robot_frames import RobotFrames
-from fusionslam.sensors.surround import SurroundImages
 from fusionslam.sensors.synchronizer import (
     BUFFER_FULL,
     CLOCK_JUMP,
     Pair,
     SyncConfig,
     Synchronizer,
+    choose_image,
     stereo_synchronizer,
 )
 from fusionslam.sensors.transforms import TransformError
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 
@@ -84,6 +85,90 @@ class OnlineConfig(Section):
     extrapolation: float = option(
         0.0, "how far beyond the known transforms a robot's motion is carried on", unit="s", ge=0
     )
+
+
+class SurroundImages:
+    """The newest images of further cameras, one of which belongs to each frame.
+
+    Which one is decided as by ``Synchronizer``. A camera that has been silent for longer than
+    ``wait`` is waited for no more until its next image.
+
+    Args:
+        names: of the cameras.
+        config: policy and limits.
+        wait: how long a silent camera is waited for, in seconds of stamps.
+
+    Attributes:
+        missing: frames that lack an image, by camera.
+    """
+
+    def __init__(self, names: Iterable[str], config: SyncConfig, wait: float) -> None:
+        self.names = tuple(names)
+        self.missing: Counter[str] = Counter()
+        self._config = config
+        self._wait_ns = wait * NANOSECONDS
+        self._reach_ns = as_nanoseconds("max_difference", config.max_difference)
+        self._lateness_ns = as_nanoseconds("lateness", config.lateness)
+        self._first_ns: int | None = None
+        self._unplaced: set[str] = set()
+        self._images: dict[str, list[tuple[int, Picture]]] = {name: [] for name in self.names}
+
+    def add(self, name: str, picture: Picture) -> None:
+        """Keep an image; of more than ``buffer`` the oldest is dropped."""
+        images = self._images[name]
+        if images and images[-1][0] - picture.stamp_ns > self._config.jump * NANOSECONDS:
+            images.clear()
+        insort(images, (picture.stamp_ns, picture), key=lambda image: image[0])
+        del images[: -self._config.buffer]
+
+    def is_settled(self, stamp_ns: int, newest_ns: int) -> bool:
+        """Whether no better image of a scan is expected.
+
+        Args:
+            stamp_ns: of the scan.
+            newest_ns: newest stamp of all sensors.
+        """
+        self._first_ns = stamp_ns if self._first_ns is None else min(self._first_ns, stamp_ns)
+        for name, images in self._images.items():
+            last_ns = images[-1][0] if images else self._first_ns
+            chosen = self._chosen(name, stamp_ns)
+            ahead = self._reach_ns if chosen is None else abs(chosen.stamp_ns - stamp_ns)
+            is_silent = newest_ns - last_ns > self._wait_ns
+            if is_silent or (chosen is not None and ahead == 0):
+                continue
+            if self._config.policy == "last_before":
+                ahead = 0
+            if not images or last_ns <= stamp_ns + ahead + self._lateness_ns:
+                return False
+        return True
+
+    def choose(self, stamp_ns: int) -> dict[str, Picture]:
+        """The images of a scan by camera, without the cameras that have none."""
+        found = {name: self._chosen(name, stamp_ns) for name in self.names}
+        return {name: picture for name, picture in found.items() if picture is not None}
+
+    def count(self, frame: Frame) -> None:
+        """Count what a frame lacks, and which of its cameras could not be placed."""
+        self.missing.update(name for name in self.names if name not in frame.images)
+        self._unplaced |= {name for name in self.names if name in frame.images}
+        self._unplaced -= {*frame.cameras}
+
+    @property
+    def awaited(self) -> set[str]:
+        """Cameras whose place is worth waiting for: it was known, or has not been asked for."""
+        return {*self.names} - self._unplaced
+
+    def forget(self) -> None:
+        """Drop all images after the clock jumped back."""
+        self._first_ns = None
+        for images in self._images.values():
+            images.clear()
+
+    def _chosen(self, name: str, stamp_ns: int) -> Picture | None:
+        images = self._images[name]
+        stamps = [image[0] for image in images]
+        row = choose_image(stamps, stamp_ns, self._config.policy, self._reach_ns)
+        return None if row is None else images[row][1]
 
 
 def _pictures(pair: Pair) -> dict[str, Picture]:
@@ -230,8 +315,12 @@ class FrameBuilder:
         return frames
 
     def _synchronise(self, sensor: str, message: Scan | Picture) -> None:
-        jumps = self.sync.jumps
-        pairs = self._pair(sensor, message)
+        jumps, pairs = self.sync.jumps, []
+        if self.stereo is None or sensor not in _PAIR:
+            pairs = self.sync.add(sensor, message.stamp_ns, message)
+        else:  # left and right images pair first
+            for both in self.stereo.add(sensor, message.stamp_ns, message):
+                pairs += self.sync.add("left", both.stamp_ns, both)
         if self.sync.jumps > jumps:
             self._restart()
             # Odometry and TF that already have the new time are kept.
@@ -241,15 +330,6 @@ class FrameBuilder:
         if len(self._pending) > self.config.sync.buffer:
             self._pending.popleft()
             self._give_up(BUFFER_FULL, "too many scans wait")
-
-    def _pair(self, sensor: str, message: Scan | Picture) -> list[Pair]:
-        """Add a message and return the pairs it completes; left and right images pair first."""
-        if self.stereo is None or sensor not in _PAIR:
-            return self.sync.add(sensor, message.stamp_ns, message)
-        pairs: list[Pair] = []
-        for both in self.stereo.add(sensor, message.stamp_ns, message):
-            pairs += self.sync.add("left", both.stamp_ns, both)
-        return pairs
 
     def _move(self, message: FrameTransforms | Odometry) -> None:
         if self.robot.goes_back(message, self._jump_ns):
@@ -316,8 +396,12 @@ class FrameBuilder:
 
     def _assemble(self, pair: Pair, late: bool) -> Frame:
         """Frame of a pair, without odometry if only that is missing."""
-        scan = pair.item if isinstance(pair.item, Scan) else None
-        pose = self._true_pose(pair.stamp_ns, late)
+        scan, pose = pair.item if isinstance(pair.item, Scan) else None, None
+        try:
+            pose = self.robot.world_from_robot(pair.stamp_ns)
+        except TransformError as error:
+            if error.may_come and not late:
+                raise
         given = scan, _pictures(pair), self._infos, self.robot
         make = partial(
             frame_from_pair,
@@ -339,15 +423,6 @@ class FrameBuilder:
             self.still += 1
             self._log("odometry", str(error), *cause_of(error))
             return frame
-
-    def _true_pose(self, stamp_ns: int, late: bool) -> Matrix | None:
-        """Ground truth pose; None if unknown. Raises TransformError if it may become known."""
-        try:
-            return self.robot.world_from_robot(stamp_ns)
-        except TransformError as error:
-            if error.may_come and not late:
-                raise
-            return None
 
     def _give_up(self, reason: str, problem: str, *cause: str) -> None:
         self._given_up[self.sync.scans, reason] += 1

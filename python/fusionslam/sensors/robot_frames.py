@@ -43,9 +43,9 @@ class RobotFrames:
         odometry: str = "",
         truth: str = "",
     ) -> None:
-        self.tree = TransformTree(history_s=history_s, extrapolation_s=extrapolation_s)
-        self._moves = TransformTree(history_s=history_s, extrapolation_s=extrapolation_s)
-        self._true_moves = TransformTree(history_s=history_s, extrapolation_s=extrapolation_s)
+        self.tree, self._moves, self._true_moves = self._trees = [
+            TransformTree(history_s=history_s, extrapolation_s=extrapolation_s) for _ in range(3)
+        ]
         self._robot, self._odometry, self._truth = robot, odometry, truth
         self._measured: tuple[str, str] | None = None
         self._true: tuple[str, str] | None = None
@@ -77,12 +77,12 @@ class RobotFrames:
 
     def forget_moving(self) -> None:
         """Drop all moving transforms after the clock jumped back."""
-        for tree in (self.tree, self._moves, self._true_moves):
+        for tree in self._trees:
             tree.forget_moving()
 
     def forget_after(self, stamp_ns: int) -> None:
         """Drop moving transforms later than a stamp, to which the clock jumped back."""
-        for tree in (self.tree, self._moves, self._true_moves):
+        for tree in self._trees:
             tree.forget_after(stamp_ns)
 
     def goes_back(self, message: FrameTransforms | Odometry, jump_ns: int) -> bool:

@@ -169,9 +169,19 @@ class Synchronizer:
         if sensor not in self._buffers:
             raise ConfigError(f"sensor is {sensor!r}, expected one of {', '.join(self._buffers)}")
         self.added[sensor] += 1
-        if self._is_jump(sensor, stamp_ns):
-            self._drop_all()
-        self._insert(sensor, stamp_ns, item)
+        newest, decided = self._buffers[sensor].newest, self._decided_ns
+        if newest is not None and newest - stamp_ns > self.config.jump * NANOSECONDS:
+            self.jumps += 1
+            for name, count in self.waiting.items():
+                self._drop(name, CLOCK_JUMP, count)
+            self._restart()
+            decided = None
+        if sensor == self.scans and decided is not None and stamp_ns <= decided:
+            self._drop(sensor, DUPLICATE if stamp_ns == decided else LATE)
+        elif sensor != self.scans and stamp_ns < self._first_useful(sensor):
+            self._drop(sensor, LATE)
+        elif not self._buffers[sensor].insert(stamp_ns, item):
+            self._drop(sensor, DUPLICATE)
         return self._decide_all()
 
     def settle(self) -> list[Pair]:
@@ -191,28 +201,9 @@ class Synchronizer:
         # All scans decided from now on have later stamps.
         self._decided_ns: int | None = None
 
-    def _is_jump(self, sensor: str, stamp_ns: int) -> bool:
-        newest = self._buffers[sensor].newest
-        return newest is not None and newest - stamp_ns > self.config.jump * NANOSECONDS
-
-    def _drop_all(self) -> None:
-        self.jumps += 1
-        for sensor, count in self.waiting.items():
-            self._drop(sensor, CLOCK_JUMP, count)
-        self._restart()
-
     def _drop(self, sensor: str, reason: str, count: int = 1) -> None:
         if count:
             self.dropped[sensor, reason] += count
-
-    def _insert(self, sensor: str, stamp_ns: int, item: Any) -> None:
-        decided = self._decided_ns
-        if sensor == self.scans and decided is not None and stamp_ns <= decided:
-            self._drop(sensor, DUPLICATE if stamp_ns == decided else LATE)
-        elif sensor != self.scans and stamp_ns < self._first_useful(sensor):
-            self._drop(sensor, LATE)
-        elif not self._buffers[sensor].insert(stamp_ns, item):
-            self._drop(sensor, DUPLICATE)
 
     def _first_useful(self, camera: str) -> float:
         """Stamp before which no future scan needs an image.
@@ -228,8 +219,11 @@ class Synchronizer:
         return max(stamps[place - 1], far) if place else far
 
     def _decide_all(self) -> list[Pair]:
-        pairs = []
-        while self._scans.stamps and (self._is_settled(self._scans.stamps[0]) or self._full()):
+        pairs, buffers = [], self._buffers.values()
+        while self._scans.stamps and (
+            all(self._is_settled(camera, self._scans.stamps[0]) for camera in self.cameras)
+            or any(len(buffer.stamps) > self.config.buffer for buffer in buffers)
+        ):
             if pair := self._decide():
                 pairs.append(pair)
         for camera in self.cameras:
@@ -237,26 +231,17 @@ class Synchronizer:
             self._retire(camera, excess, BUFFER_FULL)
         return pairs
 
-    def _full(self) -> bool:
-        return any(len(buffer.stamps) > self.config.buffer for buffer in self._buffers.values())
-
-    def _is_settled(self, stamp_ns: int) -> bool:
-        return all(self._is_camera_settled(camera, stamp_ns) for camera in self.cameras)
-
-    def _is_camera_settled(self, camera: str, stamp_ns: int) -> bool:
-        place = self._match(camera, stamp_ns)
-        distance = self._reach
+    def _is_settled(self, camera: str, stamp_ns: int) -> bool:
+        """Whether no better image of a scan can arrive."""
+        buffer, place, ahead = self._buffers[camera], self._match(camera, stamp_ns), self._reach
         if place is not None:
-            distance = abs(self._buffers[camera].stamps[place] - stamp_ns)
+            ahead = abs(buffer.stamps[place] - stamp_ns)
             # No image is nearer; but with lateness, an earlier scan may still arrive.
-            if distance == 0 and self._lateness == 0:
+            if ahead == 0 and self._lateness == 0:
                 return True
-        ahead = distance if self.config.policy == "nearest" else 0
-        return self._has_passed(camera, stamp_ns + ahead)
-
-    def _has_passed(self, camera: str, stamp_ns: int) -> bool:
-        newest = self._buffers[camera].newest
-        return newest is not None and newest > stamp_ns + self._lateness
+        if self.config.policy != "nearest":
+            ahead = 0
+        return buffer.newest is not None and buffer.newest > stamp_ns + ahead + self._lateness
 
     def _match(self, camera: str, stamp_ns: int) -> int | None:
         """Index of the image that belongs to a scan, among the buffered ones."""
@@ -274,19 +259,18 @@ class Synchronizer:
             self._drop(self.scans, NO_IMAGE)
         else:
             self.paired[self.scans] += 1
-            images = {camera: self._use(camera, place) for camera, place in places.items()}
+            images = {}
+            for camera, place in places.items():
+                assert place is not None  # of any camera
+                buffer = self._buffers[camera]
+                self.paired[camera] += not buffer.used[place]
+                buffer.used[place] = True
+                images[camera] = Stamped(buffer.stamps[place], buffer.items[place])
             pair = Pair(stamp_ns, item, images)
         for camera in self.cameras:
             useful = self._first_useful(camera)
             self._retire(camera, bisect_left(self._buffers[camera].stamps, useful))
         return pair
-
-    def _use(self, camera: str, place: int | None) -> Stamped:
-        assert place is not None  # decided by the caller
-        buffer = self._buffers[camera]
-        self.paired[camera] += not buffer.used[place]
-        buffer.used[place] = True
-        return Stamped(buffer.stamps[place], buffer.items[place])
 
     def _retire(self, camera: str, count: int, reason: str | None = None) -> None:
         """Discard the oldest images; those never used count as unused, or as dropped."""

@@ -59,11 +59,6 @@ class _Link:
         if count > 0:
             del self.stamps[:count], self.samples[:count]
 
-    def forget_after(self, stamp_ns: int) -> None:
-        """Drop later samples."""
-        count = bisect_right(self.stamps, stamp_ns)
-        del self.stamps[count:], self.samples[count:]
-
     def at(self, stamp_ns: int) -> Matrix:
         """parent_from_child, interpolated, or extrapolated from the outermost two samples."""
         if self.static is not None:
@@ -114,13 +109,20 @@ class TransformTree:
         stamp_ns = None if transform.static else as_stamp(transform.stamp_ns)
         link = self._links.get(child)
         if link is None:
-            self._refuse_loop(parent, child)
+            way = [child, parent, *self._ancestors(parent)]
+            if child in way[1:]:
+                loop = way[: way.index(child, 1) + 1]
+                message = f"transforms form a loop: {' -> '.join(loop)}"
+                raise DataError(message, code="frame-loop", fields=loop)
             link = self._links[child] = _Link(parent)
         elif link.parent != parent:
             message = f"frame '{child}' has two parents, '{link.parent}' and '{parent}'"
             raise DataError(message, code="two-parents", fields=(child, link.parent, parent))
         if stamp_ns is not None:
-            self._put(link, stamp_ns, matrix)
+            link.static = None
+            link.put(stamp_ns, matrix)
+            if self._history is not None:
+                link.forget_before(link.stamps[-1] - self._history)
         elif not link.stamps:
             link.static = matrix
 
@@ -133,7 +135,8 @@ class TransformTree:
     def forget_after(self, stamp_ns: int) -> None:
         """Drop samples of moving frames later than a stamp, to which the clock jumped back."""
         for link in self._links.values():
-            link.forget_after(stamp_ns)
+            count = bisect_right(link.stamps, stamp_ns)
+            del link.stamps[count:], link.samples[count:]
         self._links = {
             child: link
             for child, link in self._links.items()
@@ -177,19 +180,6 @@ class TransformTree:
         """Text of all trees, one frame per line, children indented below their parents."""
         roots = [name for name in self.frames if name not in self._links]
         return "\n".join(line for root in roots for line in self._branch(root, ""))
-
-    def _put(self, link: _Link, stamp_ns: int, matrix: Matrix) -> None:
-        link.static = None
-        link.put(stamp_ns, matrix)
-        if self._history is not None:
-            link.forget_before(link.stamps[-1] - self._history)
-
-    def _refuse_loop(self, parent: str, child: str) -> None:
-        way = [child, parent, *self._ancestors(parent)]
-        if child in way[1:]:
-            loop = way[: way.index(child, 1) + 1]
-            message = f"transforms form a loop: {' -> '.join(loop)}"
-            raise DataError(message, code="frame-loop", fields=loop)
 
     def _ancestors(self, name: str) -> Iterator[str]:
         while link := self._links.get(name):

@@ -14,10 +14,10 @@ import json
 import math
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -115,7 +115,7 @@ def load_arrays(source: PathLike | BinaryIO, expected: str) -> Iterator[dict[str
     path = source if isinstance(source, str | os.PathLike) else None
     with reading(path, expected):
         with _members(source) as members:
-            arrays = {name: member.read() for name, member in members.items()}
+            arrays = {name: read() for name, read in members.items()}
         yield arrays
 
 
@@ -123,7 +123,7 @@ def format_of(path: PathLike) -> str | None:
     """Format named in an archive; None if the file is not a readable archive."""
     try:
         with reading(path, "an archive"), _members(path) as members:
-            return str(json.loads(str(members[ABOUT].read()))["format"])
+            return str(json.loads(str(members[ABOUT]()))["format"])
     except DataError:
         return None
 
@@ -241,58 +241,43 @@ def _adapter(declared: Any) -> "TypeAdapter[Any] | None":
     return TypeAdapter(declared, config=ConfigDict(arbitrary_types_allowed=True))
 
 
-class _Member:
-    """One array of a ``.npz``."""
+def _read_member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+    """Read an array of a ``.npz``. Raises ValueError unless it is one array and nothing else.
 
-    def __init__(self, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> None:
-        self._archive, self._info = archive, info
-
-    def read(self) -> NDArray[Any]:
-        """Read the array. Raises ValueError unless it is one array and nothing else."""
-        return parse_array(self._bytes(), self._info.filename)
-
-    def _bytes(self) -> bytearray:
-        """All bytes: the archive's check sum is compared at their end only."""
-        data = bytearray(self._info.file_size)
-        filled = 0
-        with self._archive.open(self._info) as stream:
-            while block := stream.read(_BLOCK):
-                data[filled : filled + len(block)] = block
-                filled += len(block)
-        if filled != self._info.file_size:
-            raise ValueError(f"{self._info.filename} is cut short")
-        return data
+    All bytes are read: the archive's check sum is compared at their end only.
+    """
+    data, filled = bytearray(info.file_size), 0
+    with archive.open(info) as stream:
+        while block := stream.read(_BLOCK):
+            data[filled : filled + len(block)] = block
+            filled += len(block)
+    if filled != info.file_size:
+        raise ValueError(f"{info.filename} is cut short")
+    return parse_array(data, info.filename)
 
 
 @contextmanager
-def _members(source: PathLike | BinaryIO) -> Iterator[dict[str, _Member]]:
-    """Open a ``.npz``; yield its arrays by name.
+def _members(source: PathLike | BinaryIO) -> Iterator[dict[str, Callable[[], NDArray[Any]]]]:
+    """Open a ``.npz``; yield functions by name that read its arrays.
 
     Raises:
-        ValueError: it is none, or its members claim more bytes than they can have.
+        ValueError: it is none, or its members are no arrays, overlap, or expand beyond the limit.
     """
-    with _open(source) as stream:
+    with (
+        Path(source).open("rb") if isinstance(source, str | os.PathLike) else nullcontext(source)
+    ) as stream:
         if not zipfile.is_zipfile(stream):
             raise ValueError("it is no .npz, or it is cut short")
         size = stream.seek(0, os.SEEK_END)
         with zipfile.ZipFile(stream) as archive:
-            infos = archive.infolist()
-            _check_sizes(infos, size)
-            yield {info.filename.removesuffix(_SUFFIX): _Member(archive, info) for info in infos}
-
-
-def _check_sizes(infos: list[zipfile.ZipInfo], size: int) -> None:
-    """Refuse members that are no arrays, overlap, or expand beyond the limit."""
-    names = {info.filename for info in infos}
-    if len(names) != len(infos) or not all(name.endswith(_SUFFIX) for name in names):
-        raise ValueError("its members are not arrays of different names")
-    if sum(info.compress_size for info in infos) > size:
-        raise ValueError("its members overlap")
-    check_expansion(sum(info.file_size for info in infos), size)
-
-
-def _open(source: PathLike | BinaryIO) -> AbstractContextManager[BinaryIO]:
-    return Path(source).open("rb") if isinstance(source, str | os.PathLike) else nullcontext(source)
+            infos = {info.filename.removesuffix(_SUFFIX): info for info in archive.infolist()}
+            ends = [info.filename.endswith(_SUFFIX) for info in infos.values()]
+            if len(infos) != len(archive.infolist()) or not all(ends):
+                raise ValueError("its members are not arrays of different names")
+            if sum(info.compress_size for info in infos.values()) > size:
+                raise ValueError("its members overlap")
+            check_expansion(sum(info.file_size for info in infos.values()), size)
+            yield {name: partial(_read_member, archive, info) for name, info in infos.items()}
 
 
 def _digest_array(rows: NDArray[Any]) -> str:

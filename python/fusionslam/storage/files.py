@@ -142,21 +142,16 @@ def reading(path: PathLike | None, expected: str) -> Iterator[None]:
         raise DataError(message, code="missing-file", fields=(str(path),)) from error
     except Exception as error:  # damaged files make numpy, zipfile and others raise anything
         subject = "" if path is None else f"{path} cannot be read: "
+        from pydantic import ValidationError  # takes long to import
+
         why = f"no {error}" if isinstance(error, KeyError) else error
-        why = getattr(error, "strerror", None) or _first_of(error) or why
+        if isinstance(error, ValidationError):  # by other readers
+            first = error.errors()[0]
+            why = f"{'.'.join(map(str, first['loc']))}: {reason_of(first)}"
+        why = getattr(error, "strerror", None) or why
         raise DataError(
             f"{subject}expected {expected} ({why})", code="damaged-file", fields=(str(path),)
         ) from error
-
-
-def _first_of(error: Exception) -> str:
-    """The first problem that pydantic, which other readers use, found; "" for other errors."""
-    from pydantic import ValidationError  # takes long to import
-
-    if not isinstance(error, ValidationError):
-        return ""
-    first = error.errors()[0]
-    return f"{'.'.join(map(str, first['loc']))}: {reason_of(first)}"
 
 
 def check_regular(path: PathLike, expected: str) -> None:

@@ -23,7 +23,12 @@ def versions() -> dict[str, str]:
 
 def machine() -> dict[str, str | int]:
     """The processor's name and the number of cores that this process may use."""
-    return {"cpu": _cpu_model(), "cores": available_cores()}
+    lines: list[str] = []
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    cpu = next(named, platform.processor() or platform.machine())
+    return {"cpu": cpu, "cores": available_cores()}
 
 
 def _version(package: str) -> str:
@@ -31,15 +36,6 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "not installed"
-
-
-def _cpu_model() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.processor() or platform.machine())
 
 
 def peak_memory(work: Callable[[], object]) -> int:

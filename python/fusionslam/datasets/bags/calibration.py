@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replaces the camera calibration of a bag by that of a calib.yaml."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import CameraInfo, FrameTransform, FrameTransforms
 from fusionslam.sensors.robot_frames import ROBOT_FRAMES
-from fusionslam.storage.arrays import Matrix
 
 if TYPE_CHECKING:
     from fusionslam.datasets.bags.indexed_bag import IndexedBag
@@ -23,7 +21,7 @@ CALIBRATED = "camera of calib.yaml"
 """The camera's frame: a name that no robot uses, so that it cannot clash with the bag's TF."""
 
 
-def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
+def apply_calibration(source: "IndexedBag", path: Path) -> None:
     """Use the cameras of a file instead of a bag's CameraInfo; its TF still places all else.
 
     ``robot_from_points`` of the file places the scanner on a robot that TF does not link to it.
@@ -31,7 +29,7 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     Images are used as they are: the projections are for images without distortion.
 
     Args:
-        source: its index is modified.
+        source: is modified.
         path: as ``read_calib_yaml`` reads it; every camera needs its ``size``.
 
     Raises:
@@ -40,16 +38,30 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
     """
     cameras, place = read_calib_yaml(path), read_place_on_robot(path)
     if place is not None and "points" in source.roles:
-        _place_scanner(source, path, place)
+        link = FrameTransform(
+            stamp_ns=0,
+            parent=source.frames.robot or ROBOT_FRAMES[0],
+            child=source.series("points").frame_id,
+            parent_from_child=place,
+            static=True,
+        )
+        with naming(f"{path}: {ON_ROBOT}"):  # TF may link the scanner to something else
+            source.frames.add(FrameTransforms(transforms=(link,)))
     if not cameras and place is not None:
-        return source
+        return
     if "left" not in cameras:
         raise DataError(f"{path} lacks camera 'left', which the images of a bag need")
-    _check_right(path, cameras)
+    if "right" in cameras:
+        left, right = (cameras[name].rectified_from_points for name in ("left", "right"))
+        if not np.allclose(left, right):
+            raise DataError(
+                f"{path}: rectified_from_points of left and right differ, expected the same: the "
+                "right projection has the baseline"
+            )
     roles = dict(source.roles)
     for name, camera in cameras.items():
         roles[info_role(name)] = f"{path}, {name}"
-        source.index.infos[f"{path}, {name}"] = [_camera_info(path, name, camera)]
+        source.infos[f"{path}, {name}"] = [_camera_info(path, name, camera)]
     if "points" in roles:
         scanner = source.series("points").frame_id
         links = [
@@ -63,38 +75,12 @@ def apply_calibration(source: "IndexedBag", path: Path) -> "IndexedBag":
             for name, camera in cameras.items()
             if name != "right"
         ]
-        source.index.frames.add(FrameTransforms(transforms=tuple(links)))
-    return replace(source, roles=roles)
+        source.frames.add(FrameTransforms(transforms=tuple(links)))
+    source.roles = roles
 
 
 def _frame_of(camera: str) -> str:
     return CALIBRATED if camera in INFO_ROLES else f"{camera} {CALIBRATED}"
-
-
-def _place_scanner(source: "IndexedBag", path: Path, place: Matrix) -> None:
-    """Link the scanner to the robot. Raises DataError if TF links it to something else."""
-    frames, scanner = source.index.frames, source.series("points").frame_id
-    link = FrameTransform(
-        stamp_ns=0,
-        parent=frames.robot or ROBOT_FRAMES[0],
-        child=scanner,
-        parent_from_child=place,
-        static=True,
-    )
-    with naming(f"{path}: {ON_ROBOT}"):
-        frames.add(FrameTransforms(transforms=(link,)))
-
-
-def _check_right(path: Path, cameras: dict[str, Camera]) -> None:
-    """Raise DataError if the right camera's offset is not in its projection alone."""
-    if "right" not in cameras:
-        return
-    left, right = (cameras[name].rectified_from_points for name in ("left", "right"))
-    if not np.allclose(left, right):
-        raise DataError(
-            f"{path}: rectified_from_points of left and right differ, expected the same: the "
-            "right projection has the baseline"
-        )
 
 
 def _camera_info(path: Path, name: str, camera: Camera) -> CameraInfo:

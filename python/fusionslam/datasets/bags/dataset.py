@@ -4,7 +4,7 @@
 
 import functools
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,7 +26,6 @@ from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
-from fusionslam.sensors.point_times import point_seconds
 from fusionslam.sensors.transforms import TransformError
 
 logger = logging.getLogger(__name__)
@@ -43,39 +42,16 @@ class BagDataset(Dataset):
         source: the open bag with its roles and index.
         matched: the messages of each frame.
         surround: index of each frame's image of further cameras, int64 (N); -1 where there is none.
-        origin: origin of the poses.
     """
 
     source: IndexedBag
     matched: Matched
     surround: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
-    origin: PosesOrigin
 
     @property
     def short_name(self) -> str:
         """Name of the file, whichever topics are used."""
         return self.source.bag.path.name
-
-    @property
-    def poses_origin(self) -> PosesOrigin:
-        """The given pose file, else ground truth or odometry, whichever covers more frames."""
-        return self.origin
-
-    @property
-    def truth_topic(self) -> str | None:
-        return self.source.roles.get("truth")
-
-    @property
-    def odometry_origin(self) -> OdometryOrigin:
-        """Odometry messages if the bag has a topic of them, else TF."""
-        if self.odometry_topic is not None:
-            return OdometryOrigin.TOPIC
-        frames = self.source.index.frames
-        return OdometryOrigin.NONE if frames.odometry is None else OdometryOrigin.TF
-
-    @property
-    def odometry_topic(self) -> str | None:
-        return self.source.roles.get("odometry")
 
     @property
     def counts(self) -> dict[str, int]:
@@ -137,18 +113,14 @@ class BagDataset(Dataset):
         return sorted(found, key=lambda message: message.stamp_ns)
 
     def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        places = self.matched.cameras_from_points
-        matched = self.matched._replace(
-            rows={name: found[rows] for name, found in self.matched.rows.items()},
-            numbers=self.matched.numbers[rows],
-            cameras_from_points=None if places is None else places[rows],
-        )
         surround = {name: found[rows] for name, found in self.surround.items()}
-        return {"matched": matched, "surround": surround}
+        return {"matched": self.matched.only(rows), "surround": surround}
 
     def _frame(self, index: int) -> Frame:
-        scan = functools.cache(functools.partial(self._scan, index))
-        stamp_ns, robot = int(self.stamps_ns[index]), self.source.index.frames.robot
+        scan: Callable[[], Scan] = functools.cache(
+            functools.partial(self._message, "points", index)
+        )
+        stamp_ns, robot = int(self.stamps_ns[index]), self.source.frames.robot
         has_points, places = self.has_points, self.matched.cameras_from_points
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
         images += [name for name, rows in self.surround.items() if rows[index] >= 0]
@@ -159,7 +131,7 @@ class BagDataset(Dataset):
             points=(lambda: scan().points) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
             intensities=(lambda: scan().intensities) if has_points else None,
-            point_seconds=(lambda: point_seconds(scan())) if has_points else None,
+            point_seconds=(lambda: scan().point_seconds) if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index) | self._surround_cameras(index),
             pose=None if self.poses is None else self.poses[index],
@@ -185,14 +157,8 @@ class BagDataset(Dataset):
                     cameras[name] = camera_from(info, place, self.source.roles[info_role(name)])
         return cameras
 
-    def _scan(self, index: int) -> Scan:
-        scan = self._message("points", index)
-        assert isinstance(scan, Scan)
-        return scan
-
     def _image(self, camera: str, index: int) -> NDArray[np.uint8]:
-        picture = self._message(camera, index)
-        assert isinstance(picture, Picture)
+        picture: Picture = self._message(camera, index)
         stamps_ns = self.source.series(camera).stamps_ns
         info = self.source.info_at(int(stamps_ns[self._row_of(camera, index)]), camera)
         if info is None:
@@ -235,6 +201,11 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
     if request.poses is not None:
         poses = match_poses(request.poses, matched.numbers, stamps_ns, recorded=recorded)
         origin = PosesOrigin.FILE
+    odometry_origin = OdometryOrigin.NONE
+    if "odometry" in source.roles:
+        odometry_origin = OdometryOrigin.TOPIC
+    elif source.frames.odometry is not None:
+        odometry_origin = OdometryOrigin.TF
     has_points = moved.body and ("points" in sensors or matched.cameras_from_points is not None)
     dataset = BagDataset(
         kind=source.bag.kind,
@@ -244,6 +215,9 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         stamps_ns=stamps_ns,
         pose_frame=moved.body or "the robot",
         origin=origin,
+        truth_topic=source.roles.get("truth"),
+        odometry_topic=source.roles.get("odometry"),
+        odometry_origin=odometry_origin,
         body_from_points=source.find_transform(moved.body, matched.points_frame, int(stamps_ns[0]))
         if has_points
         else None,
@@ -290,7 +264,15 @@ def _sensors(source: IndexedBag, wanted: Sequence[str] | None) -> tuple[str, ...
 
 def _usable(source: IndexedBag, found: tuple[str, ...]) -> tuple[str, ...]:
     """Choose those of scans and left images that can be used, and right images if possible."""
-    if {*found} >= _FUSED and (lacking := _lacks_to_fuse(source)):
+    lacking = ""
+    if {*found} >= _FUSED and source.info_at(0) is None:
+        lacking = "no CameraInfo calibrates them: topics= (--topic camera_info=/NAME) names a topic"
+    elif {*found} >= _FUSED and "right" not in source.roles:  # a stereo pair needs no TF
+        try:
+            source.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
+        except TransformError as error:
+            lacking = f"TF does not place the camera: {one_line(error)}"
+    if lacking:
         logger.warning(
             "%s: the images of %s are not used, %s; calibration= (--calib FILE) takes a calib.yaml",
             source.bag.path,
@@ -325,19 +307,6 @@ def _check_calibrated(source: IndexedBag, camera: str) -> CameraInfo:
         message = f"{source.bag.path} has no CameraInfo of {topic}: {_topics(source)}"
         raise DataError(message, code="no-camera-info", fields=(topic,))
     return info
-
-
-def _lacks_to_fuse(source: IndexedBag) -> str:
-    """Say what a bag with scans and images lacks to colour the scans; empty if nothing."""
-    if source.info_at(0) is None:
-        return "no CameraInfo calibrates them: topics= (--topic camera_info=/NAME) names a topic"
-    if "right" in source.roles:
-        return ""  # a stereo pair needs no TF
-    try:
-        source.index.frames.tree.chain(source.optical_frame(), source.series("points").frame_id)
-    except TransformError as error:
-        return f"TF does not place the camera: {one_line(error)}"
-    return ""
 
 
 def _topics(source: IndexedBag) -> str:

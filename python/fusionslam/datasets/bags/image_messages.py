@@ -123,7 +123,12 @@ def compressed_image_of(message: Any) -> Pixels:
         raise DataError(f"field 'format' is '{message.format}', expected a JPEG or PNG picture")
     try:
         with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
-            pixels = _decode(picture)
+            check_pixels(picture)
+            if picture.mode not in (*_GREY_MODES, *_COLOR_MODES):
+                raise DataError(
+                    f"the picture has pixels of mode {picture.mode}, expected 8 bits a channel"
+                )
+            pixels = np.array(picture.convert("L" if picture.mode in _GREY_MODES else "RGB"))
     except DataError:
         raise
     except _UNDECODABLE as error:
@@ -149,22 +154,13 @@ def check_compressed_image(message: Any) -> None:
         compressed_image_of(message)
 
 
-def _decode(picture: Image.Image) -> Pixels:
-    check_pixels(picture)
-    if picture.mode in _GREY_MODES:
-        return np.array(picture.convert("L"))
-    if picture.mode in _COLOR_MODES:
-        return np.array(picture.convert("RGB"))
-    raise DataError(f"the picture has pixels of mode {picture.mode}, expected 8 bits a channel")
-
-
 def image_parts(image: Pixels) -> dict[str, Any]:
     """Fields of a sensor_msgs/Image except its header."""
     _check_pixels(image)
     return {
         "height": image.shape[0],
         "width": image.shape[1],
-        "encoding": _encoding(image),
+        "encoding": "rgb8" if image.ndim == 3 else "mono8",
         "is_bigendian": 0,
         "step": image[0].size,
         "data": np.ascontiguousarray(image).reshape(-1),
@@ -178,15 +174,11 @@ def compressed_parts(image: Pixels, stored: str) -> dict[str, Any]:
     quality = {"quality": JPEG_QUALITY} if stored == "jpeg" else {"compress_level": 1}
     Image.fromarray(np.ascontiguousarray(image)).save(memory, stored.upper(), **quality)
     # As ROS's image_transport writes it: original encoding; encoding given to the encoder.
-    given = "bgr8" if image.ndim == 3 else "mono8"
+    original, given = ("rgb8", "bgr8") if image.ndim == 3 else ("mono8", "mono8")
     return {
-        "format": f"{_encoding(image)}; {stored} compressed {given}",
+        "format": f"{original}; {stored} compressed {given}",
         "data": np.frombuffer(memory.getvalue(), dtype=np.uint8),
     }
-
-
-def _encoding(image: Pixels) -> str:
-    return "rgb8" if image.ndim == 3 else "mono8"
 
 
 def _check_pixels(image: Pixels) -> None:

@@ -4,7 +4,6 @@
 
 import functools
 import logging
-from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -13,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.datasets.bags.calibration import apply_calibration
-from fusionslam.datasets.bags.index import STAMPS, index_bag
-from fusionslam.datasets.bags.indexed_bag import IndexedBag, lookup_or_none
+from fusionslam.datasets.bags.indexed_bag import STAMPS, IndexedBag, index_bag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.datasets.bags.topics import choose_topics, further_cameras
 from fusionslam.datasets.base import PosesOrigin
@@ -80,9 +78,10 @@ def _open_cached(
     bag = open_bag(path)
     roles = choose_topics(bag.topics, dict(named), str(path))
     known = [topic.name for topic in bag.topics.values() if topic.is_known]
-    index = index_bag(bag, known if everything else roles.values(), roles, stamps)
-    source = IndexedBag(bag, roles, index, stamps)
-    return source if calibration is None else apply_calibration(source, calibration)
+    source = index_bag(bag, known if everything else roles.values(), roles, stamps)
+    if calibration is not None:
+        apply_calibration(source, calibration)
+    return source
 
 
 class Matched(NamedTuple):
@@ -102,6 +101,15 @@ class Matched(NamedTuple):
     gaps: list[int]
     points_frame: str
     cameras_from_points: Matrix | None
+
+    def only(self, kept: NDArray[np.int64] | NDArray[np.bool_]) -> "Matched":
+        """Only some of the frames, by their indices or as a mask."""
+        places = self.cameras_from_points
+        return self._replace(
+            rows={name: rows[kept] for name, rows in self.rows.items()},
+            numbers=self.numbers[kept],
+            cameras_from_points=None if places is None else places[kept],
+        )
 
 
 def match(source: IndexedBag, sensors: tuple[str, ...], config: SyncConfig) -> Matched:
@@ -205,11 +213,20 @@ def _rows(
     """Indices of the messages that belong together; ``left`` restricts the left images."""
     first, *others = sensors
     pairs: list[Pair] = []
-    for sensor, row, stamp_ns in _arrivals(source, sensors):
-        if sensor != "left" or left is None or row in left:
-            pairs += sync.add(sensor, stamp_ns, row)
+    arrivals = [
+        (time_ns, rank, row, stamp_ns)
+        for rank, sensor in enumerate(sensors)
+        for row, (time_ns, stamp_ns) in enumerate(
+            zip(source.series(sensor).times, source.series(sensor).stamps, strict=True)
+        )
+    ]
+    for _, rank, row, stamp_ns in sorted(arrivals):
+        if sensors[rank] != "left" or left is None or row in left:
+            pairs += sync.add(sensors[rank], stamp_ns, row)
     pairs += sync.flush()
-    _log_dropped(source, sync.dropped)
+    for (sensor, reason), count in sync.dropped.items():
+        words = source.bag.path, count, source.roles[sensor], reason
+        logger.warning("%s: %d messages of %s left out: %s", *words)
     if not pairs:
         what = " and ".join(source.roles[sensor] for sensor in sensors)
         raise DataError(
@@ -221,29 +238,6 @@ def _rows(
     rows = {first: [pair.item for pair in pairs]}
     rows |= {name: [pair.images[name].item for pair in pairs] for name in others}
     return {name: np.array(values, dtype=np.int64) for name, values in rows.items()}
-
-
-def _arrivals(source: IndexedBag, sensors: tuple[str, ...]) -> list[tuple[str, int, int]]:
-    """Sensor, row and stamp of all messages in order of arrival."""
-    every = [
-        (time_ns, rank, row, stamp_ns)
-        for rank, sensor in enumerate(sensors)
-        for row, (time_ns, stamp_ns) in enumerate(
-            zip(source.series(sensor).times, source.series(sensor).stamps, strict=True)
-        )
-    ]
-    return [(sensors[rank], row, stamp_ns) for _, rank, row, stamp_ns in sorted(every)]
-
-
-def _log_dropped(source: IndexedBag, dropped: Counter[tuple[str, str]]) -> None:
-    for (sensor, reason), count in dropped.items():
-        logger.warning(
-            "%s: %d messages of %s left out: %s",
-            source.bag.path,
-            count,
-            source.roles[sensor],
-            reason,
-        )
 
 
 def _find_camera_poses(
@@ -297,19 +291,19 @@ def motion(source: IndexedBag, stamps_ns: NDArray[np.int64]) -> Motion:
 
     Bags often begin before their odometry: ``known`` marks the times that have a pose.
     """
-    index, found = source.index, []
-    if index.truth_frames is not None:
-        world, body = index.truth_frames
-        truth, origin = index.truth, PosesOrigin.TRUTH
+    found, frames = [], source.frames
+    if source.truth_frames is not None:
+        world, body = source.truth_frames
+        truth, origin = source.truth, PosesOrigin.TRUTH
         found.append(
             _motion(body, origin, stamps_ns, lambda stamp: truth.lookup(world, body, stamp))
         )
-    robot = index.frames.robot or ""
-    if index.frames.odometry is not None:
+    robot = frames.robot or ""
+    if frames.odometry is not None:
         # Who names one topic for both says that its odometry is the truth.
         same = source.roles.get("truth") == source.roles.get("odometry", "")
         origin = PosesOrigin.TRUTH if same else PosesOrigin.ODOMETRY
-        found.append(_motion(robot, origin, stamps_ns, index.frames.odometry_from_robot))
+        found.append(_motion(robot, origin, stamps_ns, frames.odometry_from_robot))
     found.append(Motion(robot, None, np.ones(len(stamps_ns), dtype=bool), PosesOrigin.NONE))
     # On ties the first: ground truth.
     return max(found, key=lambda moved: 0 if moved.poses is None else len(moved.poses))
@@ -341,10 +335,4 @@ def with_poses(source: IndexedBag, matched: Matched, moved: Motion) -> Matched:
         lost[0],
         lost[-1],
     )
-    places = matched.cameras_from_points
-    return matched._replace(
-        rows={name: rows[moved.known] for name, rows in matched.rows.items()},
-        numbers=matched.numbers[moved.known],
-        gaps=sorted([*matched.gaps, *lost.tolist()]),
-        cameras_from_points=None if places is None else places[moved.known],
-    )
+    return matched.only(moved.known)._replace(gaps=sorted([*matched.gaps, *lost.tolist()]))

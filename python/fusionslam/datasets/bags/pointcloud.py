@@ -31,15 +31,29 @@ def scan_from(message: Any, stamp_ns: int, frame_id: str) -> Scan:
             has an unknown type, or x, y, z are missing or not floating point.
     """
     cells = _cells(message)
-    _check_axes(message, cells)
+    names = cells.dtype.names or ()
+    for axis in _AXES:
+        if axis not in names:
+            raise DataError(f"point fields are {', '.join(names) or 'none'}, expected x, y, z")
+        if cells[axis].dtype.kind != "f" or cells[axis].ndim != 1:
+            raise DataError(
+                f"point field '{axis}' is {cells.dtype[axis]}, expected float32 or float64"
+            )
     points = np.stack([cells[axis].astype(np.float32) for axis in _AXES], axis=1)
-    packed = next((name for name in _PACKED if name in (cells.dtype.names or ())), None)
+    packed, colors = next((name for name in _PACKED if name in names), None), None
+    if packed is not None:
+        values = cells[packed]
+        if values.dtype.itemsize != 4 or values.ndim != 1:
+            raise DataError(f"point field '{packed}' is {values.dtype}, expected four packed bytes")
+        # Reinterpret the bits: as floats some colours are NaN.
+        bits = values.astype(values.dtype.newbyteorder("=")).view(np.uint32)
+        colors = ((bits[:, None] >> _SHIFTS) & 255).astype(np.uint8)
     return Scan(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
         points=points,
         fields=dict(_others(cells, packed)),
-        colors=None if packed is None else _unpack_colors(cells[packed], packed),
+        colors=colors,
         width=int(message.width) if message.height > 1 else 0,
     )
 
@@ -92,17 +106,6 @@ def _record(message: Any) -> np.dtype[Any]:
     )
 
 
-def _check_axes(message: Any, cells: NDArray[Any]) -> None:
-    names = cells.dtype.names or ()
-    for axis in _AXES:
-        if axis not in names:
-            raise DataError(f"point fields are {', '.join(names) or 'none'}, expected x, y, z")
-        if cells[axis].dtype.kind != "f" or cells[axis].ndim != 1:
-            raise DataError(
-                f"point field '{axis}' is {cells.dtype[axis]}, expected float32 or float64"
-            )
-
-
 def _others(cells: NDArray[Any], packed: str | None) -> Iterator[tuple[str, NDArray[Any]]]:
     for name in cells.dtype.names or ():
         if name in _AXES or name == packed:
@@ -113,14 +116,6 @@ def _others(cells: NDArray[Any], packed: str | None) -> Iterator[tuple[str, NDAr
             yield name, native
         else:
             yield from ((f"{name}_{k}", native[:, k].copy()) for k in range(native.shape[1]))
-
-
-def _unpack_colors(values: NDArray[Any], name: str) -> NDArray[np.uint8]:
-    if values.dtype.itemsize != 4 or values.ndim != 1:
-        raise DataError(f"point field '{name}' is {values.dtype}, expected four packed bytes")
-    # Reinterpret the bits: as floats some colours are NaN.
-    bits = values.astype(values.dtype.newbyteorder("=")).view(np.uint32)
-    return ((bits[:, None] >> _SHIFTS) & 255).astype(np.uint8)
 
 
 def cloud_parts(scan: Scan) -> dict[str, Any]:

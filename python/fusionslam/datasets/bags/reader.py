@@ -6,12 +6,11 @@ import functools
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from fusionslam.argument_types import checked
@@ -88,18 +87,14 @@ def bag_kind(path: Path) -> str | None:
     if storage is None or not storage.is_file() or is_map_file(storage):
         return None
     try:
-        start = _start(storage)
+        with storage.open("rb") as file:
+            start = file.read(16)
     except OSError:
         return None
     found = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
     # Files that are damaged or compressed as a whole (.db3.zstd) are recognised by suffix alone.
     kinds = {".bag": "rosbag1"} | _STORAGE
     return found or next((kinds[each] for each in storage.suffixes if each in kinds), None)
-
-
-def _start(storage: Path) -> bytes:
-    with storage.open("rb") as file:
-        return file.read(16)
 
 
 def _storage(path: Path) -> Path | None:
@@ -132,8 +127,13 @@ class Bag:
         self._lock = threading.Lock()
         self._reader = self._open()
         connections = self._reader.connections
-        names = dict.fromkeys(sorted(connection.topic for connection in connections))
-        self.topics: Mapping[str, Topic] = {name: self._topic(name) for name in names}
+        self.topics: dict[str, Topic] = {}
+        for name in sorted({connection.topic for connection in connections}):
+            ours = [each for each in connections if each.topic == name]
+            types = sorted({plain_type(each.msgtype) for each in ours})
+            if len(types) > 1:
+                raise DataError(f"{path}: {name} has types {', '.join(types)}, expected one")
+            self.topics[name] = Topic(name, types[0], sum(each.msgcount for each in ours))
         has_messages = any(topic.count for topic in self.topics.values())
         self.start_ns = int(self._reader.start_time) if has_messages else 0
         self.stop_ns = int(self._reader.end_time) - 1 if has_messages else 0
@@ -232,12 +232,7 @@ class Bag:
     def __enter__(self) -> "Bag":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _messages(
@@ -252,10 +247,17 @@ class Bag:
 
     def _decode(self, connection: "Connection", time_ns: int, data: bytes) -> RawMessage:
         """Decode a stored message. Raises DataError of code "undecodable" with its topic."""
-        store, topic = type_store(1 if self.kind == "rosbag1" else 2), connection.topic
-        self._check_definition(connection)
-        deserialize = store.deserialize_ros1 if self.kind == "rosbag1" else store.deserialize_cdr
-        type_name = plain_type(connection.msgtype)
+        is_first, topic, digest = self.kind == "rosbag1", connection.topic, connection.digest
+        store, type_name = type_store(1 if is_first else 2), plain_type(connection.msgtype)
+        deserialize = store.deserialize_ros1 if is_first else store.deserialize_cdr
+        # A ROS 1 type's MD5 sum; * matches any.
+        if is_first and digest not in ("*", _ros1_digest(connection.msgtype)):
+            raise DataError(
+                f"{topic} has {type_name} of another definition (MD5 {digest}) than ROS 1 "
+                f"(MD5 {_ros1_digest(connection.msgtype)})",
+                code="undecodable",
+                fields=(topic,),
+            )
         try:
             content = deserialize(data, connection.msgtype)
         except Exception as error:
@@ -271,50 +273,29 @@ class Bag:
             raise DataError(str(error), code="undecodable", fields=(topic,)) from error
         return RawMessage(topic, type_name, time_ns, content)
 
-    def _check_definition(self, connection: "Connection") -> None:
-        """Check a ROS 1 type's MD5 sum against the definition used here; * matches any."""
-        name, digest = connection.msgtype, connection.digest
-        if self.kind == "rosbag1" and digest not in ("*", _ros1_digest(name)):
-            raise DataError(
-                f"{connection.topic} has {plain_type(name)} of another definition "
-                f"(MD5 {digest}) than ROS 1 (MD5 {_ros1_digest(name)})",
-                code="undecodable",
-                fields=(connection.topic,),
-            )
-
-    def _topic(self, name: str) -> Topic:
-        connections = [each for each in self._reader.connections if each.topic == name]
-        types = sorted({plain_type(each.msgtype) for each in connections})
-        if len(types) > 1:
-            raise DataError(f"{self.path}: {name} has types {', '.join(types)}, expected one")
-        return Topic(name, types[0], sum(each.msgcount for each in connections))
-
     def _open(self) -> "Reader1 | Reader2":
         from rosbags.rosbag1 import Reader as First
         from rosbags.rosbag2 import Reader as Second
 
-        path = _find_bag(self.path)
+        path = self.path
+        if path.is_dir() and not (path / _ABOUT).exists():
+            path = _storage(path) or path  # its only file
         try:
             with _reading_bag(self.path):
                 reader = First(path) if self.kind == "rosbag1" else Second(path)
                 reader.open()
                 return reader
         except DataError:
-            if path.is_dir() or (rest := self._open_cut(path)) is None:
+            from fusionslam.datasets.bags.recovery import open_cut
+
+            if path.is_dir() or (rest := open_cut(path, self.kind)) is None:
                 raise
-            return rest
-
-    def _open_cut(self, path: Path) -> "Reader1 | Reader2 | None":
-        from fusionslam.datasets.bags.recovery import open_cut
-
-        rest = open_cut(path, self.kind)
-        if rest is not None and not self.is_cut:
+        if not self.is_cut:
             self.is_cut = True
-            count = sum(connection.msgcount for connection in rest.connections)
             logger.warning(
                 "%s was cut or not closed: read without its index, %d messages are whole",
                 self.path,
-                count,
+                sum(connection.msgcount for connection in rest.connections),
             )
         return rest
 
@@ -322,13 +303,6 @@ class Bag:
 @functools.cache
 def _ros1_digest(name: str) -> str:
     return type_store(1).generate_msgdef(name)[1]
-
-
-def _find_bag(path: Path) -> Path:
-    """The folder, or its only file if the folder lacks the bag's metadata."""
-    if path.is_dir() and not (path / _ABOUT).exists():
-        return _storage(path) or path
-    return path
 
 
 def _find_kind(path: Path) -> str:
@@ -357,7 +331,9 @@ def _find_kind(path: Path) -> str:
             code="not-a-bag",
             fields=(str(path),),
         )
-    start, magic = _start(storage), {kind: magic for magic, kind in _MAGIC.items()}[kind]
+    with storage.open("rb") as file:
+        start = file.read(16)
+    magic = {kind: magic for magic, kind in _MAGIC.items()}[kind]
     if not start.startswith(magic) and storage.suffix != ".zstd":
         raise DataError(
             f"{storage} cannot be read as a bag: it begins with {start!r}, expected {magic!r}",

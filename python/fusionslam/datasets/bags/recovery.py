@@ -39,7 +39,9 @@ def open_cut(path: Path, kind: str) -> Reader | Reader2 | None:
     if kind == "rosbag2":  # a database is not a sequence of records
         return None
     with suppress(Exception):  # damaged bytes may raise anything, and so may a wrong suffix
-        reader: Any = _CutRosbag1(path) if kind == "rosbag1" else _cut_mcap(path)
+        reader: Any = _CutRosbag1(path) if kind == "rosbag1" else Reader2(path)
+        if kind == "mcap":
+            reader.storage = _CutMcap(path)
         reader.open()
         if any(connection.msgcount for connection in reader.connections):
             return cast("Reader | Reader2", reader)
@@ -55,8 +57,10 @@ class _CutRosbag1(Reader):
         if self.bio.read(len(_ROS1_MAGIC)) != _ROS1_MAGIC:
             raise ReaderError("File magic is invalid.")
         listed = self._list_chunks()
-        self.chunk_infos = [_chunk_info(position, entries) for position, entries in listed.items()]
         for position, entries in listed.items():
+            times = [each.time for ones in entries.values() for each in ones] or [2**63 - 1, -1]
+            counts = {connection: len(ones) for connection, ones in entries.items()}
+            self.chunk_infos.append(ChunkInfo(position, min(times), max(times) + 1, counts))
             if not {each.id for each in self.connections}.issuperset(entries):
                 self._find_connections(self.chunks[position])
         indexes = {
@@ -121,18 +125,6 @@ class _CutRosbag1(Reader):
             self.bio = file
 
 
-def _chunk_info(position: int, entries: dict[int, list[IndexData]]) -> ChunkInfo:
-    times = [entry.time for listed in entries.values() for entry in listed] or [2**63 - 1, -1]
-    counts = {connection: len(listed) for connection, listed in entries.items()}
-    return ChunkInfo(position, min(times), max(times) + 1, counts)
-
-
-def _cut_mcap(path: Path) -> Reader2:
-    reader = Reader2(path)
-    reader.storage = _CutMcap(path)
-    return reader
-
-
 class _CutMcap(McapReader):
     """Reads the complete records in the order in which they were written."""
 
@@ -140,8 +132,14 @@ class _CutMcap(McapReader):
         self.bio = self.path.open("rb")
         if self.bio.read(len(_MCAP_MAGIC)) != _MCAP_MAGIC:
             raise ReaderError("File magic is invalid.")
-        self.data_start = len(_MCAP_MAGIC)
-        self.data_end = self._end_of_data()
+        self.data_start = self.data_end = len(_MCAP_MAGIC)
+        size = self.path.stat().st_size
+        # A record is its kind, its length and its content.
+        while len(head := self.bio.read(9)) == 9 and head[0] != _MCAP_DATA_END:
+            end = self.data_end + 9 + int.from_bytes(head[1:], "little")
+            if end > size:
+                break
+            self.data_end = self.bio.seek(end)
         self.meta_scan()
         assert self.statistics
         found = self.statistics
@@ -162,15 +160,3 @@ class _CutMcap(McapReader):
         stop: int | None = None,
     ) -> Any:
         return self.messages_scan(connections, start, stop)
-
-    def _end_of_data(self) -> int:
-        """End of the last complete data record; a record is its kind, its length and content."""
-        assert self.bio
-        size, position = self.path.stat().st_size, self.data_start
-        while True:
-            self.bio.seek(position)
-            head = self.bio.read(9)
-            end = position + 9 + int.from_bytes(head[1:], "little")
-            if len(head) < 9 or end > size or head[0] == _MCAP_DATA_END:
-                return position
-            position = end

@@ -72,7 +72,14 @@ def choose_topics(
                     ", ".join(fitting),
                     role,
                 )
-    _choose_infos(topics, chosen)
+    for camera in further_cameras(chosen):
+        if info_role(camera) in chosen:
+            continue
+        taken, images = {*chosen.values()}, chosen[camera]
+        free = [name for name in _of_type(topics, "camera_info") if name not in taken]
+        best = max(free, key=lambda name: _shared_parts(name, images), default="")
+        if best and _shared_parts(best, images):
+            chosen[info_role(camera)] = best
     roles = dict.fromkeys([*ROLES, *chosen])
     used = {role: chosen[role] for role in roles if chosen.get(role)}
     if "right" in used and used["right"] == used.get("left"):
@@ -97,35 +104,19 @@ def can_be_camera(role: str) -> bool:
     return name.isidentifier() and not get_close_matches(name, ROLES, cutoff=0.8)
 
 
-def _choose_infos(topics: Mapping[str, Topic], chosen: dict[str, str]) -> None:
-    """Choose the CameraInfo of each further camera, if one shares a part of its images' name."""
-    for camera in further_cameras(chosen):
-        if info_role(camera) in chosen:
-            continue
-        images = chosen[camera]
-        free = [name for name in _of_type(topics, "camera_info") if name not in chosen.values()]
-        best = max(free, key=lambda name: _shared_parts(name, images), default="")
-        if best and _shared_parts(best, images):
-            chosen[info_role(camera)] = best
-
-
 def _types(role: str) -> tuple[str, ...]:
     return ROLES.get(role) or ROLES["camera_info" if role.endswith(_OF_INFO) else "left"]
-
-
-def _is_role(topics: Mapping[str, Topic], role: str, name: str, named: Mapping[str, str]) -> bool:
-    """Whether a role is known, or that of a further camera; a near miss is taken for an error."""
-    if role in ROLES:
-        return True
-    if role.endswith(_OF_INFO):
-        return role.removesuffix(_OF_INFO) in named
-    return can_be_camera(role) and name in topics and topics[name].type in _IMAGES
 
 
 def _check(
     topics: Mapping[str, Topic], role: str, name: str, bag: str, named: Mapping[str, str]
 ) -> None:
-    if not _is_role(topics, role, name, named):
+    is_known = role in ROLES
+    if not is_known and role.endswith(_OF_INFO):
+        is_known = role.removesuffix(_OF_INFO) in named
+    elif not is_known:  # a further camera's; a near miss is taken for an error
+        is_known = can_be_camera(role) and name in topics and topics[name].type in _IMAGES
+    if not is_known:
         raise ConfigError(
             f"topics has '{role}', expected some of {', '.join(ROLES)}, or a further camera's name "
             "with a topic of images"
@@ -159,7 +150,8 @@ def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]
         infos = _of_type(topics, "camera_info")
         free = [name for name in names if name != chosen.get("right")]
         names = [name for name in free if not any(_is_twin(name, other) for other in free)]
-        return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), not _has_info(name, infos)))
+        lacks = {name: not any(_shared_parts(name, info) for info in infos) for name in names}
+        return sorted(names, key=lambda name: (_has(name, _NOT_LEFT), lacks[name]))
     if role == "camera_info":
         camera = chosen.get("left", "")
         own = [
@@ -218,10 +210,6 @@ def _is_twin(right: str, left: str) -> bool:
 
 def _has(name: str, parts: Iterable[str]) -> bool:
     return any(part in name.lower() for part in parts)
-
-
-def _has_info(name: str, infos: Iterable[str]) -> bool:
-    return any(_shared_parts(name, info) for info in infos)
 
 
 def _shared_parts(first: str, second: str) -> int:

@@ -60,7 +60,9 @@ def open_writer(
         ConfigError: an unknown format of the bag or of pictures.
     """
     target, kind = Path(path).expanduser(), _kind(Path(path), format)
-    _check_images(images)
+    for stored in [images] if isinstance(images, str) else images.values():
+        if stored not in STORED:
+            raise ConfigError(f"images is '{stored}', expected one of {', '.join(STORED)}")
     need_rosbags()
     _refuse_other(target, kind)
     with scratch_folder(target) as scratch:
@@ -125,7 +127,11 @@ class BagWriter:
         )
         data = serialize(message, connection.msgtype)
         self._writer.write(connection, event.time_ns, data)
-        self._commit(len(data))
+        self._uncommitted += len(data)
+        # rosbags would commit only at the end.
+        if self._kind == "rosbag2" and self._uncommitted >= _COMMIT_BYTES:
+            self._writer.storage.conn.commit()
+            self._uncommitted = 0
 
     def _connection(self, event: Event) -> "Connection":
         name = ros_type(event.message, self._format_of(event.topic))
@@ -157,15 +163,6 @@ class BagWriter:
         second.open()
         return second
 
-    def _commit(self, size: int) -> None:
-        """Commit what was written so far; rosbags would do so only at the end."""
-        if self._kind != "rosbag2":
-            return
-        self._uncommitted += size
-        if self._uncommitted >= _COMMIT_BYTES:
-            self._writer.storage.conn.commit()
-            self._uncommitted = 0
-
     def _close(self) -> None:
         if self.broken:
             raise DataError(f"{self._target} could not be written")
@@ -187,11 +184,20 @@ class BagWriter:
             if not self.broken:
                 self._close()
         if self.broken:
-            self._give_up()
+            with suppress(OSError, sqlite3.Error):
+                self._writer.abort()
+        if self.broken and self._kind == "rosbag2":
+            # The file still holds uncommitted rows, and its journal lies beside it. SQLite rolls
+            # them back when it reads the file, except for rosbags, which opens it as immutable.
+            with suppress(sqlite3.Error), closing(sqlite3.connect(self._storage)) as database:
+                database.execute("SELECT count(*) FROM messages").fetchone()
         partial = self._target.with_name(f"{self._target.stem}.partial{self._target.suffix}")
         if not self.count:
             return "nothing was written before"
-        if not self._is_readable():
+        is_readable = False
+        with suppress(DataError), open_bag(self._made) as bag:
+            is_readable = any(True for _ in bag.events())
+        if not is_readable:
             return "and what was written before is lost: no message had reached the disk whole"
         try:
             self._put_in_place(partial)
@@ -199,35 +205,20 @@ class BagWriter:
             return f"and what was written before is lost: {error}"
         return f"what was written before is kept in {partial}"
 
-    def _is_readable(self) -> bool:
-        """Whether at least one message can be read."""
-        made = self._storage if self._kind == "mcap" else self._path
-        try:
-            with open_bag(made) as bag:
-                return next(iter(bag.events()), None) is not None
-        except DataError:
-            return False
-
-    def _give_up(self) -> None:
-        """Release a file that cannot be written any further."""
-        with suppress(OSError, sqlite3.Error):
-            self._writer.abort()
-        if self._kind == "rosbag2":
-            # The file still holds uncommitted rows, and its journal lies beside it. SQLite rolls
-            # them back when it reads the file, except for rosbags, which opens it as immutable.
-            with suppress(sqlite3.Error), closing(sqlite3.connect(self._storage)) as database:
-                database.execute("SELECT count(*) FROM messages").fetchone()
-
     @property
     def _storage(self) -> Path:
         return self._path / f"{self._path.name}.{'mcap' if self._kind == 'mcap' else 'db3'}"
 
+    @property
+    def _made(self) -> Path:
+        """The file or folder that becomes the bag."""
+        return self._storage if self._kind == "mcap" else self._path
+
     def _put_in_place(self, target: Path) -> None:
-        made = self._storage if self._kind == "mcap" else self._path
         try:
             if target.is_dir():
                 target.rename(self._path.with_name("replaced"))
-            made.replace(target)
+            self._made.replace(target)
         except OSError as error:
             raise cannot_write(target, error.strerror) from error
 
@@ -239,12 +230,6 @@ def _kind(path: Path, name: str | None) -> str:
     if kind is None:
         raise ConfigError(f"{path} ends in none of {', '.join(_SUFFIXES)}: name the format")
     return kind
-
-
-def _check_images(images: Images) -> None:
-    for stored in [images] if isinstance(images, str) else images.values():
-        if stored not in STORED:
-            raise ConfigError(f"images is '{stored}', expected one of {', '.join(STORED)}")
 
 
 def _check(event: Event, kind: str) -> None:

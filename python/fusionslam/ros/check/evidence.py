@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fusionslam.datasets.bags.dataset import dataset_of
-from fusionslam.datasets.bags.index import index_bag, restamp
-from fusionslam.datasets.bags.indexed_bag import IndexedBag
+from fusionslam.datasets.bags.indexed_bag import IndexedBag, index_bag, restamp
 from fusionslam.datasets.bags.reader import Bag
 from fusionslam.datasets.bags.topics import INFO_ROLES, TRANSFORM_TYPES
 from fusionslam.datasets.streams import Request
@@ -70,9 +69,7 @@ class Evidence:
         """The messages, indexed as ``fusionslam info`` indexes a bag."""
         roles = {role: topic for role, topic in self.roles.items() if topic in self.bag.topics}
         stamps = "bag" if self.by_arrival else "header"
-        return IndexedBag(
-            self.bag, roles, index_bag(self.bag, roles.values(), roles, stamps), stamps
-        )
+        return index_bag(self.bag, roles.values(), roles, stamps)
 
     @cached_property
     def overview(self) -> Overview:

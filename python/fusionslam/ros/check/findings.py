@@ -8,7 +8,7 @@ from statistics import median_low
 
 import numpy as np
 
-from fusionslam.datasets.bags.index import Series
+from fusionslam.datasets.bags.indexed_bag import Series
 from fusionslam.datasets.bags.messages import is_static
 from fusionslam.datasets.bags.pairing import NO_PAIRS
 from fusionslam.datasets.bags.topics import ROLES, TRANSFORM_TYPES
@@ -85,8 +85,8 @@ def _check_clock(evidence: Evidence) -> Iterator[Finding]:
         fault = "stands at 0" if CLOCK in graph.topics else "is missing"
         detail = f"use_sim_time is set, but {CLOCK} {fault}: {advice.no_clock}"
         yield Finding("clock", detail, "no-clock", [CLOCK] if CLOCK in graph.topics else [])
-    roles, index = evidence.source.roles, evidence.source.index
-    delays = {topic: _delay_s(index.series[topic]) for topic in roles.values()}
+    roles, indexed = evidence.source.roles, evidence.source.indexed
+    delays = {topic: _delay_s(indexed[topic]) for topic in roles.values()}
     delays = {topic: delay for topic, delay in delays.items() if not isnan(delay)}
     if not delays:
         return
@@ -211,7 +211,7 @@ def _check_content(evidence: Evidence, role: str) -> Iterator[Finding]:
 
 def _check_delay(evidence: Evidence) -> Iterator[Finding]:
     """Report moving transforms that come later than data_fusion waits."""
-    for topic, series in evidence.source.index.series.items():
+    for topic, series in evidence.source.indexed.items():
         is_moving = evidence.bag.topics[topic].type in TRANSFORM_TYPES and not is_static(topic)
         delay = _delay_s(series)
         if is_moving and evidence.config.online.wait < delay < _FAR_S:
@@ -222,7 +222,7 @@ def _check_delay(evidence: Evidence) -> Iterator[Finding]:
 
 def _check_links(evidence: Evidence) -> Iterator[Finding]:
     """Report frames that TF does not link, with advice on what to publish."""
-    roles, tree = evidence.source.roles, evidence.source.index.frames.tree
+    roles, tree = evidence.source.roles, evidence.source.frames.tree
     scanner = evidence.source.series("points").frame_id if "points" in roles else ""
     camera = evidence.source.optical_frame() if "left" in roles else ""
     links = [("TF camera", camera, scanner)] if camera and scanner else []

@@ -94,7 +94,7 @@ def test_without_a_terminal_steps_begin_with_a_line_and_long_ones_repeat_it() ->
 
 def test_choices_are_those_of_the_registries() -> None:
     from fusionslam import evaluation, fusion
-    from fusionslam.datasets.bags.index import STAMPS
+    from fusionslam.datasets.bags.indexed_bag import STAMPS
     from fusionslam.datasets.kinds import KINDS
     from fusionslam.datasets.range_recording import SHAPES
     from fusionslam.pipelines import compare_descriptors

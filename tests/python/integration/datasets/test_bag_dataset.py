@@ -249,7 +249,7 @@ def test_bad_messages_are_left_out_and_named_once(tmp_path: Path, caplog: Logs) 
     events += [Event("/camera/camera_info", START + k, broken) for k in (4, 5)]
     dataset = open_dataset(put_bag(tmp_path, [*drive(), *events]))
     assert isinstance(dataset, BagDataset) and len(dataset) == 5
-    assert [count for count, _ in dataset.source.index.refused.values()] == [3, 2]
+    assert [count for count, _ in dataset.source.refused.values()] == [3, 2]
     warnings = [str(record.args) for record in caplog.records]
     assert ["base -> velodyne -> base" in warning for warning in warnings] == [True, False]
 

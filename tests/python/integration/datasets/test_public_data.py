@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from cli import succeeds
 from fusionslam.datasets import open_dataset
-from fusionslam.datasets.oxts import oxts_poses
+from fusionslam.datasets.kitti_raw import oxts_poses
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.datasets.streams import MissingSensorError
 from kitti import POINTS, pose_lines, put_text

@@ -23,9 +23,9 @@ from bags import SECOND, START, SUFFIXES, drive, odometry, picture, same, withou
 from cli import succeeds
 from error_codes import has_code
 from fusionslam.datasets import open_bag, open_dataset, open_writer
-from fusionslam.datasets.bags import decompression
+from fusionslam.datasets.bags import stores
 from fusionslam.datasets.bags.dataset import BagDataset
-from fusionslam.datasets.bags.decompression import bound_decompression
+from fusionslam.datasets.bags.stores import bound_decompression
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
 from fusionslam.storage import files
@@ -98,7 +98,7 @@ MIDDLE = START + SECOND
 def open_with_one_refused(path: Path) -> BagDataset:
     dataset = open_dataset(path)
     assert isinstance(dataset, BagDataset)
-    assert [count for count, _ in dataset.source.index.refused.values()] == [1]
+    assert [count for count, _ in dataset.source.refused.values()] == [1]
     return dataset
 
 
@@ -308,7 +308,7 @@ ZEROS = bytes(1 << 20)
 
 def limit_expansion(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
     bound_decompression()
-    for module in (files, decompression):
+    for module in (files, stores):
         monkeypatch.setattr(module, "MOST_EXPANDED", most)
 
 
@@ -357,7 +357,7 @@ def test_a_compressed_bag_is_read_as_before_and_refused_beyond_the_limit(
         pairs = list(zip(one.events(), other.events(), strict=True))
     assert len(pairs) > 10 and all(same(*pair) for pair in pairs)
     limit_expansion(monkeypatch, 1)
-    for module in (files, decompression):
+    for module in (files, stores):
         monkeypatch.setattr(module, "EXPANSION", 1)
     with pytest.raises(DataError, match=r"a\.bag"), open_bag(path) as bag:
         list(bag.events())

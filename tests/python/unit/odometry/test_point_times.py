@@ -9,7 +9,6 @@ import numpy as np
 
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Scan
-from fusionslam.sensors.point_times import point_seconds
 from rows import rows
 
 STAMP_NS = 1_700_000_000_250_000_000
@@ -32,13 +31,13 @@ def scan(name: str, values: Any, points: Any = None) -> Scan:
     ],
 )
 def test_times_are_seconds_after_the_stamp(name: str, values: Any) -> None:
-    found = point_seconds(scan(name, values))
+    found = scan(name, values).point_seconds
     assert found is not None
     np.testing.assert_allclose(found, SECONDS, atol=1e-6)
     # Rays without return may have any time.
     points = np.ones((3, 3), np.float32)
     points[1] = np.nan
-    found = point_seconds(scan("time", np.array([0.0, np.nan, 0.1], np.float32), points))
+    found = scan("time", np.array([0.0, np.nan, 0.1], np.float32), points).point_seconds
     assert found is not None
     np.testing.assert_allclose(found, [0, 0, 0.1], atol=1e-6)
 
@@ -48,7 +47,7 @@ MILLISECONDS, OTHER_CLOCK = SECONDS * 1e3, 1.5e9 + SECONDS
 
 @rows("name, values", [("intensity", SECONDS), ("time", MILLISECONDS), ("timestamp", OTHER_CLOCK)])
 def test_other_times_are_unknown(name: str, values: Any) -> None:
-    assert point_seconds(scan(name, values)) is None
+    assert scan(name, values).point_seconds is None
 
 
 def test_a_frame_keeps_the_times_when_it_is_sent_to_another_process() -> None:
