@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """``PrecisionRecall``: precision and recall of loop closing over all thresholds."""
 
+import math
 import os
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -167,7 +168,12 @@ class PrecisionRecall:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""
-        arrays = {name: _plain(getattr(self, name)) for name in _ARRAYS}
+        arrays = {
+            name: [
+                value if math.isfinite(value) else None for value in getattr(self, name).tolist()
+            ]
+            for name in _ARRAYS
+        }
         save_json(path, FORMAT, {**self.metrics(), **arrays})
 
     @classmethod
@@ -187,23 +193,23 @@ class PrecisionRecall:
             axis: where to draw; None makes a new figure (``axis.figure.savefig(...)``).
             style: keyword arguments of matplotlib's ``Axes.plot`` for the curve.
         """
-        axis = _new_axis() if axis is None else axis
+        if axis is None:
+            from matplotlib.figure import Figure
+
+            axis = Figure(figsize=(6, 4.5), layout="constrained").add_subplot()
+            axis.grid(alpha=0.3)
         (line,) = axis.plot(self.recall, self.precision, **style)
-        for marker, point in zip("so", self._marks(), strict=True):
-            if point is not None:
-                axis.plot(*point, marker, color=line.get_color(), markeredgecolor="white", ms=8)
+        marks: dict[str, tuple[float, float]] = {}
+        if full := self.recall_at_full_precision:
+            marks["s"] = full, 1.0
+        if self.max_f1_threshold is not None:
+            row = int(np.searchsorted(self.thresholds, self.max_f1_threshold))
+            marks["o"] = float(self.recall[row]), float(self.precision[row])
+        for marker, point in marks.items():
+            axis.plot(*point, marker, color=line.get_color(), markeredgecolor="white", ms=8)
         axis.set(xlabel=f"recall ({self.protocol}, {self.radius:g} m)", ylabel="precision")
         axis.set(xlim=(0, 1.02), ylim=(0, 1.04))
         return axis
-
-    def _marks(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-        """(recall, precision) at full precision and at the largest F1, where they exist."""
-        full = self.recall_at_full_precision
-        best = None
-        if self.max_f1_threshold is not None:
-            row = int(np.searchsorted(self.thresholds, self.max_f1_threshold))
-            best = (float(self.recall[row]), float(self.precision[row]))
-        return ((full, 1.0) if full else None), best
 
     def _rows(self) -> list[tuple[str, float | None]]:
         rows = [
@@ -222,13 +228,6 @@ def _format(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3f}"
 
 
-def _plain(values: NDArray[Any]) -> list[Any]:
-    """Convert to a list for JSON, null for values that are not finite."""
-    if values.dtype.kind != "f":
-        return list(values.tolist())
-    return [value if np.isfinite(value) else None for value in values.tolist()]
-
-
 def _restore(content: dict[str, Any]) -> dict[str, Any]:
     """Restore the fields that JSON cannot hold directly."""
     fill = {"distances": np.inf, "recall": np.nan}
@@ -239,14 +238,3 @@ def _restore(content: dict[str, Any]) -> dict[str, Any]:
     if np.isnan(arrays["distances"]).any():
         raise ValueError("distances: expected numbers")
     return arrays | {"recall_at_k": {int(k): v for k, v in content["recall_at_k"].items()}}
-
-
-def _new_axis() -> "Axes":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axis = figure.add_subplot()
-    axis.grid(alpha=0.3)
-    return axis

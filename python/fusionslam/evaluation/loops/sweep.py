@@ -54,7 +54,8 @@ def sweep_thresholds(distances: Floats, correct: Mask, relevant: Mask) -> dict[s
 
 def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str, Any]:
     """Read the figures off a curve; thresholds that do not exist are None."""
-    f1 = _f1(precision, recall)
+    total = precision + recall
+    f1 = 2 * precision * recall / np.where(total > 0, total, 1)  # 0 where both are 0
     best = float(f1.max(initial=0))
     # A false match stays accepted at all larger thresholds: rows without one are a prefix.
     flawless = int((precision == 1).sum())
@@ -68,12 +69,6 @@ def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str,
         # The curve begins at recall 0 with precision 1, where nothing is accepted yet.
         "extended_precision": (1 + full) / 2,
     }
-
-
-def _f1(precision: Floats, recall: Floats) -> Floats:
-    """2 P R / (P + R), 0 where both are 0."""
-    total = precision + recall
-    return 2 * precision * recall / np.where(total > 0, total, 1)
 
 
 def _area_under_roc(right: Integers, wrong: Integers) -> float | None:

@@ -142,7 +142,13 @@ class MapReport:
         return figures | {f"{one}_share": getattr(self, f"{one}_share") for one in shares}
 
     def __str__(self) -> str:
-        return "\n".join([*_heading(self), *_errors(self), *_topology(self), *self.remarks])
+        heading = [
+            f"{self.name}: views {self.views}, odometry {self.odometry}, preset {self.preset}",
+            f"{self.seconds:.1f} s and {counted(self.steps, 'step')} from the first node on, "
+            f"{counted(self.looks, 'look')}; "
+            f"{counted(self.node_count, 'node')}, {counted(self.link_count, 'link')}",
+        ]
+        return "\n".join([*heading, *_errors(self), *_topology(self), *self.remarks])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all. Raises DataError where that is impossible."""
@@ -185,15 +191,6 @@ def _share(part: int | None, whole: int | None) -> float | None:
     return None if part is None or whole is None else share(part, whole)
 
 
-def _heading(report: MapReport) -> list[str]:
-    return [
-        f"{report.name}: views {report.views}, odometry {report.odometry}, preset {report.preset}",
-        f"{report.seconds:.1f} s and {counted(report.steps, 'step')} from the first node on, "
-        f"{counted(report.looks, 'look')}; "
-        f"{counted(report.node_count, 'node')}, {counted(report.link_count, 'link')}",
-    ]
-
-
 def _errors(report: MapReport) -> list[str]:
     found = [(title, getattr(report, name)) for name, title in _ERRORS.items()]
     if all(errors is None for _, errors in found):
@@ -214,7 +211,10 @@ def _topology(report: MapReport) -> list[str]:
             f"  {counted(report.loops, 'arrival')} at known nodes, "
             f"{counted(report.refused, 'loop')} refused"
         ]
-    rule = report.rule
+    rule, linked = report.rule, report.refused_linked or 0
+    refused = f"{(report.refused_true or 0) - linked} of {report.judged_refused} wrongly refused"
+    if linked:
+        refused += f", {linked} linked later"
     return [
         f"  near means within {rule.loop_distance:g} m and {rule.loop_angle:.3g} deg",
         f"  near links      {percent(report.near_link_share):>8}   {report.near_links} of "
@@ -225,11 +225,5 @@ def _topology(report: MapReport) -> list[str]:
         f"{report.linked_revisits} of {report.revisits}",
         f"  false arrivals  {percent(report.false_loop_share):>8}   {report.false_loops} of "
         f"{report.judged_loops}, at known nodes",
-        f"  refused loops   {report.refused:>8}   {_describe_refused(report)}",
+        f"  refused loops   {report.refused:>8}   {refused}",
     ]
-
-
-def _describe_refused(report: MapReport) -> str:
-    linked = report.refused_linked or 0
-    wrongly = f"{(report.refused_true or 0) - linked} of {report.judged_refused} wrongly refused"
-    return f"{wrongly}, {linked} linked later" if linked else wrongly
