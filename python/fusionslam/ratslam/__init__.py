@@ -12,10 +12,10 @@ graph.relax()
 """
 
 from fusionslam._core import ActionKind
-from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.event_order import OrderConfig, StampOrder
 from fusionslam.ratslam.events import Look, Motion, Sighting
 from fusionslam.ratslam.experience_map import (
+    Action,
     ExperienceMap,
     ExperienceMapConfig,
     LoopCheck,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam._core import ActionKind
 from fusionslam._core import ExperienceMap as CoreMap
 from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.argument_types import checked
@@ -24,7 +25,6 @@ from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import LINK
 from fusionslam.help_texts import counted
-from fusionslam.ratslam.actions import Action
 from fusionslam.storage.arrays import Floats
 
 STATE_VERSION = 1
@@ -41,7 +41,34 @@ if TYPE_CHECKING:
 else:
     ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig, __name__)
     ExperienceMapConfig.__doc__ = "Parameters of map correction and of the acceptance of loops."
-__all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
+__all__ = [
+    "LINK",
+    "Action",
+    "ExperienceMap",
+    "ExperienceMapConfig",
+    "LoopCheck",
+    "Relaxation",
+    "Route",
+]
+
+
+class Action(NamedTuple):
+    """A change of the experience map.
+
+    Attributes:
+        kind: nothing, a new node, or an edge to a known one.
+        source: id of the experience that the robot was at; 0 before the first one.
+        target: id of the experience that it is at now.
+        relative_rotation: rotation of the robot relative to the target, radians, counter-clockwise.
+        relative_place: position of the robot in the target's frame, metres, x forward and y to the
+            left; (0, 0) if it was not measured.
+    """
+
+    kind: ActionKind
+    source: int = 0
+    target: int = 0
+    relative_rotation: float = 0.0
+    relative_place: tuple[float, float] = (0.0, 0.0)
 
 
 class Route(NamedTuple):

@@ -21,8 +21,8 @@ from fusionslam._core import ActionKind
 from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.ratslam.actions import Action
 from fusionslam.ratslam.attractor import ReferenceNetwork, SteadyNetwork
+from fusionslam.ratslam.experience_map import Action
 from fusionslam.ratslam.pose_cell_sheet import (
     HEADINGS,
     IDENTITY,
@@ -33,7 +33,6 @@ from fusionslam.ratslam.pose_cell_sheet import (
     inverse,
     wrap,
 )
-from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, check_state
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.growing_array import Rows
 
@@ -44,7 +43,16 @@ INJECT = {"robust": 0.15, "openratslam": 0.05}
 """Energy of a view by preset: openratslam as in the reference run; with robust, five views in a
 row win over a packet."""
 _OLDER_THAN = 10
-_TABLES = (*VIEW_TABLES, *EXPERIENCE_TABLES)
+Arrays = Mapping[str, NDArray[Any]]
+
+_VIEW_TABLES = {"places": (3,), "decays": (), "since": ()}
+"""The tables with one row per view, and the shape of a row."""
+_EXPERIENCE_TABLES = {"experiences": (3,), "views_of": (), "offsets": (3,)}
+"""The tables with one row per experience, and the shape of a row."""
+_FIXED: dict[str, tuple[int, ...]] = {"relative": (3,), "counts": (4,), "flags": (3,)}
+_DTYPES = {"since": np.int64, "views_of": np.int64, "counts": np.int64, "flags": np.bool_}
+_STATE = ("cells", "network", *_FIXED, *_VIEW_TABLES, *_EXPERIENCE_TABLES)
+_TABLES = (*_VIEW_TABLES, *_EXPERIENCE_TABLES)
 # Distances longer than this, in cells, do not resolve the place within a cell any more.
 _FARTHEST = 1e9
 # The decay at which a view has no energy left: 30 - exp(1.2 decay) is 0.
@@ -318,7 +326,11 @@ class PoseCells:
     def _create_edge(self, target: int) -> Action:
         source, self._current = self._current, target
         self._previous, self._in_doubt = self._view, True
-        way = self._way_from(target)
+        # The robot's pose by its match, in cells, in the frame of the target.
+        way = self._relative
+        if self._robust:
+            offset = Place(*self._offsets.all[target].tolist())
+            way = compose(inverse(offset), way)
         cell = self.config.cell_m
         rotation = math.remainder(way.th * LAYER, 2 * math.pi) if self._robust else way.th * LAYER
         place = (way.x * cell, way.y * cell)
@@ -347,13 +359,6 @@ class PoseCells:
         if self._robust:
             self._set_decay(self._view, _EXHAUSTED)
         return self._create_node(action.source)
-
-    def _way_from(self, experience: int) -> Place:
-        """The robot's pose by its match, in cells, in the frame of an experience of the view."""
-        if not self._robust:
-            return self._relative
-        offset = Place(*self._offsets.all[experience].tolist())
-        return compose(inverse(offset), self._relative)
 
     def _distances(self, experiences: Any) -> Floats:
         """Distances in cells from the pose to the ones expected if these experiences match."""
@@ -403,7 +408,7 @@ class PoseCells:
                 Nothing is changed.
             ShapeError: another number of cells. Nothing is changed.
         """
-        state, new = check_state(state), PoseCells(self.config)
+        state, new = _check_state(state), PoseCells(self.config)
         new._network.restore(state["cells"], state["network"])
         new._relative = Place(*state["relative"].tolist())
         new._arrived, new._view, new._previous, new._current = state["counts"].tolist()
@@ -414,3 +419,55 @@ class PoseCells:
         for experience, view in enumerate(new._views_of.all.tolist()):
             new._known[view].append(experience)
         vars(self).update(vars(new))
+
+
+def _check_state(state: Arrays) -> dict[str, NDArray[Any]]:
+    """Check arrays of a stored state, and return them with the right types.
+
+    Raises:
+        DataError: an array is missing, or has a wrong shape or impossible values.
+    """
+    missing = [name for name in _STATE if name not in state]
+    if missing:
+        raise DataError(f"pose cells: no array {missing[0]!r} in the state")
+    arrays = {name: _check_type(name, np.asarray(state[name])) for name in _STATE}
+    for name, shape in _FIXED.items():
+        _check_shape(name, arrays[name], shape)
+    views = _check_table(arrays, _VIEW_TABLES)
+    experiences = _check_table(arrays, _EXPERIENCE_TABLES)
+    arrived, view, previous, current = arrays["counts"]
+    _check_range("counts", arrived, np.iinfo(np.int64).max)
+    _check_range("counts", np.array((view, previous)), max(views, 1))
+    _check_range("counts", current, max(experiences, 1))
+    _check_range("views_of", arrays["views_of"], views)
+    _check_range("since", arrays["since"], int(arrived) + 1)
+    return arrays
+
+
+def _check_type(name: str, array: NDArray[Any]) -> NDArray[Any]:
+    dtype = np.dtype(_DTYPES.get(name, np.float64))
+    if not np.can_cast(array.dtype, dtype, "safe"):
+        raise DataError(f"pose cells: {name} is {array.dtype}, expected {dtype}")
+    if name != "network" and array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise DataError(f"pose cells: {name} holds values that are not finite")
+    return array.astype(dtype)
+
+
+def _check_shape(name: str, array: NDArray[Any], shape: tuple[int, ...], why: str = "") -> None:
+    if array.shape != shape:
+        raise DataError(f"pose cells: {name} has the shape {array.shape}, expected {shape}{why}")
+
+
+def _check_table(arrays: Arrays, tables: Mapping[str, tuple[int, ...]]) -> int:
+    """The number of rows that all of these tables share."""
+    first = next(iter(tables))
+    count = len(arrays[first]) if arrays[first].ndim else 0
+    for name, row in tables.items():
+        _check_shape(name, arrays[name], (count, *row), f", with a row for each of {first}")
+    return count
+
+
+def _check_range(name: str, values: NDArray[Any], end: int) -> None:
+    wrong = values[(values < 0) | (values >= end)]
+    if wrong.size:
+        raise DataError(f"pose cells: {name} holds {wrong.flat[0]}, expected 0 to {end - 1}")
