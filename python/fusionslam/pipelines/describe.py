@@ -388,7 +388,11 @@ class _Work:
     def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
         rows, poses = joined["rows"], self.dataset.true_poses
         points, described = joined["points"], joined[f"vectors.{name}"].any(axis=1)
-        largest = int(rows[np.where(described, points, -1).argmax()])
+        memory = 0  # that describing the largest cloud takes beyond what was in use before
+        if described.any():
+            frame = self.dataset[int(rows[np.where(described, points, -1).argmax()])]
+            cloud, config = fuse(frame, self.config.fusion), self._config_of(name, frame)
+            memory = peak_memory(lambda: describe(cloud, name, config))
         return DescriptorRun(
             source=self.config.fusion.source,
             descriptor=find_descriptor(name).name,
@@ -402,19 +406,13 @@ class _Work:
                 "fuse": joined["seconds.fuse"],
                 "describe": joined[f"seconds.{name}"],
             },
-            peak_memory_bytes=self._working_memory(name, largest) if described.any() else 0,
+            peak_memory_bytes=memory,
             points=points,
             config=for_descriptor(self.config, name).model_dump(mode="json"),
             numbers=self.dataset.numbers[rows],
             skipped=skipped,
             recorded=self.dataset.recorded,
         )
-
-    def _working_memory(self, name: str, largest: int) -> int:
-        """Memory that describing the largest cloud takes beyond what was in use before."""
-        frame = self.dataset[largest]
-        cloud, config = fuse(frame, self.config.fusion), self._config_of(name, frame)
-        return peak_memory(lambda: describe(cloud, name, config))
 
     def _config_of(self, name: str, frame: Frame) -> DescriptorConfig:
         return for_clouds(self.config.descriptors, name, self.config.fusion, frame)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Visual-template views of a drive's images, cached for rendered images."""
 
-import hashlib
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +12,9 @@ from numpy.typing import NDArray
 from fusionslam.errors import DataError
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.cache import cached_path
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 FORMAT = "fusionslam.template_views.1"
@@ -56,7 +55,10 @@ def template_views(
         DataError: an image cannot be read or rendered, or the cache cannot be written.
         ShapeError: an image cannot become a template.
     """
-    path = None if images.key is None else _cache_path(images.key, config)
+    path = None
+    if images.key is not None:
+        identity = [images.key, {name: getattr(config, name) for name in _OF_VIEWS}]
+        path = cached_path("template-views", identity, ".npz")
     stored = None if path is None else _load_views(path, images, config)
     if stored is not None:
         return stored
@@ -73,21 +75,11 @@ def _make_views(
     views = np.empty((len(images), config.columns * config.rows), np.float32)
     spent = np.empty(len(images))
     with ordered_results(images.image, range(len(images)), jobs) as loaded:
-        for index, image in enumerate(loaded):
+        for index, image in enumerate(reported(loaded, progress, len(images))):
             begin = time.perf_counter()
             views[index] = templates.view(image)
             spent[index] = time.perf_counter() - begin
-            if progress is not None:
-                progress(index + 1, len(images))
     return TemplateViews(views, float(np.median(spent) * 1e3) if len(images) else 0.0)
-
-
-def _cache_path(key: str, config: VisualTemplatesConfig) -> Path:
-    from fusionslam.storage.cache import cache_folder
-
-    blocks = {name: getattr(config, name) for name in _OF_VIEWS}
-    text = json.dumps([key, blocks], sort_keys=True)
-    return cache_folder() / f"template-views-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
 
 
 def _load_views(

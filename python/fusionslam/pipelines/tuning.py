@@ -138,7 +138,11 @@ class TuningState:
         self._identity = json.dumps(identity, sort_keys=True)
         if self.path is None or not self.path.exists():
             return
-        stored, self.generations = _read_state(self.path)
+        with load_archive(self.path, _STATE_FORMAT, "the state of a tuning") as (about, arrays):
+            edges = np.cumsum(arrays["sizes"])[:-1]
+            parts = (np.split(arrays[name], edges) for name in ("numbers", "values"))
+            generations = [Generation(*pair) for pair in zip(*parts, strict=True)]
+        stored, self.generations = str(about["identity"]), generations
         if stored != self._identity:
             differing = _differences(json.loads(stored), identity)
             raise DataError(
@@ -160,13 +164,6 @@ class TuningState:
             "values": np.concatenate([each.values for each in self.generations]),
         }
         save_archive(self.path, _STATE_FORMAT, {"identity": self._identity}, arrays)
-
-
-def _read_state(path: Path) -> tuple[str, list[Generation]]:
-    with load_archive(path, _STATE_FORMAT, "the state of a tuning") as (about, stored):
-        edges = np.cumsum(stored["sizes"])[:-1]
-        parts = (np.split(stored[name], edges) for name in ("numbers", "values"))
-        return str(about["identity"]), [Generation(*pair) for pair in zip(*parts, strict=True)]
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
@@ -444,15 +441,13 @@ def write_tuning(
         made = scenes.source.get("command")
         lines += [f"# {scenes.name}: {made}"] if made else []
         lines += [f"# {scenes.name}: {line.strip()}" for line in str(report).splitlines()]
-    text = yaml.safe_dump({"views": _values(result.config)}, sort_keys=False)
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join([*lines, text]), encoding="utf-8")
-
-
-def _values(config: ViewMatcherConfig) -> dict[str, Any]:
-    """Return every value that affects the ids, so that later changes of presets do not."""
-    values = config.model_dump(mode="json", exclude_unset=True)
-    for name, core in (("scene", scene_config(config)), ("similarity", similarity_config(config))):
+    # Every value that affects the ids, so that later changes of presets do not.
+    found = result.config
+    values = found.model_dump(mode="json", exclude_unset=True)
+    for name, core in (("scene", scene_config(found)), ("similarity", similarity_config(found))):
         options = type(core).options()
         values[name] = {entry["name"]: getattr(core, entry["name"]) for entry in options}
-    return {"preset": config.preset, "threshold": config.threshold, **values}
+    values = {"preset": found.preset, "threshold": found.threshold, **values}
+    text = yaml.safe_dump({"views": values}, sort_keys=False)
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join([*lines, text]), encoding="utf-8")

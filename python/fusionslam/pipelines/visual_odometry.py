@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run visual odometry over all images of a drive and convert it to the input of a map."""
 
-import hashlib
-import json
 import logging
 from collections import Counter
 from collections.abc import Sequence
@@ -24,8 +22,9 @@ from fusionslam.ratslam.visual_odometry import (
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.cache import cached_path
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, Step, label_progress
+from fusionslam.storage.progress import Progress, Step, label_progress, reported
 
 FORMAT = "fusionslam.image_profiles.1"
 
@@ -125,28 +124,20 @@ def _load_sights(
     Raises:
         DataError, ShapeError: an image cannot be read or used, or the cache cannot be written.
     """
-    path = None if images.key is None else _cache_path(images.key, odometry)
+    path = None
+    if images.key is not None:
+        rows = odometry.config.turn_rows, odometry.config.speed_rows
+        path = cached_path("profiles", [images.key, *rows], ".npz")
     cached = None if path is None else _read_cache(path, len(images))
     if cached is not None:
         return cached
-    sights = []
     with ordered_results(images.image, range(len(images)), jobs) as loaded:
-        for image in loaded:
-            sights.append(odometry.sight(image))
-            if progress is not None:
-                progress(len(sights), len(images))
+        sights = [odometry.sight(image) for image in reported(loaded, progress, len(images))]
     if path is not None and sights:
         turns, speeds = (np.stack([getattr(s, n) for s in sights]) for n in ("turn", "speed"))
         about = {"shape": sights[0].shape}
         save_archive(path, FORMAT, about, {"turns": turns, "speeds": speeds})
     return sights
-
-
-def _cache_path(key: str, odometry: VisualOdometry) -> Path:
-    from fusionslam.storage.cache import cache_folder
-
-    text = json.dumps([key, odometry.config.turn_rows, odometry.config.speed_rows])
-    return cache_folder() / f"profiles-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
 
 
 def _read_cache(path: Path, count: int) -> list[Sight] | None:
