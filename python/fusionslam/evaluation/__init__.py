@@ -55,7 +55,6 @@ from fusionslam.evaluation.loops.verified_run import REJECTED, LoopRun, Verified
 from fusionslam.evaluation.maps.judge import judge_map, pose_errors, trajectory_error
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import REFUSED, RatSlamRun
-from fusionslam.evaluation.views.baselines import always_new, baselines, every_kth
 from fusionslam.evaluation.views.curve import (
     THRESHOLDS,
     ViewCurve,
@@ -63,7 +62,13 @@ from fusionslam.evaluation.views.curve import (
     sweep_pairs,
     sweep_views,
 )
-from fusionslam.evaluation.views.judge import ViewJudge, judge_views
+from fusionslam.evaluation.views.judge import (
+    ViewJudge,
+    always_new,
+    baselines,
+    every_kth,
+    judge_views,
+)
 from fusionslam.evaluation.views.online import JudgedView, RunningViews
 from fusionslam.evaluation.views.published import (
     PUBLISHED_VIEWS,

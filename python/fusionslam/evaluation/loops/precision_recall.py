@@ -184,7 +184,14 @@ class PrecisionRecall:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored precision-recall result") as content:
-            return check_types(cls(**content | _restore(content)))
+            fill = {"distances": np.inf, "recall": np.nan}  # where JSON has null
+            for name, dtype in _ARRAYS.items():
+                values = [fill.get(name) if value is None else value for value in content[name]]
+                content[name] = np.array(values, dtype=dtype)
+            if np.isnan(content["distances"]).any():
+                raise ValueError("distances: expected numbers")
+            content["recall_at_k"] = {int(k): v for k, v in content["recall_at_k"].items()}
+            return check_types(cls(**content))
 
     def plot(self, axis: "Axes | None" = None, **style: Any) -> "Axes":
         """Draw the curve, marking recall at 100 % precision and maximal F1.
@@ -226,15 +233,3 @@ class PrecisionRecall:
 
 def _format(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3f}"
-
-
-def _restore(content: dict[str, Any]) -> dict[str, Any]:
-    """Restore the fields that JSON cannot hold directly."""
-    fill = {"distances": np.inf, "recall": np.nan}
-    arrays: dict[str, Any] = {
-        name: np.array([fill.get(name) if v is None else v for v in content[name]], dtype=dtype)
-        for name, dtype in _ARRAYS.items()
-    }
-    if np.isnan(arrays["distances"]).any():
-        raise ValueError("distances: expected numbers")
-    return arrays | {"recall_at_k": {int(k): v for k, v in content["recall_at_k"].items()}}

@@ -49,7 +49,11 @@ def sweep_thresholds(distances: Floats, correct: Mask, relevant: Mask) -> dict[s
     recall = found / denominator if denominator else np.full(len(found), np.nan)
     curve = {"thresholds": thresholds, "precision": precision, "recall": recall}
     figures = _figures(thresholds, precision, recall) if denominator else _UNDEFINED
-    return curve | figures | {"roc_auc": _area_under_roc(right, wrong)}
+    # The area under the ROC curve is the probability that a right one is nearer than a wrong one,
+    # equally near ones counting half; there is none if nothing is right or nothing is wrong.
+    pairs, farther = int(right.sum()) * int(wrong.sum()), wrong.sum() - np.cumsum(wrong)
+    area = float((right * (farther + wrong / 2)).sum() / pairs) if pairs else None
+    return curve | figures | {"roc_auc": area}
 
 
 def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str, Any]:
@@ -69,16 +73,3 @@ def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str,
         # The curve begins at recall 0 with precision 1, where nothing is accepted yet.
         "extended_precision": (1 + full) / 2,
     }
-
-
-def _area_under_roc(right: Integers, wrong: Integers) -> float | None:
-    """Area under the ROC curve; None if nothing is right or nothing is wrong.
-
-    It is the probability that a right one is nearer than a wrong one, equally near ones counting
-    half. ``right`` and ``wrong`` are their numbers at each threshold, int64 (T,).
-    """
-    pairs = int(right.sum()) * int(wrong.sum())
-    if not pairs:
-        return None
-    farther = wrong.sum() - np.cumsum(wrong)
-    return float((right * (farther + wrong / 2)).sum() / pairs)

@@ -162,7 +162,14 @@ class MapReport:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored map report") as content:
-            return check_types(cls(**_restore(content)))
+            kept = {key: value for key, value in content.items() if not key.endswith("_share")}
+            for name in _ERRORS:
+                if kept[name] is not None:
+                    motion = RigidMotion(*kept[name].pop("motion"))
+                    kept[name] = check_types(PoseErrors(**kept[name], motion=check_types(motion)))
+            kept["rule"] = ViewRule(**kept["rule"])
+            kept["unjudged"] = tuple(kept["unjudged"])
+            return check_types(cls(**kept))
 
 
 _ERRORS = {
@@ -173,18 +180,6 @@ _ERRORS = {
     "dead_reckoning": "  dead reckoning",
 }
 """Pose sets compared with the truth: attribute -> name in the table."""
-
-
-def _restore(content: dict[str, Any]) -> dict[str, Any]:
-    """Restore the arguments of a report from its JSON."""
-    kept = {name: value for name, value in content.items() if not name.endswith("_share")}
-    for name in _ERRORS:
-        if kept[name] is not None:
-            motion = RigidMotion(*kept[name].pop("motion"))
-            kept[name] = check_types(PoseErrors(**kept[name], motion=check_types(motion)))
-    kept["rule"] = ViewRule(**kept["rule"])
-    kept["unjudged"] = tuple(kept["unjudged"])
-    return kept
 
 
 def _share(part: int | None, whole: int | None) -> float | None:

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judge view ids against true poses (Stastny 2022, 5.2), and by the loops they close."""
+"""Judge view ids against true poses (Stastny 2022, 5.2), and by the loops they close.
+
+``baselines`` are the ids of programs without a sensor, which every method in a table must beat.
+"""
 
 from functools import cached_property
 from typing import Any
@@ -9,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.argument_types import checked
-from fusionslam.errors import DataError, ShapeError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.storage.arrays import Floats, Integers, Mask, read_numbers
 
+_MOST_SCANS = 10**8  # three years of ten a second
 _SECONDS = 9e9
 """Larger stamps (beyond the year 2255) are not seconds."""
 
@@ -84,6 +88,40 @@ class ViewJudge:
             revisit=self.revisit,
             **self._truth.judge(scans, first, stored),
         )
+
+
+@checked
+def always_new(n: int) -> Integers:
+    """Ids int64 (n,) of a program that calls each of n scans a new view.
+
+    Raises:
+        ConfigError: n is not 0 to 100 million.
+    """
+    return every_kth(n, 1)
+
+
+@checked
+def every_kth(n: int, k: int) -> Integers:
+    """Ids int64 (n,) of a program that starts a new view with every k-th of n scans.
+
+    Raises:
+        ConfigError: n is not 0 to 100 million, or k not 1 to 2**62.
+    """
+    if not 0 <= n <= _MOST_SCANS:
+        raise ConfigError(f"n is {n}, expected 0 to {_MOST_SCANS} scans")
+    if not 1 <= k <= 2**62:
+        raise ConfigError(f"k is {k}, expected a new view every 1 to 2**62 scans")
+    return np.arange(n, dtype=np.int64) // k
+
+
+@checked
+def baselines(n: int) -> dict[str, Integers]:
+    """Return the ids int64 (n,) of the baselines that appear in every table, by name."""
+    return {
+        "always new": always_new(n),
+        "new every 2nd": every_kth(n, 2),
+        "new every 3rd": every_kth(n, 3),
+    }
 
 
 def first_scenes(ids: Integers) -> Integers:
