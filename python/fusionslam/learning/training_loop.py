@@ -214,10 +214,6 @@ def _write_curves(folder: Path, rows: Sequence[Row]) -> None:
         table = csv.DictWriter(stream, list(rows[0]))
         table.writeheader()
         table.writerows(rows)
-    _draw_curves(folder / "curves.png", rows)
-
-
-def _draw_curves(target: Path, rows: Sequence[Row]) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -230,6 +226,6 @@ def _draw_curves(target: Path, rows: Sequence[Row]) -> None:
         axes.plot([row["epoch"] for row in rows], [row[name] for row in rows], marker=".")
         axes.set(title=name.replace("_", " "), xlabel="epoch")
         axes.grid(alpha=0.3)
-    with atomic_path(target) as path:
+    with atomic_path(folder / "curves.png") as path:
         # Without matplotlib's version and time: same curves, same bytes.
         figure.savefig(path, format="png", dpi=100, metadata={"Software": None})

@@ -23,7 +23,7 @@ from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.argument_types import checked
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
-from fusionslam.evaluation.maps.run import LINK
+from fusionslam.geometry.odometry_calibration import LoopCheck
 from fusionslam.help_texts import counted
 from fusionslam.storage.arrays import Floats
 
@@ -41,15 +41,6 @@ if TYPE_CHECKING:
 else:
     ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig, __name__)
     ExperienceMapConfig.__doc__ = "Parameters of map correction and of the acceptance of loops."
-__all__ = [
-    "LINK",
-    "Action",
-    "ExperienceMap",
-    "ExperienceMapConfig",
-    "LoopCheck",
-    "Relaxation",
-    "Route",
-]
 
 
 class Action(NamedTuple):
@@ -76,26 +67,6 @@ class Route(NamedTuple):
 
     ids: list[int]
     seconds: float
-
-
-class LoopCheck(NamedTuple):
-    """The result of checking a loop against odometry.
-
-    Attributes:
-        accepted: whether to make the link.
-        error_m, error_rad: offset from the robot's pose on the map to the pose by the loop, metres
-            and radians.
-        allowed_m, allowed_rad: the offset that drift since the target allows, metres along the
-            error and radians.
-        reason: the reason, in words.
-    """
-
-    accepted: bool
-    error_m: float
-    error_rad: float
-    allowed_m: float
-    allowed_rad: float
-    reason: str
 
 
 class Relaxation(NamedTuple):

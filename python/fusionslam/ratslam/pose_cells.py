@@ -21,23 +21,20 @@ from fusionslam._core import ActionKind
 from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.ratslam.attractor import ReferenceNetwork, SteadyNetwork
-from fusionslam.ratslam.experience_map import Action
-from fusionslam.ratslam.pose_cell_sheet import (
-    HEADINGS,
+from fusionslam.ratslam.attractor import (
     IDENTITY,
     LAYER,
     Place,
+    ReferenceNetwork,
+    SteadyNetwork,
     compose,
     differences,
     inverse,
     wrap,
 )
+from fusionslam.ratslam.experience_map import Action
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.growing_array import Rows
-
-__all__ = ["HEADINGS", "Place", "PoseCells", "PoseCellsConfig"]
-
 
 INJECT = {"robust": 0.15, "openratslam": 0.05}
 """Energy of a view by preset: openratslam as in the reference run; with robust, five views in a
@@ -201,7 +198,13 @@ class PoseCells:
             raise DataError(f"view {view}: expected 0 to {known}, the next new one")
         self._decide()
         if view == known:
-            self._learn(relative)
+            place = self.best
+            if self._robust:
+                place = wrap(compose(place, inverse(relative)), self.config.size)
+            self._places.append(place)
+            self._decays.append(self.config.active_decay)
+            self._since.append(self._arrived)
+            self._known.append(Rows(int))
         else:
             self._recall(view, relative)
         self._arrived += 1
@@ -224,17 +227,10 @@ class PoseCells:
         x, y = (values[:2] / self.config.cell_m).tolist() if self._robust else (0.0, 0.0)
         return Place(x, y, float(values[2]) / LAYER)
 
-    def _learn(self, relative: Place) -> None:
-        place = self.best
-        if self._robust:
-            place = wrap(compose(place, inverse(relative)), self.config.size)
-        self._places.append(place)
-        self._decays.append(self.config.active_decay)
-        self._since.append(self._arrived)
-        self._known.append(Rows(int))
-
     def _recall(self, view: int, relative: Place) -> None:
-        decay = self._decay(view)
+        # The decay falls with each arriving view down to a minimum.
+        fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
+        decay = max(float(self._decays.all[view]) - fallen, self.config.active_decay)
         if view == self._view:
             decay += self.config.active_decay
             self._set_decay(view, min(decay, _EXHAUSTED) if self._robust else decay)
@@ -249,11 +245,6 @@ class PoseCells:
         else:
             place = Place(place.x, place.y, place.th + relative.th)
         self._network.inject(place, energy)
-
-    def _decay(self, view: int) -> float:
-        """The current decay of a view, which falls with each arriving view down to a minimum."""
-        fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
-        return max(float(self._decays.all[view]) - fallen, self.config.active_decay)
 
     def _set_decay(self, view: int, decay: float) -> None:
         self._decays.all[view], self._since.all[view] = decay, self._arrived
@@ -364,28 +355,20 @@ class PoseCells:
         """Distances in cells from the pose to the ones expected if these experiences match."""
         places = self._experiences.all[experiences]
         if self._robust:
+            # Where the match of these experiences' view has the robot.
+            offsets = self._offsets.all[experiences]
+            heading = (places[:, 2] - offsets[:, 2]) * LAYER
+            dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
+            x = places[:, 0] + np.cos(heading) * dx - np.sin(heading) * dy
+            y = places[:, 1] + np.sin(heading) * dx + np.cos(heading) * dy
+            th = places[:, 2] - offsets[:, 2] + self._relative.th
             same = self._views_of.all[experiences] == self._view
-            places = np.where(same[:, None], self._predict(experiences), places)
+            places = np.where(same[:, None], np.stack((x, y, th), axis=1), places)
         else:
             places = places + np.array((0, 0, self._relative.th))
         apart = differences(self.best, places, self.config.size)
         distances: Floats = np.sqrt((apart**2).sum(axis=-1))
         return distances
-
-    def _predict(self, experiences: Any) -> Floats:
-        """The robot's poses by the match of these experiences' view, float64 (k, 3)."""
-        places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
-        heading = (places[:, 2] - offsets[:, 2]) * LAYER
-        dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
-        expected: Floats = np.stack(
-            (
-                places[:, 0] + np.cos(heading) * dx - np.sin(heading) * dy,
-                places[:, 1] + np.sin(heading) * dx + np.cos(heading) * dy,
-                places[:, 2] - offsets[:, 2] + self._relative.th,
-            ),
-            axis=1,
-        )
-        return expected
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything but the configuration that ``restore`` needs to resume exactly from here."""

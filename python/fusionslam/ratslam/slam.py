@@ -26,7 +26,8 @@ from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.geometry.odometry_calibration import OdometryCalibration
+from fusionslam.geometry.odometry_calibration import LoopCheck, OdometryCalibration
+from fusionslam.ratslam.attractor import Place
 from fusionslam.ratslam.events import (
     Event,
     Look,
@@ -39,7 +40,6 @@ from fusionslam.ratslam.experience_map import (
     Action,
     ExperienceMap,
     ExperienceMapConfig,
-    LoopCheck,
     Relaxation,
 )
 from fusionslam.ratslam.odometry import (
@@ -52,7 +52,7 @@ from fusionslam.ratslam.odometry import (
     odometry_of,
     step_between,
 )
-from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.pose_cells import PoseCells, PoseCellsConfig
 from fusionslam.ratslam.view_sources import KINDS, MatcherSource, ViewSource
 from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
 from fusionslam.storage.files import PathLike
@@ -417,7 +417,7 @@ class RatSlam:
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
             return _ActionResult(action)
         loop = self.map.check(action)
-        fits = loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
+        fits = loop.fits
         if loop.accepted and not fits:  # accepted because other loops agree
             loop = self._check_ambiguity(action, loop)
         if loop.accepted:

@@ -281,7 +281,18 @@ class VisualOdometry:
         Raises:
             DataError: an array is missing, of another shape, or not finite; nothing changes.
         """
-        self._before = _read_state(state) if state else None
+        if not state:
+            self._before = None
+            return
+        try:
+            stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
+            profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError(f"visual odometry: no saved state: {error!r}") from error
+        for name, values in zip(("turn", "speed"), profiles, strict=True):
+            if values.shape != (width,) or not np.isfinite(values).all():
+                raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
+        self._before = _LastImage(stamp, Sight((int(height), int(width)), *profiles))
 
 
 def fit_speed(
@@ -333,15 +344,3 @@ def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometry
     if camera.size is not None:
         changes["field_of_view"] = 2 * float(np.arctan(camera.size[0] / 2 / focal))
     return merged(config, changes)
-
-
-def _read_state(state: Mapping[str, NDArray[Any]]) -> _LastImage:
-    try:
-        stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
-        profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"visual odometry: no saved state: {error!r}") from error
-    for name, values in zip(("turn", "speed"), profiles, strict=True):
-        if values.shape != (width,) or not np.isfinite(values).all():
-            raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
-    return _LastImage(stamp, Sight((int(height), int(width)), *profiles))

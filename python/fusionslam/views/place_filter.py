@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fusionslam._core import ActionKind, ExperienceMap, ExperienceMapConfig
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.geometry.odometry_calibration import OdometryCalibration
+from fusionslam.geometry.odometry_calibration import LoopCheck, OdometryCalibration
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se2 import compose, places_of, relative_to, wrap, wrapped
 from fusionslam.storage.archive import join_parts, part_of
@@ -145,17 +145,6 @@ class Answer(NamedTuple):
     offset: Place
 
 
-class _Check(NamedTuple):
-    """How a candidate fits odometry: as ``LoopCheck`` of RatSLAM."""
-
-    accepted: bool
-    error_m: float
-    error_rad: float
-    allowed_m: float
-    allowed_rad: float
-    reason: str
-
-
 class PlaceFilter:
     """A belief over the stored views, moved by odometry.
 
@@ -271,7 +260,7 @@ class PlaceFilter:
         if likely:
             best = int(odds.argmax())
             same = agree(poses, poses[best])
-            known = float(odds[same].sum()) / total if self._fits(checks[best]) else 0.0
+            known = float(odds[same].sum()) / total if checks[best].fits else 0.0
             shares = [(slot, float(share)) for slot, share in zip(slots, odds / total, strict=True)]
             shares.sort(key=lambda share: (-share[1], share[0]))
             others = np.count_nonzero(~agree(leaders, poses[best]))
@@ -329,10 +318,9 @@ class PlaceFilter:
             self._losses = [first]
         self._hypotheses.clear()
 
-    def _fits(self, check: _Check) -> bool:
-        return check.error_m <= check.allowed_m and check.error_rad <= check.allowed_rad
-
-    def _weigh_one(self, candidate: Candidate, check: _Check, alike: float, area: float) -> float:
+    def _weigh_one(
+        self, candidate: Candidate, check: LoopCheck, alike: float, area: float
+    ) -> float:
         """The odds of a candidate against a new place.
 
         Bayes: those of the scans times the density of the pose if it is right, by that if it is
@@ -344,7 +332,7 @@ class PlaceFilter:
         by_scans = probability / (1 - probability + alike)
         if self._losses and self._nodes[candidate.slot] < self._losses[-1]:
             return by_scans  # odometry says nothing of it
-        if not self._fits(check):
+        if not check.fits:
             return 0.0
         sd_m, sd_rad = check.allowed_m / config.sigmas, check.allowed_rad / config.sigmas
         right = density(check.error_m, check.error_rad, sd_m, sd_rad)
@@ -357,10 +345,10 @@ class PlaceFilter:
         share, anywhere = config.slide_share, 1 / (area * math.tau)
         return by_scans * right / (share * sliding + (1 - share) * anywhere)
 
-    def _check(self, slot: int, pose: Place | None) -> _Check:
+    def _check(self, slot: int, pose: Place | None) -> LoopCheck:
         assert pose is not None
         action = (ActionKind.CREATE_EDGE, self._map.current, self._nodes[slot], pose[2], pose[:2])
-        return _Check(*self._map.check(*action))
+        return LoopCheck(*self._map.check(*action))
 
     def locate(self, slots: Sequence[int], least: float) -> Location | None:
         """The oldest place that the robot is at, going by where odometry has it.

@@ -104,7 +104,17 @@ class SceneSet:
     source: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_lengths(self)
+        count = len(self.stamps_ns)
+        for name in ("numbers", "empty", "clouds", "scenes"):
+            held = getattr(self, name)
+            if held is not None and len(held) != count:
+                raise ShapeError(f"{self.name}: {len(held)} {name} for {count} stamps")
+        for name, places in (("poses", self.poses), ("odometry", self.odometry)):
+            if places is not None and places.shape != (count, 3):
+                raise ShapeError(f"{self.name}: {name} {places.shape}, expected {(count, 3)}")
+        for name, rows in self.features.items():
+            if rows.ndim != 2 or len(rows) != count:
+                raise ShapeError(f"{self.name}: feature {name} {rows.shape}, expected ({count}, D)")
         if (np.diff(self.stamps_ns) < 0).any():
             raise DataError(f"{self.name}: stamps go back in time", code="stamps-decrease")
         if self.poses is not None and not np.isfinite(self.poses).all():
@@ -277,17 +287,3 @@ def _parse_arrays(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     features = part_of(arrays, "feature")
     own = {name: rows for name, rows in arrays.items() if not name.startswith("feature.")}
     return {**own, "clouds": clouds, "scenes": scenes, "features": features}
-
-
-def _check_lengths(scenes: SceneSet) -> None:
-    count = len(scenes.stamps_ns)
-    for name in ("numbers", "empty", "clouds", "scenes"):
-        held = getattr(scenes, name)
-        if held is not None and len(held) != count:
-            raise ShapeError(f"{scenes.name}: {len(held)} {name} for {count} stamps")
-    for name, places in (("poses", scenes.poses), ("odometry", scenes.odometry)):
-        if places is not None and places.shape != (count, 3):
-            raise ShapeError(f"{scenes.name}: {name} {places.shape}, expected {(count, 3)}")
-    for name, rows in scenes.features.items():
-        if rows.ndim != 2 or len(rows) != count:
-            raise ShapeError(f"{scenes.name}: feature {name} {rows.shape}, expected ({count}, D)")
