@@ -296,7 +296,9 @@ class _Work:
 
     def finish(self) -> list[DescriptorRun]:
         """Join the chunks into runs, store the runs and delete the chunks."""
-        joined = _join_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
+        chunks = [_load_chunk(self._chunk_path(chunk)) for chunk in self._chunks()]
+        keys = dict.fromkeys(key for chunk in chunks for key in chunk)
+        joined = {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
         skipped = self._find_skipped(joined)
         runs = {name: self._descriptor_run(name, joined, skipped) for name in self.names}
         for name, run in runs.items():
@@ -463,17 +465,6 @@ def _load_chunk(path: Path) -> dict[str, NDArray[Any]]:
         arrays,
     ):
         return arrays
-
-
-def _join_chunks(paths: Sequence[Path]) -> Arrays:
-    """Concatenate the arrays of all chunks; those of frames are included only if there are any.
-
-    Raises:
-        DataError: a chunk cannot be read; the message names it.
-    """
-    chunks = [_load_chunk(path) for path in paths]
-    keys = dict.fromkeys(key for chunk in chunks for key in chunk)
-    return {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
 
 
 def _state(path: Path) -> list[Any]:

@@ -116,10 +116,7 @@ class RunRecorder:
             self._activity.append(tuple(each.astype(np.float32) for each in sums))
         elif step.why and not step.action.kind:
             self._note(step, step.why)
-        self._watch_recovery(step)
-
-    def _watch_recovery(self, step: Step) -> None:
-        """Count the loops refused since odometry was interrupted, and note how they ended."""
+        # Loops are refused since odometry was interrupted, until some agree.
         if step.interrupted:
             self._interrupted_ns, self._refused_loops = step.stamp_ns, 0
         self._refused_loops += step.refused is not None

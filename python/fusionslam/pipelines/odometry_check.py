@@ -60,13 +60,7 @@ def warn_of_wrong_odometry(dataset: "Dataset", odometry: Floats | None = None) -
     if not dataset.has_points:
         return
     body_from_robot = dataset.body_from_robot
-    poses = odometry
-    if poses is None:
-        poses = np.full((len(dataset), 4, 4), np.nan)
-        for index, pose in enumerate(poses):
-            with suppress(FusionSlamError):  # of its calibration, which is refused where it is used
-                if (known := dataset[index].odometry) is not None:
-                    pose[:] = known
+    poses = _known(dataset) if odometry is None else odometry
     poses = poses @ inverse(body_from_robot)  # of the body that a file of poses is of
     shares = np.array([*_compare_pairs(dataset, poses, body_from_robot)])
     if len(shares) < _FEWEST:
@@ -81,6 +75,16 @@ def warn_of_wrong_odometry(dataset: "Dataset", odometry: Floats | None = None) -
         *(dataset.name, len(shares), 100 * means[0], 100 * means[best]),
         [*_REMEDIES][best - 1],
     )
+
+
+def _known(dataset: "Dataset") -> Floats:
+    """The odometry of all frames, float64 (N, 4, 4), NaN where unknown."""
+    poses = np.full((len(dataset), 4, 4), np.nan)
+    for index, pose in enumerate(poses):
+        with suppress(FusionSlamError):  # of its calibration, which is refused where it is used
+            if (odometry := dataset[index].odometry) is not None:
+                pose[:] = odometry
+    return poses
 
 
 def _compare_pairs(

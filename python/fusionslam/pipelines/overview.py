@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from fusionslam.config import flatten
@@ -35,51 +36,10 @@ if TYPE_CHECKING:
 
 
 _PREFIX = "fusionslam."
-_IN_FOLDERS = (
-    "run.json",
-    "detector.npz",
-    "detector.json",
-    "run.npz",
-    "matcher.npz",
-    "curve.json",
-    "calib_check.json",
+_STORED: Mapping[str, Any] = yaml.safe_load(
+    Path(__file__).with_name("overview.yaml").read_text(encoding="utf-8")
 )
-"""Files by which a folder of results is described, the first of them that is there."""
-_KINDS: Mapping[str, str] = {
-    "aligned_loops": "loops with their transforms",
-    "calib_check": "result of calib-check",
-    "described_frames": "frames of a describe that was interrupted; the same command goes on",
-    "descriptor_run": "descriptors of a recording, for eval, report and bench",
-    "experience_map": "map for other programs, by ratslam",
-    "loop_detector": "frames of a LoopDetector, for LoopDetector.load",
-    "map_report": "judgement of a map, by ratslam",
-    "network": "weights of a network of the second stage",
-    "precision_recall": "precision and recall of loops, by eval",
-    "ratslam": "state of a map, for ratslam --resume",
-    "ratslam_run": "map with all steps that led to it, by ratslam",
-    "training": "checkpoint of a training, which the same command resumes",
-    "tuning": "state of a tuning, which the same command resumes",
-    "verified_run": "verified loops of a recording, for eval and report",
-    "view_bench": "tables of bench views",
-    "view_curve": "ids judged at many thresholds, by views curve",
-    "view_matcher": "views of places, by views match",
-    "view_run": "ids of views with the true poses, by views match or bench views",
-    "view_source": "views of a ROS node",
-    "visual_templates": "visual templates of images",
-    "work": "folder of results, which the same command resumes",
-}
-"""What each format holds, by its name without version."""
-
-
-_COUNTS: Mapping[str, Mapping[str, str]] = {
-    "descriptor_run": {"frames": "frames"},
-    "loop_detector": {"frames": "numbers"},
-    "ratslam": {"nodes": "map.nodes", "links": "map.ends"},
-    "ratslam_run": {"nodes": "nodes", "links": "links", "steps": "stamps_ns"},
-    "verified_run": {"frames": "frames"},
-    "view_matcher": {"views": "slots"},
-}
-"""Arrays of a format whose length is the number of something."""
+"""What stored files hold."""
 
 
 @dataclass(frozen=True)
@@ -322,7 +282,7 @@ def _stored_rows(path: Path) -> list[tuple[str, str]] | None:
         return _map_rows(path)
     file = path
     if path.is_dir():
-        inner = [path / name for name in _IN_FOLDERS if (path / name).is_file()]
+        inner = [path / name for name in _STORED["in_folders"] if (path / name).is_file()]
         if not inner:
             return None
         file = inner[0]
@@ -374,7 +334,7 @@ def _work_rows(folder: Path) -> Iterator[tuple[str, str]]:
 def _describe_format(format: str) -> str:
     """Describe what files of a format hold."""
     name = _name_of(format)
-    return _KINDS.get(name, name.replace("_", " "))
+    return str(_STORED["kinds"].get(name, name.replace("_", " ")))
 
 
 def _name_of(format: str) -> str:
@@ -401,7 +361,7 @@ def _json_rows(path: Path, format: str) -> Iterator[tuple[str, str]]:
 def _archive_rows(path: Path, format: str) -> Iterator[tuple[str, str]]:
     with load_archive(path, format, _describe_format(format)) as (about, arrays):
         yield from _values(about)
-        counts = _COUNTS.get(_name_of(format), {})
+        counts = _STORED["counts"].get(_name_of(format), {})
         for thing, name in counts.items():
             if name in arrays:
                 yield thing, str(len(arrays[name]))

@@ -75,7 +75,11 @@ def record_scenes(
     for name in features:
         for_clouds(settings, name, ranges if isinstance(data, RangeRecording) else fusion)
     if isinstance(data, RangeRecording):
-        scenes = _of_recording(data, recording or RecordingConfig(), progress)
+        config = recording or RecordingConfig()
+        measured = data.odometry(config)
+        indices = reported(range(len(data)), progress, len(data))
+        clouds = [data.cloud(index, config, measured) for index in indices]
+        scenes = _fields(data, clouds, config.frame, data.places)
     else:
         data = readable_frames(data, bad_frames, jobs=jobs)
         scenes = _of_dataset(data, fusion, jobs, progress)
@@ -114,15 +118,6 @@ def record_cloud(
     if isinstance(data, SceneRecording):
         return data.whole_cloud(row)
     return fuse(data[row], fusion)
-
-
-def _of_recording(
-    data: RangeRecording, config: RecordingConfig, progress: Progress | None
-) -> dict[str, Any]:
-    measured = data.odometry(config)
-    rows = reported(range(len(data)), progress, len(data))
-    clouds = [data.cloud(index, config, measured) for index in rows]
-    return _fields(data, clouds, config.frame, data.places)
 
 
 def _of_dataset(

@@ -62,24 +62,17 @@ def template_views(
     stored = None if path is None else _load_views(path, images, config)
     if stored is not None:
         return stored
-    made = _make_views(images, config, jobs, progress)
-    if path is not None:
-        save_archive(path, FORMAT, {"build_ms": made.build_ms}, {"views": made.views})
-    return made
-
-
-def _make_views(
-    images: ImageSeries, config: VisualTemplatesConfig, jobs: int, progress: Progress | None
-) -> TemplateViews:
-    templates = VisualTemplates(config)
+    templates, spent = VisualTemplates(config), np.empty(len(images))
     views = np.empty((len(images), config.columns * config.rows), np.float32)
-    spent = np.empty(len(images))
     with ordered_results(images.image, range(len(images)), jobs) as loaded:
         for index, image in enumerate(reported(loaded, progress, len(images))):
             begin = time.perf_counter()
             views[index] = templates.view(image)
             spent[index] = time.perf_counter() - begin
-    return TemplateViews(views, float(np.median(spent) * 1e3) if len(images) else 0.0)
+    made = TemplateViews(views, float(np.median(spent) * 1e3) if len(images) else 0.0)
+    if path is not None:
+        save_archive(path, FORMAT, {"build_ms": made.build_ms}, {"views": made.views})
+    return made
 
 
 def _load_views(

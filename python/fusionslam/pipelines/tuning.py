@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import yaml
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, needing
@@ -33,35 +34,12 @@ if TYPE_CHECKING:
 
 Bounds = dict[str, tuple[float, float]]
 
-_THESIS: Bounds = {
-    "color_x0": (0, 15),
-    "color_a": (0, 25),
-    "color_weight": (0, 1),
-    "distance_x0": (0, 1),
-    "distance_a": (0, 25),
-    "distance_weight": (0, 1),
-    "volume_x0": (0, 1),
-    "volume_a": (0, 25),
-    "volume_weight": (0, 1),
-    "ratio_x0": (0, 20),
-    "ratio_a": (0, 25),
-    "ratio_weight": (0, 1),
-    "threshold": (0, 1),
+BOUNDS: dict[str, Bounds] = {
+    name: {key: (low, high) for key, (low, high) in bounds.items()}
+    for name, bounds in yaml.safe_load(
+        Path(__file__).with_name("tuning.yaml").read_text(encoding="utf-8")
+    ).items()
 }
-_ROBUST: Bounds = {
-    "color_x0": (0, 60),
-    "color_a": (0, 2),
-    "color_weight": (0, 1),
-    "distance_x0": (0, 2),
-    "distance_a": (0, 25),
-    "distance_weight": (0, 1),
-    "extent_x0": (0, 2),
-    "extent_a": (0, 25),
-    "extent_weight": (0, 1),
-    "range_slack": (0, 1),
-    "threshold": (0, 1),
-}
-BOUNDS = {"thesis": _THESIS, "robust": _ROBUST}
 """Parameters to tune and their bounds, by name: those of Stastny's thesis and of our preset."""
 _DIGITS = 6
 """Significant digits of each parameter; the values written are exactly those tried."""
@@ -346,23 +324,18 @@ class _Search:
             from pymoo.core.termination import NoTermination
         problem = Problem(n_var=len(self.low), n_obj=1, xl=self.low, xu=self.high)
         kinds = {"ga": GA, "de": DE}
-        first = self._first()
-        algorithm = kinds[self.config.algorithm](pop_size=len(first), sampling=first)
-        algorithm.setup(problem, termination=NoTermination(), seed=self.config.seed, verbose=False)
-        return algorithm
-
-    def _first(self) -> Floats:
-        """float64 (population, d): the parameters of the base, then uniformly random ones."""
+        # The parameters of the base, then uniformly random ones: float64 (population, d).
         rng = np.random.default_rng([self.config.seed, 0x7E])
         first = rng.uniform(self.low, self.high, (self.config.population, len(self.low)))
-        core = similarity_config(self.base)
-        matcher = ViewMatcher(self.base)
+        core, threshold = similarity_config(self.base), ViewMatcher(self.base).threshold
         own = [
-            matcher.threshold if name == "threshold" else getattr(core, name)
+            threshold if name == "threshold" else getattr(core, name)
             for name in BOUNDS[self.config.numbers]
         ]
         first[0] = np.clip(own, self.low, self.high)
-        return np.asarray(first, np.float64)
+        algorithm = kinds[self.config.algorithm](pop_size=len(first), sampling=first)
+        algorithm.setup(problem, termination=NoTermination(), seed=self.config.seed, verbose=False)
+        return algorithm
 
 
 def _result(done: Sequence[Generation], trial: Trial) -> TuningResult:
@@ -433,8 +406,6 @@ def write_tuning(
     Raises:
         DataError: the file cannot be written.
     """
-    import yaml
-
     settings = ", ".join(f"{key} {value}" for key, value in config.model_dump().items())
     lines = [f"# {command}", f"# {settings}", f"# value {result.value:.6f}"]
     for scenes, report in zip(sets, result.reports, strict=True):
