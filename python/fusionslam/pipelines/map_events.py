@@ -14,10 +14,9 @@ from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeErro
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.odometry import LidarOdometryConfig
+from fusionslam.pipelines.drive_images import estimate_motions, image_stamps_ns, template_views
 from fusionslam.pipelines.drives import Drive
 from fusionslam.pipelines.lidar_odometry import lidar_motions, track_lidar
-from fusionslam.pipelines.template_views import template_views
-from fusionslam.pipelines.visual_odometry import estimate_motions, image_stamps_ns
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig

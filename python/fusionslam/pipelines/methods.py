@@ -18,8 +18,8 @@ from fusionslam.config import explain_choice, merged, split_preset
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, find_descriptor
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
+from fusionslam.pipelines.drive_images import template_views
 from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
-from fusionslam.pipelines.template_views import template_views
 from fusionslam.pipelines.views import OdometryKind, odometry_of, run_views
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.storage.progress import Progress, Step, label_progress

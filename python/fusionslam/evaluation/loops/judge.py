@@ -23,7 +23,7 @@ from fusionslam.evaluation.loops.nearest_matches import (
     validate_truth,
 )
 from fusionslam.evaluation.loops.pairs import evaluate_pairs
-from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
+from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall, sweep_thresholds
 from fusionslam.evaluation.loops.protocols import (
     DEFAULTS,
     check_bound,
@@ -31,7 +31,6 @@ from fusionslam.evaluation.loops.protocols import (
     find_protocol,
     validate_config,
 )
-from fusionslam.evaluation.loops.sweep import sweep_thresholds
 from fusionslam.storage.arrays import Floats, Mask
 
 

@@ -16,8 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.argument_types import checked
-from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
-from fusionslam.evaluation.views.judge import validate_ids, validate_poses, validate_stamps
+from fusionslam.evaluation.views.judge import (
+    TrueScans,
+    validate_ids,
+    validate_poses,
+    validate_stamps,
+    whole_nanoseconds,
+)
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.sensors.messages import next_stamp
