@@ -23,10 +23,10 @@ from benchmarks.accuracy.markdown import table, write_between
 from fusionslam.cli.recordings import build_recording
 from fusionslam.evaluation.maps.judge import judge_map
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
+from fusionslam.pipelines.drive_images import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.map_events import events_of, expected_drift
 from fusionslam.pipelines.maps import RunRecorder, run_events
-from fusionslam.pipelines.visual_odometry import image_stamps_ns, visual_motions, visual_speeds
 from fusionslam.ratslam import RatSlam, RatSlamConfig, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualSpeed, fit_speed
 from fusionslam.sensors.image_series import ImageSeries

@@ -37,15 +37,24 @@ def describe(
     """
     kind = find_descriptor(name)
     require_cloud(cloud)
-    _require_extent(cloud)
+    points = cloud.points
+    some = points[:: 1 + len(points) // 4096]
+    # As of a sensor that writes zeros for no return.
+    if len(points) and (some == points[0]).all() and (points == points[0]).all():
+        raise DataError("all points of the cloud are equal: it has no shape to describe")
     if (problem := missing_data(cloud, name)) is not None:
         raise problem
     settings = for_preset(config or DescriptorConfig(), name)
-    per_point = (cloud.points, *(getattr(cloud, need) for need in kind.point_data))
+    per_point = (points, *(getattr(cloud, need) for need in kind.point_data))
     if kind.function is not None:
         return _describe_by_own(kind, *per_point)
     function = getattr(import_module(kind.module), kind.name)
-    result: NDArray[np.float32] = function(*per_point, **_arguments(kind, settings))
+    arguments = {key: getattr(settings, key) for key in kind.options if key != "preset"}
+    if kind.section is not None:
+        arguments["config"] = _core_config(kind, settings)
+    if kind.threads:
+        arguments["threads"] = settings.threads
+    result: NDArray[np.float32] = function(*per_point, **arguments)
     return result
 
 
@@ -93,33 +102,11 @@ def _error_of_own(kind: Descriptor, problem: str) -> DataError:
     return DataError(f"{kind.name} {problem}", code="own-descriptor", fields=(kind.name,))
 
 
-def _arguments(kind: Descriptor, config: DescriptorConfig) -> dict[str, Any]:
-    """Return the keyword arguments of a descriptor's function."""
-    given = {key: getattr(config, key) for key in kind.options if key != "preset"}
-    if kind.section is not None:
-        given["config"] = _core_config(kind, config)
-    if kind.threads:
-        given["threads"] = config.threads
-    return given
-
-
 def _core_config(kind: Descriptor, config: DescriptorConfig) -> Any:
     assert kind.section is not None
     preset = {"preset": config.preset} if kind.presets else {}
     values = getattr(config, kind.section).model_dump(exclude_none=True)
     return core_class(kind.section)(**preset, **values)
-
-
-def _require_extent(cloud: Cloud) -> None:
-    """Reject a cloud whose points are all equal, as of a sensor that writes zeros for no return."""
-    points = cloud.points
-    if len(points) and (_sample(points) == points[0]).all() and (points == points[0]).all():
-        raise DataError("all points of the cloud are equal: it has no shape to describe")
-
-
-def _sample(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Take at most some thousand points of a cloud, evenly."""
-    return points[:: 1 + len(points) // 4096]
 
 
 def missing_data(cloud: Cloud, name: str) -> DataError | None:

@@ -38,18 +38,13 @@ def core_class(section: str) -> type[Any]:
     return kind
 
 
-def _make_section(key: str) -> type[Section]:
-    """Create the class of a section and keep it in this module, where pickle looks for it."""
+def _section_field(key: str) -> tuple[type[Section], Any]:
     core = core_class(key)
     name = core.__name__.removesuffix("Config") + "Section"
-    globals()[name] = core_section(name, core, __name__, optional=True)
-    made: type[Section] = globals()[name]
-    return made
-
-
-def _section_field(key: str) -> tuple[type[Section], Any]:
-    kind = _make_section(key)
-    entries = {entry["name"]: entry for entry in core_class(key).options()}
+    # In this module, where pickle looks for it.
+    kind: type[Section] = core_section(name, core, __name__, optional=True)
+    globals()[name] = kind
+    entries = {entry["name"]: entry for entry in core.options()}
     defaults = ", ".join(
         f"{name} {entry['default']:g}{' ' * bool(entry['unit'])}{entry['unit']}"
         for name, entry in entries.items()

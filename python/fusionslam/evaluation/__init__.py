@@ -18,14 +18,16 @@ same while the robot drives.
 judges the map that RatSLAM made from them.
 """
 
-from fusionslam.evaluation.loops.costs import Costs, StageCost, summarise_costs
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.evaluation import (
     AcceptedLoops,
+    Costs,
     DirectionFigures,
     Evaluation,
+    StageCost,
     evaluate,
     evaluate_verified,
+    summarise_costs,
 )
 from fusionslam.evaluation.loops.judge import evaluate_matches, precision_recall
 from fusionslam.evaluation.loops.nearest_matches import Matches, find_matches
@@ -50,11 +52,9 @@ from fusionslam.evaluation.loops.published import (
 )
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, Visit, visits
 from fusionslam.evaluation.loops.verified_run import REJECTED, LoopRun, VerifiedRun
-from fusionslam.evaluation.maps.judge import judge_map, pose_errors
+from fusionslam.evaluation.maps.judge import judge_map, pose_errors, trajectory_error
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import REFUSED, RatSlamRun
-from fusionslam.evaluation.maps.trajectory import trajectory_error
-from fusionslam.evaluation.views.baselines import always_new, baselines, every_kth
 from fusionslam.evaluation.views.curve import (
     THRESHOLDS,
     ViewCurve,
@@ -62,7 +62,13 @@ from fusionslam.evaluation.views.curve import (
     sweep_pairs,
     sweep_views,
 )
-from fusionslam.evaluation.views.judge import ViewJudge, judge_views
+from fusionslam.evaluation.views.judge import (
+    ViewJudge,
+    always_new,
+    baselines,
+    every_kth,
+    judge_views,
+)
 from fusionslam.evaluation.views.online import JudgedView, RunningViews
 from fusionslam.evaluation.views.published import (
     PUBLISHED_VIEWS,

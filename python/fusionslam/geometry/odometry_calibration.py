@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``OdometryCalibration``: learns how much too long odometry's distances and turns are."""
+"""``OdometryCalibration``: learns how much too long odometry's distances and turns are.
+
+``LoopCheck`` says how a loop fits odometry.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -46,6 +49,31 @@ class _Track(NamedTuple):
     heading: float = 0.0
     way: float = 0.0
     variance: float = 0.0
+
+
+class LoopCheck(NamedTuple):
+    """The result of checking a loop against odometry.
+
+    Attributes:
+        accepted: whether to make the link.
+        error_m, error_rad: offset from the robot's pose on the map to the pose by the loop, metres
+            and radians.
+        allowed_m, allowed_rad: the offset that drift since the target allows, metres along the
+            error and radians.
+        reason: the reason, in words.
+    """
+
+    accepted: bool
+    error_m: float
+    error_rad: float
+    allowed_m: float
+    allowed_rad: float
+    reason: str
+
+    @property
+    def fits(self) -> bool:
+        """Whether the offset is allowed, whatever else decided."""
+        return self.error_m <= self.allowed_m and self.error_rad <= self.allowed_rad
 
 
 class OdometryCalibration:

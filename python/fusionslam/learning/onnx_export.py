@@ -78,7 +78,12 @@ class _Graph:
 
     def add(self, operator: str, *inputs: str | NDArray[Any], **attributes: Any) -> str:
         """Add an operator on values of that name and stored arrays; returns its result's name."""
-        names = [value if isinstance(value, str) else self._store(value) for value in inputs]
+        names = []
+        for value in inputs:
+            names.append(value if isinstance(value, str) else f"c{len(self._stored)}")
+            if not isinstance(value, str):
+                numbers = value.astype(np.float32) if value.dtype.kind == "f" else value
+                self._stored.append(self._onnx.numpy_helper.from_array(numbers, names[-1]))
         output = f"v{len(self._nodes)}"
         self._nodes.append(self._onnx.helper.make_node(operator, names, [output], **attributes))
         return output
@@ -125,12 +130,6 @@ class _Graph:
         self._onnx.checker.check_model(model)
         with atomic_path(path) as temporary:
             temporary.write_bytes(model.SerializeToString(deterministic=True))
-
-    def _store(self, value: NDArray[Any]) -> str:
-        name = f"c{len(self._stored)}"
-        numbers = value.astype(np.float32) if value.dtype.kind == "f" else value
-        self._stored.append(self._onnx.numpy_helper.from_array(numbers, name))
-        return name
 
 
 def _folded(layers: nn.Sequential) -> list[tuple[Weights, Weights]]:

@@ -177,7 +177,11 @@ def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> 
     Raises:
         DataError: no two sights are the same place.
     """
-    first, second = _all_pairs(places)
+    found = []  # every pair of different sights of the same world, once
+    for world in range(len(places.names)):
+        rows = np.flatnonzero(places.worlds == world)
+        found.append(rows[np.stack(np.triu_indices(len(rows), 1))])
+    first, second = np.concatenate(found, axis=1)
     same, _ = same_places(places, first, second, config.place)
     alike, unlike = np.flatnonzero(same), np.flatnonzero(~same)
     if not len(alike) or not len(unlike):
@@ -193,13 +197,3 @@ def make_pairs(places: Places, config: PairConfig, rng: np.random.Generator) -> 
     other = rng.permutation(unlike)[: wanted - len(near)]
     rows = np.concatenate([alike, near, other])
     return Pairs(first[rows], second[rows], same[rows])
-
-
-def _all_pairs(places: Places) -> tuple[Integers, Integers]:
-    """Every pair of different sights of the same world, once."""
-    found = []
-    for world in range(len(places.names)):
-        rows = np.flatnonzero(places.worlds == world)
-        upper = np.triu_indices(len(rows), 1)
-        found.append((rows[upper[0]], rows[upper[1]]))
-    return np.concatenate([a for a, _ in found]), np.concatenate([b for _, b in found])

@@ -24,7 +24,7 @@ from fusionslam.sim.robot import RobotConfig, base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.simulator import map_of
 from fusionslam.storage.arrays import Floats
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 
 
 class SimulatedPlacesConfig(Section):
@@ -63,11 +63,9 @@ def simulate_places(
     robot = robot_named(config.robot)
     if not robot.lidars:
         raise DataError(f"{config.robot} has no LiDAR to see places with")
-    for number in range(config.worlds):
+    for number in reported(range(config.worlds), progress, config.worlds):
         name = f"{config.kinds[number % len(config.kinds)]}_{number}"
         yield _simulate_sights(number, config, robot, name)
-        if progress is not None:
-            progress(number + 1, config.worlds)
 
 
 def _world_config(config: SimulatedPlacesConfig, number: int) -> IndoorConfig:

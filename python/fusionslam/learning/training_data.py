@@ -21,7 +21,7 @@ from fusionslam.views.scene_set import CloudArray, SceneSet
 FORMAT = "fusionslam.places.1"
 LEAST_POINTS = 20
 """Fewest points of a sight used for training; fewer say nothing about a place."""
-_VOXEL_TEST = 0.2
+_VOXEL_TEST = 5
 
 
 class SimulatedConfig(Section):
@@ -67,19 +67,15 @@ def load_shapes(
         words.append(f"ModelNet40 ({Path(modelnet).name})")
     for file in voxels:
         whole = read_voxels(file, Path(file).name.split(".")[0], config.points, rng)
-        parts.append(_split(whole))
+        judged = np.arange(len(whole)) % _VOXEL_TEST == 0
+        if judged.all():
+            raise DataError(f"{whole.names[0]}: one object only, expected some to train on")
+        parts.append((whole.subset(~judged), whole.subset(judged)))
         words.append(f"voxels of {Path(file).name}")
     if not parts:
         raise ConfigError("no shapes: expected procedural ones, ModelNet40 or voxel grids")
     train_sets, test_sets = zip(*parts, strict=True)
     return join_sets(train_sets), join_sets(test_sets), ", ".join(words)
-
-
-def _split(shapes: ShapeSet) -> tuple[ShapeSet, ShapeSet]:
-    judged = np.arange(len(shapes)) % round(1 / _VOXEL_TEST) == 0
-    if judged.all():
-        raise DataError(f"{shapes.names[0]}: one object only, expected some to train on")
-    return shapes.subset(~judged), shapes.subset(judged)
 
 
 def collect_places(sets: Sequence[SceneSet]) -> Places:

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A training loop that can be stopped at any time and resumes with the same result."""
 
+import csv
 import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,17 +16,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from fusionslam.config import Section, flatten, option
-from fusionslam.errors import ConfigError, DataError
-from fusionslam.learning.curves import Row, write_curves
+from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.files import reading
+from fusionslam.storage.archive import join_parts, load_archive, part_of, save_archive
+from fusionslam.storage.files import atomic_path, reading
 
 FORMAT = "fusionslam.training.2"
 CHECKPOINT = "checkpoint.pt"
 """An archive; the name is that of version 1, which torch wrote."""
 
-_NETWORK, _OPTIMISER = "network.", "optimiser."
+Row = dict[str, float]
+"""Epoch, loss and scores by name."""
 
 Progress = Callable[[int, int, Mapping[str, float]], None]
 
@@ -113,7 +114,7 @@ def train(
         rows.append(run.epoch(epoch))
         seconds.append(time.process_time() - begin)
         run.save(place / CHECKPOINT, rows, seconds)
-        write_curves(place, rows)
+        _write_curves(place, rows)
         if progress is not None:
             progress(epoch + 1, config.epochs, rows[-1])
     task.network.eval()
@@ -162,9 +163,9 @@ class _Run:
             "seconds": seconds,
             "groups": optimiser["param_groups"],
         }
-        tensors = {_NETWORK + name: t for name, t in self.task.network.state_dict().items()}
-        for number, values in optimiser["state"].items():
-            tensors |= {f"{_OPTIMISER}{number}.{name}": t for name, t in values.items()}
+        state = {str(number): values for number, values in optimiser["state"].items()}
+        parts = {"network": self.task.network.state_dict(), "optimiser": join_parts(state)}
+        tensors = join_parts(parts)
         save_archive(path, FORMAT, about, {name: t.numpy() for name, t in tensors.items()})
 
     def resume(self, path: Path) -> tuple[list[Row], list[float]]:
@@ -183,19 +184,14 @@ class _Run:
             )
         with reading(path, expected):
             tensors = {name: torch.from_numpy(rows) for name, rows in arrays.items()}
-            network = _select(tensors, _NETWORK)
+            network = part_of(tensors, "network")
             state: dict[int, dict[str, torch.Tensor]] = {}
-            for name, tensor in _select(tensors, _OPTIMISER).items():
+            for name, tensor in part_of(tensors, "optimiser").items():
                 number, _, value = name.partition(".")
                 state.setdefault(int(number), {})[value] = tensor
             self.task.network.load_state_dict(network)
             self.optimiser.load_state_dict({"state": state, "param_groups": about["groups"]})
             return list(about["rows"]), list(about["seconds"])
-
-
-def _select(tensors: Mapping[str, torch.Tensor], start: str) -> dict[str, torch.Tensor]:
-    """Tensors whose names begin with ``start``, by the rest of their names."""
-    return {k.removeprefix(start): tensor for k, tensor in tensors.items() if k.startswith(start)}
 
 
 def _difference(before: str, now: str) -> str:
@@ -205,3 +201,31 @@ def _difference(before: str, now: str) -> str:
         if old.get(key) != new.get(key):
             return f"{key} is {old.get(key)!r} there and {new.get(key)!r} here"
     return ""
+
+
+def _write_curves(folder: Path, rows: Sequence[Row]) -> None:
+    """Write curves.csv and curves.png.
+
+    Raises:
+        DataError: the files cannot be written.
+        FusionSlamError: matplotlib is not installed.
+    """
+    with atomic_path(folder / "curves.csv") as path, path.open("w", newline="") as stream:
+        table = csv.DictWriter(stream, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise FusionSlamError(
+            "curves need matplotlib, which is not installed: pip install 'fusionslam[report]'"
+        ) from error
+    names = [name for name in rows[0] if name != "epoch"]
+    figure = Figure(figsize=(3.6 * len(names), 3), layout="constrained")
+    for axes, name in zip(figure.subplots(1, len(names), squeeze=False)[0], names, strict=True):
+        axes.plot([row["epoch"] for row in rows], [row[name] for row in rows], marker=".")
+        axes.set(title=name.replace("_", " "), xlabel="epoch")
+        axes.grid(alpha=0.3)
+    with atomic_path(folder / "curves.png") as path:
+        # Without matplotlib's version and time: same curves, same bytes.
+        figure.savefig(path, format="png", dpi=100, metadata={"Software": None})

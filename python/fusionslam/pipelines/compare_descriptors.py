@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import yaml
 
 from fusionslam.config import explain_choice, merged
 from fusionslam.datasets import match_poses
@@ -58,51 +59,22 @@ Run = TypeVar("Run", DescriptorRun, VerifiedRun)
 VERIFY = ("each", "one", "none")
 """Whose loops ``benchmark`` proves: those of each descriptor, of one with its voters, or none."""
 
-DEMO: Mapping[str, Mapping[str, Any]] = {"stereo": {"fusion": {"voxel": 0.2}}}
+_DEMO = yaml.safe_load(Path(__file__).with_name("demo.yaml").read_text(encoding="utf-8"))
+DEMO: Mapping[str, Mapping[str, Any]] = _DEMO["settings"]
 """Settings that the demo changes, by source: dense stereo clouds are thinned to save time."""
-
-DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {
-    "lidar": USUAL,
-    "stereo": USUAL,
-    "cloud": ("m2dp", "scan_context", "bev_spectrum"),
-}
+DEMO_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": USUAL, "stereo": USUAL, **_DEMO["others"]}
 """The demo's sources and the descriptors computed from each."""
-
-QUICK_TOWN = (
-    "sim.town.blocks=[1,1]",
-    "sim.town.block_m=44",
-    "sim.drive.laps=[[[0,0],[1,0],[1,1],[0,1],[0,0]],[[0,0],[1,0],[1,1],[0,1],[0,0]]]",
-    "sim.drive.lap_shift_m=[0,-1.2]",
-    "sim.drive.spacing_m=3",
-    "sim.car.lidar.rings=32",
-    "sim.car.lidar.azimuths=360",
-    "sim.car.camera.width=310",
-    "sim.car.camera.height=94",
-    "sim.car.camera.focal_px=180",
-    "sim.car.camera.centre_px=[152,46]",
-)
+QUICK_TOWN: Sequence[str] = tuple(_DEMO["quick_town"])
 """Settings of the quick demo: two rounds of one block with small sensors."""
-
-INDOOR: Mapping[str, Any] = {
-    "evaluation": {"radius": 0.8, "window": 40},
-    "loop_closure": {"window": 40},
-    "descriptors": {
-        "scan_context": {"max_range": 20.0, "height": 0.2},
-        "bev_spectrum": {"cell": 0.4, "height": 0.2},
-    },
-}
+INDOOR: Mapping[str, Any] = _DEMO["indoor"]
 """Settings that the demo changes indoors: places are smaller; 40 scans are 20 s."""
 INDOOR_DESCRIPTORS: Mapping[str, Sequence[str]] = {"lidar": USUAL}
 """The indoor demo's source: a robot's scan, coloured by its camera."""
+DEMO_NOTE: str = _DEMO["note"]
 TARGET_PRECISION = 0.95
 """Share of the loops that are right at a threshold taken from a stored run."""
 _LONGEST_STEP_M = 100.0
 """Between frames that follow each other: 3 s of a fast car."""
-DEMO_NOTE = (
-    "The LiDAR's full circle is described by m2dp, scan_context and bev_spectrum only: the camera "
-    "sees and colours a part of it, which cm2dp and cshot need, and shot is slow for so many "
-    "points."
-)
 
 
 def benchmark(

@@ -296,7 +296,9 @@ class _Work:
 
     def finish(self) -> list[DescriptorRun]:
         """Join the chunks into runs, store the runs and delete the chunks."""
-        joined = _join_chunks([self._chunk_path(chunk) for chunk in self._chunks()])
+        chunks = [_load_chunk(self._chunk_path(chunk)) for chunk in self._chunks()]
+        keys = dict.fromkeys(key for chunk in chunks for key in chunk)
+        joined = {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
         skipped = self._find_skipped(joined)
         runs = {name: self._descriptor_run(name, joined, skipped) for name in self.names}
         for name, run in runs.items():
@@ -388,7 +390,11 @@ class _Work:
     def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
         rows, poses = joined["rows"], self.dataset.true_poses
         points, described = joined["points"], joined[f"vectors.{name}"].any(axis=1)
-        largest = int(rows[np.where(described, points, -1).argmax()])
+        memory = 0  # that describing the largest cloud takes beyond what was in use before
+        if described.any():
+            frame = self.dataset[int(rows[np.where(described, points, -1).argmax()])]
+            cloud, config = fuse(frame, self.config.fusion), self._config_of(name, frame)
+            memory = peak_memory(lambda: describe(cloud, name, config))
         return DescriptorRun(
             source=self.config.fusion.source,
             descriptor=find_descriptor(name).name,
@@ -402,19 +408,13 @@ class _Work:
                 "fuse": joined["seconds.fuse"],
                 "describe": joined[f"seconds.{name}"],
             },
-            peak_memory_bytes=self._working_memory(name, largest) if described.any() else 0,
+            peak_memory_bytes=memory,
             points=points,
             config=for_descriptor(self.config, name).model_dump(mode="json"),
             numbers=self.dataset.numbers[rows],
             skipped=skipped,
             recorded=self.dataset.recorded,
         )
-
-    def _working_memory(self, name: str, largest: int) -> int:
-        """Memory that describing the largest cloud takes beyond what was in use before."""
-        frame = self.dataset[largest]
-        cloud, config = fuse(frame, self.config.fusion), self._config_of(name, frame)
-        return peak_memory(lambda: describe(cloud, name, config))
 
     def _config_of(self, name: str, frame: Frame) -> DescriptorConfig:
         return for_clouds(self.config.descriptors, name, self.config.fusion, frame)
@@ -465,17 +465,6 @@ def _load_chunk(path: Path) -> dict[str, NDArray[Any]]:
         arrays,
     ):
         return arrays
-
-
-def _join_chunks(paths: Sequence[Path]) -> Arrays:
-    """Concatenate the arrays of all chunks; those of frames are included only if there are any.
-
-    Raises:
-        DataError: a chunk cannot be read; the message names it.
-    """
-    chunks = [_load_chunk(path) for path in paths]
-    keys = dict.fromkeys(key for chunk in chunks for key in chunk)
-    return {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
 
 
 def _state(path: Path) -> list[Any]:

@@ -101,7 +101,14 @@ class Drive:
         """Ground-truth trajectory; None if unknown. Odometry does not count as ground truth."""
         dataset = self.dataset
         if isinstance(dataset, RangeRecording):
-            return _range_truth(dataset)
+            if dataset.places is None:
+                return None
+            # The recorded trajectory, else straight lines between the poses of the scans.
+            world = world_beside(dataset.root)
+            beside = None if world is None else world.with_suffix(".trajectory.csv")
+            if beside is not None and beside.is_file():
+                return read_trajectory(beside)
+            return _between(dataset.seconds, dataset.places)
         if dataset.truth_topic is not None and dataset.poses_origin is not PosesOrigin.FILE:
             messages = dataset.motion("truth")
             poses = np.stack([message.pose for message in messages]) @ dataset.body_from_robot
@@ -219,7 +226,12 @@ class Drive:
 
     def _record(self, *, ground: bool) -> SceneSet:
         """Record all scans as clouds, with or without the ground."""
-        fusion = merged(ROBOT_FUSION, {"source": _source(self.dataset)})
+        dataset, source = self.dataset, "cloud"
+        if dataset.has_points and "left" in dataset.sensors:
+            source = "lidar"
+        elif dataset.has_stereo:
+            source = "stereo"
+        fusion = merged(ROBOT_FUSION, {"source": source})
         fusion = settle_frame(fusion, self.dataset)
         ranges = self._ranges
         if ground:
@@ -273,24 +285,6 @@ def open_drive(
         jobs=jobs,
         step=step,
     )
-
-
-def _source(dataset: "Dataset") -> str:
-    """Return the source of a dataset's clouds."""
-    if dataset.has_points and "left" in dataset.sensors:
-        return "lidar"
-    return "stereo" if dataset.has_stereo else "cloud"
-
-
-def _range_truth(data: RangeRecording) -> Trajectory | None:
-    """Return the recorded trajectory, else straight lines between the poses of the scans."""
-    if data.places is None:
-        return None
-    world = world_beside(data.root)
-    beside = None if world is None else world.with_suffix(".trajectory.csv")
-    if beside is not None and beside.is_file():
-        return read_trajectory(beside)
-    return _between(data.seconds, data.places)
 
 
 def world_beside(recording: Path) -> Path | None:

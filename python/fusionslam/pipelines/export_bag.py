@@ -29,7 +29,7 @@ from fusionslam.sensors.messages import (
 )
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -85,13 +85,11 @@ def write_cloud_bag(
     made = ordered_results(maker.events, range(len(dataset)), jobs, ahead=max(jobs, 1) + 1)
     empty = []
     with open_writer(target) as bag, made as frames:
-        for done, events in enumerate(frames, start=1):
+        for row, events in enumerate(reported(frames, progress, len(dataset))):
             for event in events:
                 bag.write(event)
                 if isinstance(event.message, Scan) and not len(event.message.points):
-                    empty.append(done - 1)
-            if progress is not None:
-                progress(done, len(dataset))
+                    empty.append(row)
     log_empty(dataset, empty)
     warn_of_mistakes(dataset, config.source)
     return len(dataset)

@@ -23,7 +23,7 @@ from fusionslam.pipelines.results import Work, claim, refuse_input
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import atomic_path
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -98,10 +98,8 @@ def write_clouds(
 
     empty = []
     with ordered_results(write, range(len(dataset)), jobs) as written:
-        for done, is_empty in enumerate(written, start=1):
-            empty += [done - 1] * is_empty
-            if progress is not None:
-                progress(done, len(dataset))
+        for row, is_empty in enumerate(reported(written, progress, len(dataset))):
+            empty += [row] * is_empty
     log_empty(dataset, empty)
     warn_of_mistakes(dataset, config.source)
     return len(dataset)

@@ -13,7 +13,7 @@ from fusionslam.errors import ConfigError, DataError, FusionSlamError, one_line
 from fusionslam.fusion import DISTANT_M, ScanCheck, check_scan
 from fusionslam.help_texts import counted
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -59,13 +59,8 @@ def check_frames(
         jobs: number of frames read in parallel.
         progress: called with (frames done, total frames).
     """
-    checks: list[FrameCheck] = []
     with ordered_results(lambda index: _check(dataset, index), range(len(dataset)), jobs) as found:
-        for check in found:
-            checks.append(check)
-            if progress is not None:
-                progress(len(checks), len(dataset))
-    return checks
+        return list(reported(found, progress, len(dataset)))
 
 
 def _check(dataset: "Dataset", index: int) -> FrameCheck:

@@ -20,7 +20,7 @@ from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.storage.files import PathLike
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 
 logger = logging.getLogger(__name__)
 
@@ -125,7 +125,7 @@ def track_lidar(
     poses: list[Matrix] = []
     overlap, has_times = [], True
     with ordered_results(lambda index: _read(dataset, index), range(len(dataset)), jobs) as frames:
-        for index, frame in enumerate(frames):
+        for index, frame in enumerate(reported(frames, progress, len(dataset))):
             assert frame.points is not None
             has_times &= frame.point_seconds is not None
             with name_frame(dataset, index):
@@ -137,13 +137,17 @@ def track_lidar(
                 poses[0] = pose @ np.linalg.inv(odometry.motion)
             poses.append(pose)
             overlap.append(odometry.overlap)
-            if progress is not None:
-                progress(index + 1, len(dataset))
+    scans, body_from_points = np.stack(poses), dataset.body_from_points
+    if body_from_points is None:
+        logger.warning("%s does not say where its scans are: poses are of the scan", dataset.name)
+        body_from_points = np.eye(4)
+    relative = np.linalg.inv(scans[0]) @ scans
+    poses_of_body: Matrix = body_from_points @ relative @ np.linalg.inv(body_from_points)
     return LidarTrack(
         name=dataset.name,
         numbers=dataset.numbers,
         stamps_ns=dataset.stamps_ns,
-        poses=_of_body(dataset, np.stack(poses)),
+        poses=poses_of_body,
         overlap=np.array(overlap[1:]),
         deviation=odometry.deviation,
         has_times=has_times,
@@ -165,17 +169,6 @@ def _read(dataset: Dataset, index: int) -> Frame:
     with name_frame(dataset, index):
         _ = frame.points, frame.point_seconds
     return frame
-
-
-def _of_body(dataset: Dataset, scans: Matrix) -> Matrix:
-    """The poses of the body, from the first one's, instead of those of the scanner."""
-    body_from_points = dataset.body_from_points
-    if body_from_points is None:
-        logger.warning("%s does not say where its scans are: poses are of the scan", dataset.name)
-        body_from_points = np.eye(4)
-    relative = np.linalg.inv(scans[0]) @ scans
-    poses: Matrix = body_from_points @ relative @ np.linalg.inv(body_from_points)
-    return poses
 
 
 def pose_format_of(path: Path) -> str:

@@ -14,10 +14,9 @@ from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeErro
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.odometry import LidarOdometryConfig
+from fusionslam.pipelines.drive_images import estimate_motions, image_stamps_ns, template_views
 from fusionslam.pipelines.drives import Drive
 from fusionslam.pipelines.lidar_odometry import lidar_motions, track_lidar
-from fusionslam.pipelines.template_views import template_views
-from fusionslam.pipelines.visual_odometry import estimate_motions, image_stamps_ns
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
@@ -112,15 +111,14 @@ class RunEvents:
         for look, place in enumerate(places):
             yield from self.motions[done:place]
             done = place
-            yield self._look(look)
+            stamp_ns = int(self.look_stamps_ns[look])
+            event: Look | Unreadable
+            try:
+                event = Look(stamp_ns, self.item(look))
+            except (DataError, ShapeError) as error:
+                event = Unreadable(stamp_ns, error)
+            yield event
         yield from self.motions[done:]
-
-    def _look(self, index: int) -> Look | Unreadable:
-        stamp_ns = int(self.look_stamps_ns[index])
-        try:
-            return Look(stamp_ns, self.item(index))
-        except (DataError, ShapeError) as error:
-            return Unreadable(stamp_ns, error)
 
 
 def events_of(
@@ -177,7 +175,9 @@ def motions_of(
     if chosen == "truth":
         return "truth", _simulate_motions(drive, _NO_ERRORS)
     if chosen == "truth+noise":
-        return _noise_title(errors), _simulate_motions(drive, errors)
+        values = errors.model_dump(exclude_defaults=True)
+        said = ", ".join(f"{name} {value:g}" for name, value in values.items())
+        return f"truth with errors ({said or 'none'})", _simulate_motions(drive, errors)
     raise ConfigError(
         f"odometry is {odometry!r}, {explain_choice(str(odometry), ODOMETRY)}",
         code="choice",
@@ -221,25 +221,12 @@ def _simulate_motions(drive: Drive, errors: OdometryConfig) -> list[Odometry | M
     ]
 
 
-def _noise_title(errors: OdometryConfig) -> str:
-    values = errors.model_dump(exclude_defaults=True)
-    said = ", ".join(f"{name} {value:g}" for name, value in values.items())
-    return f"truth with errors ({said or 'none'})"
-
-
 def _looks(
     drive: Drive, source: ViewSource, jobs: int, progress: Step | None
 ) -> tuple[NDArray[np.int64], Callable[[int], Any]]:
     """Return the stamps of the looks, and a function from index to scan or image."""
     if isinstance(source, TemplateSource):
         return _image_looks(drive, source, jobs, progress)
-    _check_clouds(drive, source)
-    ground = isinstance(source, MatcherSource) and source.matcher.fusion_config.ground == "none"
-    return drive.stamps_ns, lambda index: drive.scan(index, ground=ground)
-
-
-def _check_clouds(drive: Drive, source: ViewSource) -> None:
-    """Raise DataError for a recording of single images, of which no cloud can be made."""
     dataset = drive.dataset
     if "left" in dataset.sensors and not (dataset.has_points or dataset.has_stereo):
         raise DataError(
@@ -247,6 +234,8 @@ def _check_clouds(drive: Drive, source: ViewSource) -> None:
             "cannot be made: --views visual_templates recognises places by images alone",
             code="no-clouds",
         )
+    ground = isinstance(source, MatcherSource) and source.matcher.fusion_config.ground == "none"
+    return drive.stamps_ns, lambda index: drive.scan(index, ground=ground)
 
 
 def _image_looks(

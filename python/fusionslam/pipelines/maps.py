@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,11 +26,12 @@ from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.storage.files import delay_interrupts
 from fusionslam.storage.progress import Step as Progress
+from fusionslam.storage.progress import label_progress, reported
 from fusionslam.views.match import NO_VIEW
 
 logger = logging.getLogger(__name__)
 
-_FIT = ("error_m", "error_rad", "allowed_m", "allowed_rad")
+_FIT = attrgetter("error_m", "error_rad", "allowed_m", "allowed_rad")
 _OF_THE_MAP = ("nodes", "node_stamps_ns", "node_views", "links")
 
 # The first and last ground-truth poses apply to steps up to this long before and after them.
@@ -114,10 +116,7 @@ class RunRecorder:
             self._activity.append(tuple(each.astype(np.float32) for each in sums))
         elif step.why and not step.action.kind:
             self._note(step, step.why)
-        self._watch_recovery(step)
-
-    def _watch_recovery(self, step: Step) -> None:
-        """Count the loops refused since odometry was interrupted, and note how they ended."""
+        # Loops are refused since odometry was interrupted, until some agree.
         if step.interrupted:
             self._interrupted_ns, self._refused_loops = step.stamp_ns, 0
         self._refused_loops += step.refused is not None
@@ -142,7 +141,16 @@ class RunRecorder:
             logger.warning("%s: %s left out: %s", self.events.name, count, self._refused[0])
         if not steps:
             raise DataError(f"{self.events.name}: no events")
-        th, x, y = (self._sums(place) for place in range(3))
+        headings, size, _ = slam.cells.activity.shape
+        th, x, y = (
+            np.array([sums[axis] for sums in self._activity], np.float32).reshape(-1, length)
+            for axis, length in enumerate((headings, size, size))
+        )
+        refused = [
+            (step.stamp_ns, step.refused.source, step.refused.target, *_FIT(step.loop))
+            for step in steps
+            if step.refused is not None and step.loop is not None
+        ]
         run = RatSlamRun(
             name=self.events.name,
             views=slam.views.title if slam.views is not None else "given ids",
@@ -157,17 +165,12 @@ class RunRecorder:
             node_stamps_ns=np.array(slam.memory.node_stamps_ns, np.int64),
             node_views=np.array(slam.memory.node_views, np.int64),
             links=slam.map.links,
-            refused=_refusals(steps),
+            refused=np.array(refused, REFUSED),
             activity_th=th,
             activity_x=x,
             activity_y=y,
         )
         return run if self.earlier is None else join_runs(self.earlier, run)
-
-    def _sums(self, place: int) -> NDArray[np.float32]:
-        size = self.slam.cells.activity.shape[0 if place == 0 else 1]
-        rows = [sums[place] for sums in self._activity]
-        return np.array(rows, np.float32).reshape(-1, size)
 
 
 def run_ratslam(
@@ -228,12 +231,10 @@ def run_events(
     _check_overlap(recorder)
     label = f"{recorder.events.name}: mapping"
     events = recorder.events.after(*recorder.slam.seen_ns)
-    for done, event in enumerate(events, 1):
+    for event in reported(events, label_progress(progress, label), len(events)):
         step = recorder.step(event)
         if step is not None and watch is not None and not isinstance(event, Unreadable):
             watch(step, recorder.slam, event)
-        if progress is not None:
-            progress(label, done, len(events))
 
 
 def _check_overlap(recorder: RunRecorder) -> None:
@@ -283,21 +284,18 @@ def join_runs(earlier: RatSlamRun, later: RatSlamRun) -> RatSlamRun:
     for name, value in vars(later).items():
         before = getattr(earlier, name)
         if name == "truth":
-            changes[name] = _join_truth(earlier, later)
+            # NaN in the steps of a run without.
+            truths = [
+                np.full((len(run), 3), np.nan) if run.truth is None else run.truth
+                for run in (earlier, later)
+            ]
+            known = earlier.truth is not None or later.truth is not None
+            changes[name] = np.concatenate(truths) if known else None
         elif name in ("why", "notes"):
             changes[name] = [*before, *value]
         elif isinstance(value, np.ndarray) and name not in _OF_THE_MAP:
             changes[name] = np.concatenate([before, value])
     return replace(later, **changes)
-
-
-def _join_truth(*runs: RatSlamRun) -> NDArray[np.float64] | None:
-    """The true poses of all steps, NaN in runs without; None if all are."""
-    if all(run.truth is None for run in runs):
-        return None
-    return np.concatenate(
-        [np.full((len(run), 3), np.nan) if run.truth is None else run.truth for run in runs]
-    )
 
 
 def truth_at(truth: Trajectory | None, stamps_ns: list[int]) -> NDArray[np.float64] | None:
@@ -337,12 +335,3 @@ def _per_step(steps: list[Step]) -> dict[str, NDArray[Any]]:
         "cells": column(np.float64, lambda step: step.cells),
         "step_seconds": column(np.float64, lambda step: step.seconds),
     }
-
-
-def _refusals(steps: list[Step]) -> NDArray[np.void]:
-    rows = []
-    for step in steps:
-        if step.refused is not None and step.loop is not None:
-            fit = [getattr(step.loop, name) for name in _FIT]
-            rows.append((step.stamp_ns, step.refused.source, step.refused.target, *fit))
-    return np.array(rows, REFUSED)

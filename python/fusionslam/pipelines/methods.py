@@ -18,11 +18,10 @@ from fusionslam.config import explain_choice, merged, split_preset
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, find_descriptor
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import ViewRun, baselines
+from fusionslam.pipelines.drive_images import template_views
 from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
-from fusionslam.pipelines.template_views import TemplateViews, template_views
 from fusionslam.pipelines.views import OdometryKind, odometry_of, run_views
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.storage.arrays import Floats
 from fusionslam.storage.progress import Progress, Step, label_progress
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, ViewMatcherConfig
@@ -130,11 +129,28 @@ def run_templates(
         views = template_views(
             images, config, jobs=task.jobs, progress=task.progress(images.origin)
         )
-        matches = _match_templates(VisualTemplates(config), views)
+        templates, count = VisualTemplates(config), len(views.views)
+        ids, similarities, spent = np.empty(count, np.int64), np.empty(count), np.empty(count)
+        for row, view in enumerate(views.views):
+            begin = time.perf_counter()
+            match = templates.recognise(view)
+            spent[row] = time.perf_counter() - begin
+            ids[row], similarities[row] = match.id, 1 - min(match.error, 1)
+        matches: dict[str, Any] = {
+            "ids": ids,
+            "similarities": similarities,
+            "build_seconds": np.full(count, views.build_ms / 1e3),
+            "match_seconds": spent,
+        }
+        at = _at_images(images) if every_image else _at_scans(drive)
+        if not every_image:
+            rows = latest(images.seconds, drive.scenes.seconds)
+            matches = {name: values[rows] for name, values in matches.items()}
         return ViewRun(
             world=drive.name,
             method=f"{task.title}, {images.rate_hz:.3g} Hz" if every_image else task.title,
-            **(_at_images(images, matches) if every_image else _at_scans(drive, images, matches)),
+            **at,
+            **matches,
             threshold=1 - config.threshold,
             bytes_per_view=4 * config.columns * config.rows,
             config=config.model_dump(mode="json"),
@@ -143,42 +159,13 @@ def run_templates(
     return run_task
 
 
-@dataclass(frozen=True, eq=False)
-class _TemplateMatches:
-    """The match of each image: arrays (n,)."""
-
-    ids: NDArray[np.int64]
-    similarities: Floats
-    build_seconds: Floats
-    match_seconds: Floats
-
-    def at(self, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
-        """Return the columns of a ``ViewRun`` for some images."""
-        return {name: values[rows] for name, values in vars(self).items()}
-
-
-def _match_templates(templates: VisualTemplates, built: TemplateViews) -> _TemplateMatches:
-    count = len(built.views)
-    ids, similarities, spent = np.empty(count, np.int64), np.empty(count), np.empty(count)
-    for row, view in enumerate(built.views):
-        begin = time.perf_counter()
-        match = templates.recognise(view)
-        spent[row] = time.perf_counter() - begin
-        ids[row], similarities[row] = match.id, 1 - min(match.error, 1)
-    return _TemplateMatches(ids, similarities, np.full(count, built.build_ms / 1e3), spent)
-
-
-def _at_images(images: ImageSeries, matches: _TemplateMatches) -> dict[str, Any]:
+def _at_images(images: ImageSeries) -> dict[str, Any]:
     if images.poses is None:
         raise DataError("the images have no true poses", code="no-poses")
-    return {
-        "poses": images.poses,
-        "stamps": images.seconds,
-        **matches.at(np.arange(len(images))),
-    }
+    return {"poses": images.poses, "stamps": images.seconds}
 
 
-def _at_scans(drive: Drive, images: ImageSeries, matches: _TemplateMatches) -> dict[str, Any]:
+def _at_scans(drive: Drive) -> dict[str, Any]:
     scenes = drive.scenes
     return {
         "poses": scenes.true_poses(),
@@ -186,7 +173,6 @@ def _at_scans(drive: Drive, images: ImageSeries, matches: _TemplateMatches) -> d
         "numbers": scenes.numbers,
         "images": drive.picture,
         "clouds": drive.cloud,
-        **matches.at(latest(images.seconds, scenes.seconds)),
     }
 
 

@@ -1,29 +1,45 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Summarise a recording as a printable value."""
+"""Summarise a recording, or results that fusionslam stored, as a printable value."""
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
+from fusionslam.config import flatten
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError, one_line
+from fusionslam.evaluation import DescriptorRun
 from fusionslam.help_texts import counted
+from fusionslam.mapping.map_database import is_map
+from fusionslam.mapping.map_file import MapFile
+from fusionslam.pipelines.describe import PipelineConfig, run_files
 from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
 from fusionslam.pipelines.frame_check import FrameCheck, check_frames, check_rows
 from fusionslam.pipelines.recording import SceneRecording
-from fusionslam.pipelines.stored_files import stored_rows
+from fusionslam.pipelines.results import FILE, Work, load_verified, runs_folder
 from fusionslam.sensors.frame import Camera
+from fusionslam.storage.archive import format_of, load_archive, load_json
 from fusionslam.views.scene_set import is_scene_set
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
     from fusionslam.pipelines.bag_overview import Inspection
     from fusionslam.pipelines.recording import Recording
+
+
+_PREFIX = "fusionslam."
+_STORED: Mapping[str, Any] = yaml.safe_load(
+    Path(__file__).with_name("overview.yaml").read_text(encoding="utf-8")
+)
+"""What stored files hold."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +87,12 @@ def look_at(recording: "Recording", check: Check | None = None) -> Overview:
     """
     path = Path(recording.path)
     # A folder of results may hold clouds of fuse, and then is a recording.
-    if path.is_file() and not is_scene_set(path) and (rows := stored_rows(path)):
+    if path.is_file() and not is_scene_set(path) and (rows := _stored_rows(path)):
         return Overview(rows, [])
     try:
         found = _look_at_data(recording, path, check)
     except DataError as error:
-        if error.code == "no-recording" and (rows := stored_rows(path)):
+        if error.code == "no-recording" and (rows := _stored_rows(path)):
             return Overview(rows, [])
         raise
     return found
@@ -138,10 +154,22 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
         yield f"camera {name}", calibration_words(camera)
     if not dataset.cameras:
         yield "cameras", _no_cameras(dataset)
-    yield from _stereo(dataset)
+    if {"left", "right"} <= dataset.cameras.keys():
+        left, right = (dataset.cameras[name].projection for name in ("left", "right"))
+        baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
+        yield "stereo", f"baseline {baseline:.3f} m"
     yield "poses", _path(dataset)
     if isinstance(dataset, FileDataset) and dataset.odometry is not None:
-        yield "odometry", _odometry(dataset, dataset.odometry.name)
+        # Or why it cannot be used: the frames need none.
+        name = dataset.odometry.name
+        try:
+            moved = dataset.motion("odometry")
+        except DataError as error:
+            yield "odometry", f"{name}; {one_line(error)}"
+        else:
+            first, last = (moved[row].stamp_ns / 1e9 for row in (0, -1))
+            span = f"from {first:.3f} to {last:.3f} s"
+            yield "odometry", f"{counted(len(moved), 'pose')} in {name}, {span}"
     yield "gaps", _gaps(dataset)
     yield "time offsets", _offsets(dataset)
 
@@ -166,13 +194,6 @@ def calibration_words(camera: Camera) -> str:
     )
 
 
-def _stereo(dataset: "Dataset") -> Iterator[tuple[str, str]]:
-    if {"left", "right"} <= dataset.cameras.keys():
-        left, right = (dataset.cameras[name].projection for name in ("left", "right"))
-        baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
-        yield "stereo", f"baseline {baseline:.3f} m"
-
-
 def _path(dataset: "Dataset") -> str:
     if dataset.poses is None:
         return "none"
@@ -184,16 +205,6 @@ def _path(dataset: "Dataset") -> str:
     # Short paths need a decimal.
     path = f"path of {metres:.{0 if metres >= 100 else 1}f} m{gaps}"
     return f"{len(dataset.poses)} of {dataset.pose_frame} {_origin(dataset)}, {path}"
-
-
-def _odometry(dataset: FileDataset, name: str) -> str:
-    """Describe a file of odometry, or say why it cannot be used: the frames need none."""
-    try:
-        moved = dataset.motion("odometry")
-    except DataError as error:
-        return f"{name}; {one_line(error)}"
-    first, last = (moved[row].stamp_ns / 1e9 for row in (0, -1))
-    return f"{counted(len(moved), 'pose')} in {name}, from {first:.3f} to {last:.3f} s"
 
 
 def _origin(dataset: "Dataset") -> str:
@@ -246,3 +257,121 @@ def _offsets(dataset: "Dataset") -> str:
             f"{sensor} {np.median(offsets):+.1f} ms ({offsets.min():+.1f} to {offsets.max():+.1f})"
         )
     return f"against {first}: {', '.join(parts)}"
+
+
+def _map_rows(path: Path) -> list[tuple[str, str]]:
+    with MapFile(path, read_only=True) as file:
+        keyframes = Counter(each.session for each in file.keyframes())
+        rows = [("kind", "map, by map build")]
+        for name, number in file.sessions().items():
+            rows.append((f"session {name}", counted(keyframes[number], "keyframe")))
+        loops = Counter(each.state for each in file.edges() if each.kind != "odometry")
+    if not keyframes:
+        return [*rows, ("keyframes", "none yet: map build adds them")]
+    measured = ", ".join(f"{count} {state}" for state, count in sorted(loops.items()))
+    return [*rows, ("registered pairs", measured or "none")]
+
+
+def _stored_rows(path: Path) -> list[tuple[str, str]] | None:
+    """Return (label, value) pairs about a stored file or folder; None for anything else.
+
+    Raises:
+        DataError: the file is damaged.
+    """
+    if is_map(path):
+        return _map_rows(path)
+    file = path
+    if path.is_dir():
+        inner = [path / name for name in _STORED["in_folders"] if (path / name).is_file()]
+        if not inner:
+            return None
+        file = inner[0]
+    format = _json_format(file) if file.suffix == ".json" else format_of(file)
+    if format is None or not format.startswith(_PREFIX):
+        return None
+    rows = _json_rows if file.suffix == ".json" else _archive_rows
+    return [
+        ("name", path.name),
+        ("kind", f"{_describe_format(format)} ({format}); no recording"),
+        ("folder", str(path.parent)),
+        *(_work_rows(file.parent) if _name_of(format) == "work" else rows(file, format)),
+        *([("files", _files_in(path))] if path.is_dir() else []),
+    ]
+
+
+def _files_in(folder: Path) -> str:
+    """Name the stored files in a folder, with what each holds."""
+    found = []
+    for path in sorted(folder.iterdir()):
+        format = _json_format(path) if path.suffix == ".json" else format_of(path)
+        if format is not None and format.startswith(_PREFIX):
+            found.append(f"{path.name} ({_describe_format(format)})")
+    return "; ".join(found)
+
+
+def _work_rows(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield what was done with which data, and what differs from the defaults."""
+    work = Work.load(folder)
+    assert work is not None  # its file is there
+    yield "dataset", f"{work.dataset} ({work.recording.path})"
+    yield "command", work.command or "none: written by a program"
+    written = datetime.fromtimestamp((folder / FILE).stat().st_mtime, UTC)
+    yield "written", f"{written:%Y-%m-%d %H:%M} UTC"
+    defaults = flatten(PipelineConfig().model_dump(mode="json"))
+    for source, config in work.configs.items():
+        values = {**flatten(config), "fusion.source": defaults["fusion.source"]}
+        other = [f"{key}={value}" for key, value in values.items() if value != defaults.get(key)]
+        yield f"source {source}", ", ".join(other) or "defaults"
+    for path in run_files(runs_folder(folder)):
+        run = DescriptorRun.load(path)
+        skipped = f", {len(run.skipped)} left out" if run.skipped else ""
+        yield f"{run.source} {run.descriptor}", f"{counted(len(run), 'frame')}{skipped}"
+    for proven in load_verified(folder):
+        loops = counted(int(proven.accepted.sum()), "loop")
+        yield f"{proven.source} {proven.name}", f"{loops} in {counted(len(proven), 'frame')}"
+
+
+def _describe_format(format: str) -> str:
+    """Describe what files of a format hold."""
+    name = _name_of(format)
+    return str(_STORED["kinds"].get(name, name.replace("_", " ")))
+
+
+def _name_of(format: str) -> str:
+    """Name of a format without "fusionslam" and version."""
+    return format.removeprefix(_PREFIX).rpartition(".")[0]
+
+
+def _json_format(path: Path) -> str | None:
+    try:
+        with load_json(path, None, "stored values") as content:
+            return str(content["format"])
+    except DataError:
+        return None
+
+
+def _json_rows(path: Path, format: str) -> Iterator[tuple[str, str]]:
+    with load_json(path, format, _describe_format(format)) as content:
+        yield from _values(content)
+        long = {name: value for name, value in content.items() if isinstance(value, list | dict)}
+        counts = [f"{name} {len(value)}" for name, value in long.items()]
+        yield "counts", ", ".join(counts) or "none"
+
+
+def _archive_rows(path: Path, format: str) -> Iterator[tuple[str, str]]:
+    with load_archive(path, format, _describe_format(format)) as (about, arrays):
+        yield from _values(about)
+        counts = _STORED["counts"].get(_name_of(format), {})
+        for thing, name in counts.items():
+            if name in arrays:
+                yield thing, str(len(arrays[name]))
+        if counts:
+            return
+        shapes = {name: " x ".join(map(str, rows.shape)) for name, rows in arrays.items()}
+        yield "arrays", ", ".join(f"{name} {shape or 1}" for name, shape in shapes.items())
+
+
+def _values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for name, value in content.items():
+        if isinstance(value, str | int | float) and name != "format":
+            yield name if name != "name" else "of", str(value)

@@ -138,14 +138,12 @@ class Recording:
 
     def _usable(self) -> tuple[str, ...]:
         """Return the sources of clouds with a camera for which there are frames."""
-        return tuple(source for source in ("lidar", "stereo") if self._allows(source))
-
-    def _allows(self, source: str) -> bool:
-        try:
-            self.open(source)
-        except DataError:
-            return False
-        return True
+        usable = []
+        for source in ("lidar", "stereo"):
+            with suppress(DataError):
+                self.open(source)
+                usable.append(source)
+        return tuple(usable)
 
 
 def has_colors(dataset: Dataset, source: str = "cloud") -> bool:

@@ -136,22 +136,17 @@ def check_output(
         source = Path(os.path.expanduser(each))
         if os.path.exists(source) and _is_same(source.resolve(), path.resolve()):
             raise _output_is_input(target, "a file" if source.is_file() else "a folder")
-    if (what := _describe_data(path)) is not None:
+    what = None
+    if os.path.isfile(path):  # False for names that cannot be, too
+        is_bag = path.suffix in (".bag", ".mcap", ".db3") and bag_kind(path) is not None
+        what = "a recording" if is_bag or is_recording(path) else None
+        what = "a map" if is_map_file(path) else what
+    if what is not None:
         raise DataError(
             f"{target} is {what}, which is not replaced: write to another place",
             code="output-is-data",
             fields=(str(target),),
         )
-
-
-def _describe_data(path: Path) -> str | None:
-    """Describe a file that is a recording or a map; None for any other."""
-    if not os.path.isfile(path):  # False for names that cannot be, too
-        return None
-    if is_map_file(path):
-        return "a map"
-    is_bag = path.suffix in (".bag", ".mcap", ".db3") and bag_kind(path) is not None
-    return "a recording" if is_bag or is_recording(path) else None
 
 
 def _is_same(source: Path, there: Path) -> bool:

@@ -6,7 +6,7 @@ import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.descriptors import find_descriptor, own_files
 from fusionslam.errors import DataError
-from fusionslam.evaluation import DescriptorRun
+from fusionslam.evaluation import DescriptorRun, LoopRun
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describe_dataset,
@@ -72,8 +72,7 @@ def describe_recording(
     values = config.model_dump(mode="json")
     claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
     config = fix_radius(dataset, names, config, bad_frames)
-    stored = _StoredRuns(dataset, path, config, bad_frames)
-    runs = {name: stored.load(name) for name in names}
+    runs = {name: _load_stored(dataset, path, config, name, bad_frames) for name in names}
     missing = [name for name, run in runs.items() if run is None]
     if missing:
         if any(run_path(path, source, name).exists() for name in missing):
@@ -96,81 +95,73 @@ def describe_recording(
     ]
 
 
-@dataclass(frozen=True)
-class _StoredRuns:
-    """The runs in a folder that were made from a dataset with a configuration."""
+def _load_stored(
+    dataset: "Dataset", folder: Path, config: PipelineConfig, name: str, bad_frames: str
+) -> DescriptorRun | None:
+    """Return the stored run of a descriptor; None, with the reason logged, if it must be made.
 
-    dataset: "Dataset"
-    folder: Path
-    config: PipelineConfig
-    bad_frames: str = "error"
-
-    def load(self, name: str) -> DescriptorRun | None:
-        """Return the stored run of a descriptor; None, with the reason logged, if it must be made.
-
-        Raises:
-            DataError: there is a run of other data, which must not be overwritten.
-        """
-        path = run_path(self.folder, self.config.fusion.source, name)
-        if not path.exists():
-            return None
-        try:
-            run = DescriptorRun.load(path)
-        except DataError as error:
-            logger.warning("%s; describing again", error)
-            return None
-        if run.dataset != self.dataset.name:
-            raise DataError(
-                f"{path} is a run of {run.dataset}: choose another folder or delete it",
-                code="other-results",
-                fields=(str(path), run.dataset),
-            )
-        changes = [*self._changes(run, path, for_descriptor(self.config, name))]
-        if changes:
-            logger.warning("%s is replaced by a new run: %s", path, "; ".join(changes))
-        return None if changes else run
-
-    def _changes(self, run: DescriptorRun, path: Path, config: PipelineConfig) -> Iterator[str]:
-        """Yield the differences between the run and the requested one."""
-        before, now = (
-            _relevant(values, run.descriptor)
-            for values in (run.config, config.model_dump(mode="json"))
+    Raises:
+        DataError: there is a run of other data, which must not be overwritten.
+    """
+    path = run_path(folder, config.fusion.source, name)
+    if not path.exists():
+        return None
+    try:
+        run = DescriptorRun.load(path)
+    except DataError as error:
+        logger.warning("%s; describing again", error)
+        return None
+    if run.dataset != dataset.name:
+        raise DataError(
+            f"{path} is a run of {run.dataset}: choose another folder or delete it",
+            code="other-results",
+            fields=(str(path), run.dataset),
         )
-        yield from differences(before, now)
-        if self.bad_frames == "error" and run.skipped:
-            yield f"it lacks {len(run.skipped)} frames that cannot be described"
-        elif not self._has_all_frames(run):
-            yield f"it was made of {len(run)} frames, now there are others"
-        elif path.stat().st_mtime < self._newest(run.descriptor):
-            yield "the recording or the program is newer"
-
-    def _has_all_frames(self, run: DescriptorRun) -> bool:
-        left = ~np.isin(self.dataset.numbers, list(run.skipped))
-        return np.array_equal(run.numbers, self.dataset.numbers[left]) and np.array_equal(
-            run.stamps_ns, self.dataset.stamps_ns[left]
+    options = find_descriptor(run.descriptor).keys
+    before, now = (
+        flatten(
+            {
+                "fusion": values.get("fusion", {}),
+                "descriptors": {
+                    key: value
+                    for key, value in values.get("descriptors", {}).items()
+                    if key in options
+                },
+            }
         )
+        for values in (run.config, for_descriptor(config, name).model_dump(mode="json"))
+    )
+    changes = [*differences(before, now)]
+    if bad_frames == "error" and run.skipped:
+        changes.append(f"it lacks {len(run.skipped)} frames that cannot be described")
+    elif not has_all_frames(run, dataset):
+        changes.append(f"it was made of {len(run)} frames, now there are others")
+    elif is_outdated(path, dataset, run.descriptor):
+        changes.append("the recording or the program is newer")
+    if changes:
+        logger.warning("%s is replaced by a new run: %s", path, "; ".join(changes))
+    return None if changes else run
 
-    def _newest(self, name: str) -> float:
-        """Time of the last change of the recording or of what describes it."""
-        files = (Path(str(_core.__file__)), *self.dataset.files(), *own_files([name]))
-        with suppress(OSError):  # a missing file is reported when it is read
-            return max(path.stat().st_mtime for path in files)
-        return float("inf")
+
+def has_all_frames(run: LoopRun, dataset: "Dataset") -> bool:
+    """Return whether a run has all frames of a dataset but those that it skipped."""
+    left = ~np.isin(dataset.numbers, list(run.skipped))
+    return np.array_equal(run.numbers, dataset.numbers[left]) and np.array_equal(
+        run.stamps_ns, dataset.stamps_ns[left]
+    )
+
+
+def is_outdated(path: Path, dataset: "Dataset", name: str) -> bool:
+    """Return whether a stored run is older than the recording or what describes it."""
+    files = (Path(str(_core.__file__)), *dataset.files(), *own_files([name]))
+    with suppress(OSError):  # a missing file is reported when it is read
+        return path.stat().st_mtime < max(file.stat().st_mtime for file in files)
+    return True
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     """Yield which values of two configurations, by dotted key, differ and how."""
     for key in dict.fromkeys([*before, *now]):
         if before.get(key) != now.get(key):
-            yield f"{key} was {_format(before.get(key))}, is {_format(now.get(key))}"
-
-
-def _relevant(config: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return the values of a configuration that affect a descriptor, by dotted key."""
-    options = find_descriptor(name).keys
-    described = {k: v for k, v in config.get("descriptors", {}).items() if k in options}
-    return flatten({"fusion": config.get("fusion", {}), "descriptors": described})
-
-
-def _format(value: Any) -> str:
-    return "none" if value is None else str(value)
+            then, new = ("none" if v.get(key) is None else v[key] for v in (before, now))
+            yield f"{key} was {then}, is {new}"

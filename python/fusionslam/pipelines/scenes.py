@@ -26,7 +26,7 @@ from fusionslam.pipelines.recording import SceneRecording, name_frame, warn_of_o
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:
@@ -75,7 +75,11 @@ def record_scenes(
     for name in features:
         for_clouds(settings, name, ranges if isinstance(data, RangeRecording) else fusion)
     if isinstance(data, RangeRecording):
-        scenes = _of_recording(data, recording or RecordingConfig(), progress)
+        config = recording or RecordingConfig()
+        measured = data.odometry(config)
+        indices = reported(range(len(data)), progress, len(data))
+        clouds = [data.cloud(index, config, measured) for index in indices]
+        scenes = _fields(data, clouds, config.frame, data.places)
     else:
         data = readable_frames(data, bad_frames, jobs=jobs)
         scenes = _of_dataset(data, fusion, jobs, progress)
@@ -116,17 +120,6 @@ def record_cloud(
     return fuse(data[row], fusion)
 
 
-def _of_recording(
-    data: RangeRecording, config: RecordingConfig, progress: Progress | None
-) -> dict[str, Any]:
-    measured, clouds = data.odometry(config), []
-    for index in range(len(data)):
-        clouds.append(data.cloud(index, config, measured))
-        if progress is not None:
-            progress(index + 1, len(data))
-    return _fields(data, clouds, config.frame, data.places)
-
-
 def _of_dataset(
     data: "Dataset", config: FusionConfig, jobs: int, progress: Progress | None
 ) -> dict[str, Any]:
@@ -139,12 +132,10 @@ def _of_dataset(
             return fuse(frame, config), frame.odometry
 
     with ordered_results(fuse_frame, range(len(data)), jobs) as fused:
-        for cloud, measured in fused:
+        for cloud, measured in reported(fused, progress, len(data)):
             if measured is not None:
                 odometry[len(clouds)] = places_of(measured[None])[0]
             clouds.append(cloud)
-            if progress is not None:
-                progress(len(clouds), len(data))
     warn_of_odometry(data)
     true = data.true_poses
     poses = None if true is None else places_of(true @ data.body_from_robot)

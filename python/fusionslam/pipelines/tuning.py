@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import yaml
 
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, needing
@@ -33,35 +34,12 @@ if TYPE_CHECKING:
 
 Bounds = dict[str, tuple[float, float]]
 
-_THESIS: Bounds = {
-    "color_x0": (0, 15),
-    "color_a": (0, 25),
-    "color_weight": (0, 1),
-    "distance_x0": (0, 1),
-    "distance_a": (0, 25),
-    "distance_weight": (0, 1),
-    "volume_x0": (0, 1),
-    "volume_a": (0, 25),
-    "volume_weight": (0, 1),
-    "ratio_x0": (0, 20),
-    "ratio_a": (0, 25),
-    "ratio_weight": (0, 1),
-    "threshold": (0, 1),
+BOUNDS: dict[str, Bounds] = {
+    name: {key: (low, high) for key, (low, high) in bounds.items()}
+    for name, bounds in yaml.safe_load(
+        Path(__file__).with_name("tuning.yaml").read_text(encoding="utf-8")
+    ).items()
 }
-_ROBUST: Bounds = {
-    "color_x0": (0, 60),
-    "color_a": (0, 2),
-    "color_weight": (0, 1),
-    "distance_x0": (0, 2),
-    "distance_a": (0, 25),
-    "distance_weight": (0, 1),
-    "extent_x0": (0, 2),
-    "extent_a": (0, 25),
-    "extent_weight": (0, 1),
-    "range_slack": (0, 1),
-    "threshold": (0, 1),
-}
-BOUNDS = {"thesis": _THESIS, "robust": _ROBUST}
 """Parameters to tune and their bounds, by name: those of Stastny's thesis and of our preset."""
 _DIGITS = 6
 """Significant digits of each parameter; the values written are exactly those tried."""
@@ -138,7 +116,11 @@ class TuningState:
         self._identity = json.dumps(identity, sort_keys=True)
         if self.path is None or not self.path.exists():
             return
-        stored, self.generations = _read_state(self.path)
+        with load_archive(self.path, _STATE_FORMAT, "the state of a tuning") as (about, arrays):
+            edges = np.cumsum(arrays["sizes"])[:-1]
+            parts = (np.split(arrays[name], edges) for name in ("numbers", "values"))
+            generations = [Generation(*pair) for pair in zip(*parts, strict=True)]
+        stored, self.generations = str(about["identity"]), generations
         if stored != self._identity:
             differing = _differences(json.loads(stored), identity)
             raise DataError(
@@ -160,13 +142,6 @@ class TuningState:
             "values": np.concatenate([each.values for each in self.generations]),
         }
         save_archive(self.path, _STATE_FORMAT, {"identity": self._identity}, arrays)
-
-
-def _read_state(path: Path) -> tuple[str, list[Generation]]:
-    with load_archive(path, _STATE_FORMAT, "the state of a tuning") as (about, stored):
-        edges = np.cumsum(stored["sizes"])[:-1]
-        parts = (np.split(stored[name], edges) for name in ("numbers", "values"))
-        return str(about["identity"]), [Generation(*pair) for pair in zip(*parts, strict=True)]
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
@@ -349,23 +324,18 @@ class _Search:
             from pymoo.core.termination import NoTermination
         problem = Problem(n_var=len(self.low), n_obj=1, xl=self.low, xu=self.high)
         kinds = {"ga": GA, "de": DE}
-        first = self._first()
-        algorithm = kinds[self.config.algorithm](pop_size=len(first), sampling=first)
-        algorithm.setup(problem, termination=NoTermination(), seed=self.config.seed, verbose=False)
-        return algorithm
-
-    def _first(self) -> Floats:
-        """float64 (population, d): the parameters of the base, then uniformly random ones."""
+        # The parameters of the base, then uniformly random ones: float64 (population, d).
         rng = np.random.default_rng([self.config.seed, 0x7E])
         first = rng.uniform(self.low, self.high, (self.config.population, len(self.low)))
-        core = similarity_config(self.base)
-        matcher = ViewMatcher(self.base)
+        core, threshold = similarity_config(self.base), ViewMatcher(self.base).threshold
         own = [
-            matcher.threshold if name == "threshold" else getattr(core, name)
+            threshold if name == "threshold" else getattr(core, name)
             for name in BOUNDS[self.config.numbers]
         ]
         first[0] = np.clip(own, self.low, self.high)
-        return np.asarray(first, np.float64)
+        algorithm = kinds[self.config.algorithm](pop_size=len(first), sampling=first)
+        algorithm.setup(problem, termination=NoTermination(), seed=self.config.seed, verbose=False)
+        return algorithm
 
 
 def _result(done: Sequence[Generation], trial: Trial) -> TuningResult:
@@ -436,23 +406,19 @@ def write_tuning(
     Raises:
         DataError: the file cannot be written.
     """
-    import yaml
-
     settings = ", ".join(f"{key} {value}" for key, value in config.model_dump().items())
     lines = [f"# {command}", f"# {settings}", f"# value {result.value:.6f}"]
     for scenes, report in zip(sets, result.reports, strict=True):
         made = scenes.source.get("command")
         lines += [f"# {scenes.name}: {made}"] if made else []
         lines += [f"# {scenes.name}: {line.strip()}" for line in str(report).splitlines()]
-    text = yaml.safe_dump({"views": _values(result.config)}, sort_keys=False)
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join([*lines, text]), encoding="utf-8")
-
-
-def _values(config: ViewMatcherConfig) -> dict[str, Any]:
-    """Return every value that affects the ids, so that later changes of presets do not."""
-    values = config.model_dump(mode="json", exclude_unset=True)
-    for name, core in (("scene", scene_config(config)), ("similarity", similarity_config(config))):
+    # Every value that affects the ids, so that later changes of presets do not.
+    found = result.config
+    values = found.model_dump(mode="json", exclude_unset=True)
+    for name, core in (("scene", scene_config(found)), ("similarity", similarity_config(found))):
         options = type(core).options()
         values[name] = {entry["name"]: getattr(core, entry["name"]) for entry in options}
-    return {"preset": config.preset, "threshold": config.threshold, **values}
+    values = {"preset": found.preset, "threshold": found.threshold, **values}
+    text = yaml.safe_dump({"views": values}, sort_keys=False)
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join([*lines, text]), encoding="utf-8")

@@ -7,7 +7,6 @@ import logging
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,11 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import edge_of_pose
-from fusionslam.descriptors import PRESETS, own_files, with_preset
+from fusionslam.descriptors import PRESETS, with_preset
 from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.evaluation.loops.verified_run import REJECTED
@@ -32,7 +30,7 @@ from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descri
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
-from fusionslam.pipelines.reusable_runs import differences
+from fusionslam.pipelines.reusable_runs import differences, has_all_frames, is_outdated
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Floats
@@ -126,19 +124,13 @@ def load_verified_run(
         then = then | {"registration": kept}
     before, wanted = (flatten({k: v[k] for k in _STAGES if k in v}) for v in (then, now))
     changes = [*differences(before, wanted)]
-    left = ~np.isin(dataset.numbers, list(run.skipped))
-    newest = float("inf")
-    with suppress(OSError):  # a missing file is reported when it is read
-        files = (Path(str(_core.__file__)), *dataset.files(), *own_files([name]))
-        newest = max(file.stat().st_mtime for file in files)
     if (
         run.dataset == dataset.name
         and run.descriptors[0] == label_of(name, config)
         and not changes
-        and np.array_equal(run.numbers, dataset.numbers[left])
-        and np.array_equal(run.stamps_ns, dataset.stamps_ns[left])
+        and has_all_frames(run, dataset)
         and (bad_frames == "skip" or not run.skipped)
-        and path.stat().st_mtime >= newest
+        and not is_outdated(path, dataset, name)
     ):
         return run
     changes = changes or ["the recording or the program is newer, or frames differ"]

@@ -21,7 +21,7 @@ from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.files import atomic_path
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.comparison import Comparison, View
 from fusionslam.views.match import NO_VIEW, ViewMatch, ViewStats
 from fusionslam.views.matcher import ViewMatcher
@@ -77,6 +77,12 @@ class MatchRun:
         """
         clouds, compared = self.scenes.clouds, self.similarities > 0
         rows = {int(number): row for row, number in enumerate(self.scenes.numbers)}
+        belief: dict[str, Any] = {}  # what scans and odometry said together
+        if self.follows_odometry:
+            shares = np.array([_split_belief(match) for match in self.matches]).reshape(-1, 2)
+            ambiguous = [(row, one) for row, one in enumerate(self.matches) if one.is_ambiguous]
+            belief = {"known": shares[:, 0], "others": shares[:, 1]}
+            belief["held_back"] = [[row, match.reason] for row, match in ambiguous]
         return ViewRun(
             world=self.scenes.name,
             method=method,
@@ -89,44 +95,23 @@ class MatchRun:
             build_seconds=self.build_seconds,
             match_seconds=self.match_seconds,
             bytes_per_view=self.stats.bytes_per_view,
-            **self._belief(),
+            **belief,
             config=dict(config or {}),
             clouds=None if clouds is None else lambda number: clouds[rows[number]],
         )
-
-    def _belief(self) -> dict[str, Any]:
-        """What scans and odometry said together, if there was odometry."""
-        if not self.follows_odometry:
-            return {}
-        known, others = np.array([_split_belief(match) for match in self.matches]).reshape(-1, 2).T
-        held_back = [
-            [row, match.reason] for row, match in enumerate(self.matches) if match.is_ambiguous
-        ]
-        return {"known": known, "others": others, "held_back": held_back}
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV with one line per scan and the numbers of the scans. Raises DataError."""
         with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
+            numbers = self.scenes.numbers
             for index, match in enumerate(self.matches):
-                writer.writerow(self._row(index, match))
-
-    def _row(self, index: int, match: ViewMatch) -> list[Any]:
-        numbers = self.scenes.numbers
-        pose = [f"{value:.6g}" for value in match.relative_pose or ()] or ["", "", ""]
-        matched = "" if match.matched is None else numbers[match.matched]
-        similarity = f"{match.similarity:.9g}"
-        return [
-            numbers[index],
-            self.scenes.stamps_ns[index],
-            match.id,
-            similarity,
-            int(match.is_new),
-            matched,
-            *pose,
-            match.reason,
-        ]
+                pose = [f"{value:.6g}" for value in match.relative_pose or ()] or ["", "", ""]
+                matched = "" if match.matched is None else numbers[match.matched]
+                scan = [numbers[index], self.scenes.stamps_ns[index], match.id]
+                found = [f"{match.similarity:.9g}", int(match.is_new), matched]
+                writer.writerow([*scan, *found, *pose, match.reason])
 
 
 def _split_belief(match: ViewMatch) -> tuple[float, float]:
@@ -165,12 +150,11 @@ def run_views(
         )
     poses = [None] * len(scenes) if odometry is None else odometry
     matches, seconds = [], np.zeros((2, len(scenes)))
-    for index, view in enumerate(_build_views(scenes, matcher, seconds[0])):
+    built = reported(_build_views(scenes, matcher, seconds[0]), progress, len(scenes))
+    for index, view in enumerate(built):
         start = time.perf_counter()
         matches.append(matcher.process(view, odometry=poses[index]))
         seconds[1, index] = time.perf_counter() - start
-        if progress is not None:
-            progress(index + 1, len(scenes))
     follows = odometry is not None
     return MatchRun(
         scenes, matches, matcher.stats, matcher.threshold, seconds[0], seconds[1], follows
@@ -224,12 +208,8 @@ def views_of(
     scenes: SceneSet, matcher: ViewMatcher, progress: Progress | None = None
 ) -> list[View]:
     """Build the view of each scan once, for many runs. Raises as ``run_views``."""
-    views = []
-    for view in _build_views(scenes, matcher, np.zeros(len(scenes))):
-        views.append(view)
-        if progress is not None:
-            progress(len(views), len(scenes))
-    return views
+    built = _build_views(scenes, matcher, np.zeros(len(scenes)))
+    return list(reported(built, progress, len(scenes)))
 
 
 def _build_views(
@@ -326,7 +306,12 @@ def sweep_thresholds(
     views = views_of(scenes, first)
     kind = first.comparison.kind.removeprefix(TWO_STAGES)
     known = {"objects": THRESHOLDS, "alignment": _PROBABILITIES}.get(kind)
-    thresholds = list(known or _quantiles(views, first, len(THRESHOLDS)))
+    thresholds = list(known or ())
+    if known is None:  # that divide the best similarities evenly
+        found = [first.process(view) for view in views]
+        best = [match.similarity for match in found if match.id >= 0 and match.similarity > 0]
+        shares = np.linspace(0, 1, len(THRESHOLDS))
+        thresholds = np.unique(np.quantile(np.array(best or [0.0]), shares)).tolist()
     done = 0
 
     def ids(threshold: float) -> NDArray[np.int64]:
@@ -339,11 +324,3 @@ def sweep_thresholds(
         return found
 
     return sweep_views(judge, ids, thresholds)
-
-
-def _quantiles(views: Sequence[View], strict: ViewMatcher, count: int) -> list[float]:
-    """Return thresholds that divide the best similarities evenly."""
-    found = [strict.process(view) for view in views]
-    best = [match.similarity for match in found if match.id >= 0 and match.similarity > 0]
-    divided = np.quantile(np.array(best or [0.0]), np.linspace(0, 1, count))
-    return [float(value) for value in np.unique(divided)]

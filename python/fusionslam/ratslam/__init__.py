@@ -12,20 +12,21 @@ graph.relax()
 """
 
 from fusionslam._core import ActionKind
-from fusionslam.ratslam.actions import Action
+from fusionslam.geometry.odometry_calibration import LoopCheck
+from fusionslam.ratslam.attractor import Place
 from fusionslam.ratslam.event_order import OrderConfig, StampOrder
 from fusionslam.ratslam.events import Look, Motion, Sighting
 from fusionslam.ratslam.experience_map import (
+    Action,
     ExperienceMap,
     ExperienceMapConfig,
-    LoopCheck,
     Relaxation,
     Route,
 )
 from fusionslam.ratslam.external_views import GivenView, GivenViews
 from fusionslam.ratslam.map_snapshot import LiveMap
 from fusionslam.ratslam.online import OnlineRatSlam, OnlineRatSlamConfig
-from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.pose_cells import PoseCells, PoseCellsConfig
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig, VisualSpeed

@@ -1,26 +1,23 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Attractor networks of pose cells: the reference's, and one independent of message rates."""
+"""Attractor networks of pose cells: the reference's, and one independent of message rates.
+
+Poses on the sheet of cells, and motions between them, are in cells.
+"""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fusionslam._core import PoseSheet
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.ratslam.pose_cell_sheet import (
-    HEADINGS,
-    IDENTITY,
-    LAYER,
-    Place,
-    compose,
-    differences,
-    inverse,
-    motion_arc,
-    wrap,
-)
 from fusionslam.storage.arrays import Floats
 
+HEADINGS = 36
+"""Layers of the sheet: headings ten degrees apart."""
+LAYER = 2 * math.pi / HEADINGS
+"""Angle between two layers, radians."""
 # Sines of all layers, built from one quadrant: opposite ones agree to the last bit, so that a
 # symmetric packet stays symmetric.
 _QUARTER = np.sin(np.arange(HEADINGS // 4 + 1) * LAYER)
@@ -35,6 +32,64 @@ _REACH = 3
 _MOST = 100
 # Steps until a packet that starts in eight cells has its final shape.
 _FORMED = 10
+
+
+class Place(NamedTuple):
+    """A pose on the sheet in cells: x, y in [0, n), th in [0, 36), which is heading / 10 degrees.
+
+    Also a motion: x forward, y to the left, th the turn, counter-clockwise, all of any size.
+    """
+
+    x: float
+    y: float
+    th: float
+
+
+IDENTITY = Place(0.0, 0.0, 0.0)
+"""The motion that changes nothing."""
+
+
+def compose(place: Place, way: Place) -> Place:
+    """Apply a motion to a place, without wrapping; or concatenate two motions."""
+    cosine, sine = math.cos(place.th * LAYER), math.sin(place.th * LAYER)
+    return Place(
+        place.x + cosine * way.x - sine * way.y,
+        place.y + sine * way.x + cosine * way.y,
+        place.th + way.th,
+    )
+
+
+def inverse(way: Place) -> Place:
+    """The inverse motion."""
+    cosine, sine = math.cos(way.th * LAYER), math.sin(way.th * LAYER)
+    return Place(-cosine * way.x - sine * way.y, sine * way.x - cosine * way.y, -way.th)
+
+
+def motion_arc(way: float, turn: float) -> Place:
+    """The motion along an arc: length in cells, turn in radians."""
+    half = turn / 2
+    chord = way * float(np.sinc(half / math.pi))
+    return Place(chord * math.cos(half), chord * math.sin(half), turn / LAYER)
+
+
+def wrap(place: Place, size: int) -> Place:
+    """Wrap a place into [0, n) and [0, 36)."""
+    return Place(
+        _wrap_value(place.x, size), _wrap_value(place.y, size), _wrap_value(place.th, HEADINGS)
+    )
+
+
+def _wrap_value(value: float, period: int) -> float:
+    rest = value % period
+    return rest if rest < period else 0.0  # % rounds a tiny negative value up to the period
+
+
+def differences(places: Any, other: Any, size: int) -> Floats:
+    """The shortest differences on the wrapped sheet, float64 (..., 3), within half a period."""
+    period = np.array((size, size, HEADINGS), np.float64)
+    raw = np.asarray(places, np.float64) - np.asarray(other, np.float64)
+    wrapped: Floats = (raw + period / 2) % period - period / 2
+    return wrapped
 
 
 class ReferenceNetwork:
@@ -179,15 +234,13 @@ class SteadyNetwork:
         self._follow(self._sheet)
         here = self.best
         self._way, self._progress = IDENTITY, 0.0
-        self._place_packet(here, Place(*self._sheet.decode()))
-
-    def _place_packet(self, expected: Place, found: Place) -> None:
-        """Decide whether the decoded packet is the expected one, slightly off, or another one."""
-        slip = Place(*differences(expected, found, self._size).tolist())
+        # The decoded packet is the expected one, slightly off, or another one.
+        found = Place(*self._sheet.decode())
+        slip = Place(*differences(here, found, self._size).tolist())
         if max(map(abs, slip)) < _JUMP:
-            self._base, self._slip = expected, slip
+            self._base, self._slip = here, slip
         else:
-            self._before = self._before or wrap(compose(expected, self._way), self._size)
+            self._before = self._before or wrap(compose(here, self._way), self._size)
             self._base, self._slip = found, IDENTITY
 
     def inject(self, place: Place, energy: float) -> None:

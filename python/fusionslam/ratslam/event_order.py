@@ -134,7 +134,11 @@ class StampOrder:
     def _update_clock(self, stamp_ns: int, is_view: bool) -> None:
         own, other = self._clocks[is_view], self._clocks[not is_view]
         own.silent_ns = 0
-        if own.newest_ns is None or self._missed_jump(own, other):
+        # The other kind's clock went back more than ``wait`` ago: then this one's did too,
+        # unnoticed, as its last stamp is earlier than the time to which the clock went back.
+        on = (other.newest_ns or 0) - other.first_ns
+        missed_jump = own.clock < other.clock and on > self._wait_ns
+        if own.newest_ns is None or missed_jump:
             own.restart(other.clock, stamp_ns)
         elif self.config.jump is not None and (
             own.newest_ns - stamp_ns > self.config.jump * NANOSECONDS
@@ -145,15 +149,6 @@ class StampOrder:
             own.newest_ns += on
             # Capped: a forward jump of this clock does not make the other kind silent.
             other.silent_ns += min(on, self._wait_ns // 2 + 1)
-
-    def _missed_jump(self, own: _StreamClock, other: _StreamClock) -> bool:
-        """True if the other kind's clock went back more than ``wait`` ago.
-
-        Then this one's did too, unnoticed, because its last stamp is earlier than the time to which
-        the clock went back.
-        """
-        on = (other.newest_ns or 0) - other.first_ns
-        return own.clock < other.clock and on > self._wait_ns
 
     def _complete(self) -> tuple[tuple[int, int], LateBecause]:
         """Clock and stamp before which all events can be released, and why."""

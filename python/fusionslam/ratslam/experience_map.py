@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam._core import ActionKind
 from fusionslam._core import ExperienceMap as CoreMap
 from fusionslam._core import ExperienceMapConfig as CoreMapConfig
 from fusionslam.argument_types import checked
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
-from fusionslam.evaluation.maps.run import LINK
+from fusionslam.geometry.odometry_calibration import LoopCheck
 from fusionslam.help_texts import counted
-from fusionslam.ratslam.actions import Action
 from fusionslam.storage.arrays import Floats
 
 STATE_VERSION = 1
@@ -41,7 +41,25 @@ if TYPE_CHECKING:
 else:
     ExperienceMapConfig = core_section("ExperienceMapConfig", CoreMapConfig, __name__)
     ExperienceMapConfig.__doc__ = "Parameters of map correction and of the acceptance of loops."
-__all__ = ["LINK", "ExperienceMap", "ExperienceMapConfig", "LoopCheck", "Relaxation", "Route"]
+
+
+class Action(NamedTuple):
+    """A change of the experience map.
+
+    Attributes:
+        kind: nothing, a new node, or an edge to a known one.
+        source: id of the experience that the robot was at; 0 before the first one.
+        target: id of the experience that it is at now.
+        relative_rotation: rotation of the robot relative to the target, radians, counter-clockwise.
+        relative_place: position of the robot in the target's frame, metres, x forward and y to the
+            left; (0, 0) if it was not measured.
+    """
+
+    kind: ActionKind
+    source: int = 0
+    target: int = 0
+    relative_rotation: float = 0.0
+    relative_place: tuple[float, float] = (0.0, 0.0)
 
 
 class Route(NamedTuple):
@@ -49,26 +67,6 @@ class Route(NamedTuple):
 
     ids: list[int]
     seconds: float
-
-
-class LoopCheck(NamedTuple):
-    """The result of checking a loop against odometry.
-
-    Attributes:
-        accepted: whether to make the link.
-        error_m, error_rad: offset from the robot's pose on the map to the pose by the loop, metres
-            and radians.
-        allowed_m, allowed_rad: the offset that drift since the target allows, metres along the
-            error and radians.
-        reason: the reason, in words.
-    """
-
-    accepted: bool
-    error_m: float
-    error_rad: float
-    allowed_m: float
-    allowed_rad: float
-    reason: str
 
 
 class Relaxation(NamedTuple):

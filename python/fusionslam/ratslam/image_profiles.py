@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.storage.arrays import Floats
+from fusionslam.views.visual_templates import LUMINANCE
 
-_LUMINANCE = np.array((0.299, 0.587, 0.114))
 # Contrast of a profile, 0 .. 1, below which it is only noise.
 _FLAT = 1e-3
 _STRETCHES, _BESIDE = 17, 2
@@ -28,7 +28,7 @@ def profile(pixels: NDArray[np.uint8], first: int, end: int) -> Floats:
     band = pixels[first:end]
     # Integer sums of bytes are exact.
     sums = band.sum(axis=0, dtype=np.uint32)
-    grey = sums @ _LUMINANCE if sums.ndim == 2 else sums.astype(np.float64)
+    grey = sums @ LUMINANCE if sums.ndim == 2 else sums.astype(np.float64)
     means: Floats = grey / (255 * len(band))
     return means
 

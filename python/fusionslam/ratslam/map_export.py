@@ -141,7 +141,15 @@ def write_g2o(path: PathLike, run: MapRecord) -> None:
     """
     _check(run)
     nodes = [GraphNode(number, pose) for number, pose in enumerate(run.nodes)]
-    rows = zip(run.links, link_offsets(run.links), _information(run.links), strict=True)
+    deviations = np.stack([run.links["sd_m"], run.links["sd_rad"]], axis=1)
+    if (wrong := np.flatnonzero((deviations <= 0).any(axis=1))).size:
+        found = deviations[wrong[0]].tolist()
+        raise DataError(
+            f"links: row {wrong[0]} deviates by {found} m and rad, expected above 0",
+            code="no-deviation",
+            fields=(str(wrong[0]),),
+        )
+    rows = zip(run.links, link_offsets(run.links), deviations**-2.0, strict=True)
     edges = [
         GraphEdge(link["source"], link["target"], way, np.diag([place, place, rotation]))
         for link, way, (place, rotation) in rows
@@ -241,19 +249,6 @@ def _to_lists(poses: Floats | None) -> list[list[float] | None] | None:
 def _unknown(poses: Floats) -> NDArray[np.bool_]:
     """Bool (n,): True for unknown poses, which are NaN three times."""
     return np.asarray(np.isnan(poses).all(axis=1))
-
-
-def _information(links: NDArray[np.void]) -> Floats:
-    """float64 (n, 2): 1/m^2 and 1/rad^2. Raises DataError for the first invalid link."""
-    deviations = np.stack([links["sd_m"], links["sd_rad"]], axis=1)
-    if (wrong := np.flatnonzero((deviations <= 0).any(axis=1))).size:
-        found = deviations[wrong[0]].tolist()
-        raise DataError(
-            f"links: row {wrong[0]} deviates by {found} m and rad, expected above 0",
-            code="no-deviation",
-            fields=(str(wrong[0]),),
-        )
-    return deviations**-2.0
 
 
 def _check(run: MapRecord) -> None:

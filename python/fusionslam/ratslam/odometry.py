@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.geometry.se2 import wrapped
+from fusionslam.geometry.se2 import wrap
 from fusionslam.ratslam.events import Event, Motion
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
@@ -171,14 +171,14 @@ def _step_after_jump(before: Odometry2D, now: Odometry2D, limits: Limits) -> Mot
 
 def _straight_step(before: Ground, now: Ground, dt: float, note: str) -> MotionStep:
     """The step along the straight line from one pose to another."""
-    way, turn = _distance(before, now), float(wrapped(np.asarray(now[2] - before[2])))
+    way, turn = _distance(before, now), wrap(now[2] - before[2])
     bearing = float(np.arctan2(now[1] - before[1], now[0] - before[0]))
     return _step_along(bearing - before[2], way, turn, dt, note)
 
 
 def _step_along(bearing: float, way: float, turn: float, dt: float, note: str) -> MotionStep:
     """The step along a straight line at a bearing, radians relative to the heading before."""
-    ahead = float(wrapped(np.asarray(bearing)))
+    ahead = wrap(bearing)
     if abs(ahead) > np.pi / 2:  # backwards
         way, ahead = -way, ahead - float(np.copysign(np.pi, ahead))
     return MotionStep(way / dt, turn / dt, dt, note, ahead)
@@ -213,7 +213,7 @@ def _is_reset(before: Ground, now: Ground) -> bool:
 
 def _displacement_between(before: Ground, now: Ground) -> tuple[float, float]:
     """Metres forward along the heading at mid-step, and turn in radians."""
-    turn = float(wrapped(np.asarray(now[2] - before[2])))
+    turn = wrap(now[2] - before[2])
     middle = before[2] + turn / 2
     dx, dy = now[0] - before[0], now[1] - before[1]
     return float(np.cos(middle) * dx + np.sin(middle) * dy), turn

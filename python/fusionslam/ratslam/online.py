@@ -221,7 +221,12 @@ class OnlineRatSlam:
         steps = []
         for event in (one for ready in events for one in self._select_events(ready)):
             if self._taken_ns is not None and event.stamp_ns < self._taken_ns:
-                self._reset_clock(self._taken_ns, event.stamp_ns)
+                level = logging.INFO if self.jumps else logging.WARNING
+                self.jumps += 1
+                self.slam.forget_clock()
+                seconds = (self._taken_ns - event.stamp_ns) / NANOSECONDS
+                said = "the clock went back by %.3f s: the map continues from odometry's pose"
+                logger.log(level, said, seconds)
             self._taken_ns = event.stamp_ns
             step = self._step(event)
             if step is not None:
@@ -237,15 +242,6 @@ class OnlineRatSlam:
             return []
         self._begun = True
         return [event] if self._before is None else [self._before, event]
-
-    def _reset_clock(self, before_ns: int, now_ns: int) -> None:
-        level = logging.INFO if self.jumps else logging.WARNING
-        self.jumps += 1
-        self.slam.forget_clock()
-        apart = (before_ns - now_ns) / NANOSECONDS
-        logger.log(
-            level, "the clock went back by %.3f s: the map continues from odometry's pose", apart
-        )
 
     def _step(self, event: Event) -> Step | None:
         """Process one event; None if it is refused."""

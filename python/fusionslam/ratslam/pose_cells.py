@@ -21,30 +21,35 @@ from fusionslam._core import ActionKind
 from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
-from fusionslam.ratslam.actions import Action
-from fusionslam.ratslam.attractor import ReferenceNetwork, SteadyNetwork
-from fusionslam.ratslam.pose_cell_sheet import (
-    HEADINGS,
+from fusionslam.ratslam.attractor import (
     IDENTITY,
     LAYER,
     Place,
+    ReferenceNetwork,
+    SteadyNetwork,
     compose,
     differences,
     inverse,
     wrap,
 )
-from fusionslam.ratslam.pose_cell_state import EXPERIENCE_TABLES, VIEW_TABLES, check_state
+from fusionslam.ratslam.experience_map import Action
 from fusionslam.storage.arrays import Floats
 from fusionslam.storage.growing_array import Rows
-
-__all__ = ["HEADINGS", "Place", "PoseCells", "PoseCellsConfig"]
-
 
 INJECT = {"robust": 0.15, "openratslam": 0.05}
 """Energy of a view by preset: openratslam as in the reference run; with robust, five views in a
 row win over a packet."""
 _OLDER_THAN = 10
-_TABLES = (*VIEW_TABLES, *EXPERIENCE_TABLES)
+Arrays = Mapping[str, NDArray[Any]]
+
+_VIEW_TABLES = {"places": (3,), "decays": (), "since": ()}
+"""The tables with one row per view, and the shape of a row."""
+_EXPERIENCE_TABLES = {"experiences": (3,), "views_of": (), "offsets": (3,)}
+"""The tables with one row per experience, and the shape of a row."""
+_FIXED: dict[str, tuple[int, ...]] = {"relative": (3,), "counts": (4,), "flags": (3,)}
+_DTYPES = {"since": np.int64, "views_of": np.int64, "counts": np.int64, "flags": np.bool_}
+_STATE = ("cells", "network", *_FIXED, *_VIEW_TABLES, *_EXPERIENCE_TABLES)
+_TABLES = (*_VIEW_TABLES, *_EXPERIENCE_TABLES)
 # Distances longer than this, in cells, do not resolve the place within a cell any more.
 _FARTHEST = 1e9
 # The decay at which a view has no energy left: 30 - exp(1.2 decay) is 0.
@@ -193,7 +198,13 @@ class PoseCells:
             raise DataError(f"view {view}: expected 0 to {known}, the next new one")
         self._decide()
         if view == known:
-            self._learn(relative)
+            place = self.best
+            if self._robust:
+                place = wrap(compose(place, inverse(relative)), self.config.size)
+            self._places.append(place)
+            self._decays.append(self.config.active_decay)
+            self._since.append(self._arrived)
+            self._known.append(Rows(int))
         else:
             self._recall(view, relative)
         self._arrived += 1
@@ -216,17 +227,10 @@ class PoseCells:
         x, y = (values[:2] / self.config.cell_m).tolist() if self._robust else (0.0, 0.0)
         return Place(x, y, float(values[2]) / LAYER)
 
-    def _learn(self, relative: Place) -> None:
-        place = self.best
-        if self._robust:
-            place = wrap(compose(place, inverse(relative)), self.config.size)
-        self._places.append(place)
-        self._decays.append(self.config.active_decay)
-        self._since.append(self._arrived)
-        self._known.append(Rows(int))
-
     def _recall(self, view: int, relative: Place) -> None:
-        decay = self._decay(view)
+        # The decay falls with each arriving view down to a minimum.
+        fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
+        decay = max(float(self._decays.all[view]) - fallen, self.config.active_decay)
         if view == self._view:
             decay += self.config.active_decay
             self._set_decay(view, min(decay, _EXHAUSTED) if self._robust else decay)
@@ -241,11 +245,6 @@ class PoseCells:
         else:
             place = Place(place.x, place.y, place.th + relative.th)
         self._network.inject(place, energy)
-
-    def _decay(self, view: int) -> float:
-        """The current decay of a view, which falls with each arriving view down to a minimum."""
-        fallen = self.config.restore * (self._arrived - int(self._since.all[view]))
-        return max(float(self._decays.all[view]) - fallen, self.config.active_decay)
 
     def _set_decay(self, view: int, decay: float) -> None:
         self._decays.all[view], self._since.all[view] = decay, self._arrived
@@ -318,7 +317,11 @@ class PoseCells:
     def _create_edge(self, target: int) -> Action:
         source, self._current = self._current, target
         self._previous, self._in_doubt = self._view, True
-        way = self._way_from(target)
+        # The robot's pose by its match, in cells, in the frame of the target.
+        way = self._relative
+        if self._robust:
+            offset = Place(*self._offsets.all[target].tolist())
+            way = compose(inverse(offset), way)
         cell = self.config.cell_m
         rotation = math.remainder(way.th * LAYER, 2 * math.pi) if self._robust else way.th * LAYER
         place = (way.x * cell, way.y * cell)
@@ -348,39 +351,24 @@ class PoseCells:
             self._set_decay(self._view, _EXHAUSTED)
         return self._create_node(action.source)
 
-    def _way_from(self, experience: int) -> Place:
-        """The robot's pose by its match, in cells, in the frame of an experience of the view."""
-        if not self._robust:
-            return self._relative
-        offset = Place(*self._offsets.all[experience].tolist())
-        return compose(inverse(offset), self._relative)
-
     def _distances(self, experiences: Any) -> Floats:
         """Distances in cells from the pose to the ones expected if these experiences match."""
         places = self._experiences.all[experiences]
         if self._robust:
+            # Where the match of these experiences' view has the robot.
+            offsets = self._offsets.all[experiences]
+            heading = (places[:, 2] - offsets[:, 2]) * LAYER
+            dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
+            x = places[:, 0] + np.cos(heading) * dx - np.sin(heading) * dy
+            y = places[:, 1] + np.sin(heading) * dx + np.cos(heading) * dy
+            th = places[:, 2] - offsets[:, 2] + self._relative.th
             same = self._views_of.all[experiences] == self._view
-            places = np.where(same[:, None], self._predict(experiences), places)
+            places = np.where(same[:, None], np.stack((x, y, th), axis=1), places)
         else:
             places = places + np.array((0, 0, self._relative.th))
         apart = differences(self.best, places, self.config.size)
         distances: Floats = np.sqrt((apart**2).sum(axis=-1))
         return distances
-
-    def _predict(self, experiences: Any) -> Floats:
-        """The robot's poses by the match of these experiences' view, float64 (k, 3)."""
-        places, offsets = self._experiences.all[experiences], self._offsets.all[experiences]
-        heading = (places[:, 2] - offsets[:, 2]) * LAYER
-        dx, dy = (np.array(self._relative[:2]) - offsets[:, :2]).T
-        expected: Floats = np.stack(
-            (
-                places[:, 0] + np.cos(heading) * dx - np.sin(heading) * dy,
-                places[:, 1] + np.sin(heading) * dx + np.cos(heading) * dy,
-                places[:, 2] - offsets[:, 2] + self._relative.th,
-            ),
-            axis=1,
-        )
-        return expected
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything but the configuration that ``restore`` needs to resume exactly from here."""
@@ -403,7 +391,7 @@ class PoseCells:
                 Nothing is changed.
             ShapeError: another number of cells. Nothing is changed.
         """
-        state, new = check_state(state), PoseCells(self.config)
+        state, new = _check_state(state), PoseCells(self.config)
         new._network.restore(state["cells"], state["network"])
         new._relative = Place(*state["relative"].tolist())
         new._arrived, new._view, new._previous, new._current = state["counts"].tolist()
@@ -414,3 +402,55 @@ class PoseCells:
         for experience, view in enumerate(new._views_of.all.tolist()):
             new._known[view].append(experience)
         vars(self).update(vars(new))
+
+
+def _check_state(state: Arrays) -> dict[str, NDArray[Any]]:
+    """Check arrays of a stored state, and return them with the right types.
+
+    Raises:
+        DataError: an array is missing, or has a wrong shape or impossible values.
+    """
+    missing = [name for name in _STATE if name not in state]
+    if missing:
+        raise DataError(f"pose cells: no array {missing[0]!r} in the state")
+    arrays = {name: _check_type(name, np.asarray(state[name])) for name in _STATE}
+    for name, shape in _FIXED.items():
+        _check_shape(name, arrays[name], shape)
+    views = _check_table(arrays, _VIEW_TABLES)
+    experiences = _check_table(arrays, _EXPERIENCE_TABLES)
+    arrived, view, previous, current = arrays["counts"]
+    _check_range("counts", arrived, np.iinfo(np.int64).max)
+    _check_range("counts", np.array((view, previous)), max(views, 1))
+    _check_range("counts", current, max(experiences, 1))
+    _check_range("views_of", arrays["views_of"], views)
+    _check_range("since", arrays["since"], int(arrived) + 1)
+    return arrays
+
+
+def _check_type(name: str, array: NDArray[Any]) -> NDArray[Any]:
+    dtype = np.dtype(_DTYPES.get(name, np.float64))
+    if not np.can_cast(array.dtype, dtype, "safe"):
+        raise DataError(f"pose cells: {name} is {array.dtype}, expected {dtype}")
+    if name != "network" and array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise DataError(f"pose cells: {name} holds values that are not finite")
+    return array.astype(dtype)
+
+
+def _check_shape(name: str, array: NDArray[Any], shape: tuple[int, ...], why: str = "") -> None:
+    if array.shape != shape:
+        raise DataError(f"pose cells: {name} has the shape {array.shape}, expected {shape}{why}")
+
+
+def _check_table(arrays: Arrays, tables: Mapping[str, tuple[int, ...]]) -> int:
+    """The number of rows that all of these tables share."""
+    first = next(iter(tables))
+    count = len(arrays[first]) if arrays[first].ndim else 0
+    for name, row in tables.items():
+        _check_shape(name, arrays[name], (count, *row), f", with a row for each of {first}")
+    return count
+
+
+def _check_range(name: str, values: NDArray[Any], end: int) -> None:
+    wrong = values[(values < 0) | (values >= end)]
+    if wrong.size:
+        raise DataError(f"pose cells: {name} holds {wrong.flat[0]}, expected 0 to {end - 1}")

@@ -26,8 +26,8 @@ from fusionslam.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.geometry.odometry_calibration import OdometryCalibration
-from fusionslam.ratslam.actions import Action
+from fusionslam.geometry.odometry_calibration import LoopCheck, OdometryCalibration
+from fusionslam.ratslam.attractor import Place
 from fusionslam.ratslam.events import (
     Event,
     Look,
@@ -37,9 +37,9 @@ from fusionslam.ratslam.events import (
     stamp_of,
 )
 from fusionslam.ratslam.experience_map import (
+    Action,
     ExperienceMap,
     ExperienceMapConfig,
-    LoopCheck,
     Relaxation,
 )
 from fusionslam.ratslam.odometry import (
@@ -52,16 +52,16 @@ from fusionslam.ratslam.odometry import (
     odometry_of,
     step_between,
 )
-from fusionslam.ratslam.pose_cells import Place, PoseCells, PoseCellsConfig
+from fusionslam.ratslam.pose_cells import PoseCells, PoseCellsConfig
 from fusionslam.ratslam.view_sources import KINDS, MatcherSource, ViewSource
-from fusionslam.storage.archive import check_types, load_archive, save_archive
+from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
 from fusionslam.storage.files import PathLike
 from fusionslam.storage.timer import Stopwatch
 from fusionslam.views.match import NO_VIEW
 
 FORMAT = "fusionslam.ratslam.1"
 _PARTS = ("cells", "map", "alone")
-_RUN, _VIEWS, _CALIBRATION = "run", "views", "calibration"
+_RUN, _VIEWS = "run", "views"
 
 NOTHING = Action(ActionKind.NONE)
 
@@ -278,18 +278,14 @@ class RatSlam:
         Raises:
             DataError: the file cannot be written.
         """
-        arrays: dict[str, NDArray[Any]] = {}
         with self._lock:
             about = {
                 "config": self.config.model_dump(mode="json"),
                 "views": None if self.views is None else self.views.kind,
                 "memory": asdict(self.memory),
             }
-            for part in _PARTS:
-                state = getattr(self, part).state()
-                arrays |= {f"{part}.{key}": np.asarray(value) for key, value in state.items()}
-            learned = self.calibration.state()
-            arrays |= {f"{_CALIBRATION}.{key}": value for key, value in learned.items()}
+            states = {part: getattr(self, part).state() for part in (*_PARTS, "calibration")}
+            arrays: dict[str, NDArray[Any]] = join_parts(states)
             if self.views is not None:
                 arrays[_VIEWS] = np.frombuffer(self.views.to_bytes(), np.uint8)
         if run is not None:
@@ -314,11 +310,11 @@ class RatSlam:
             views = _empty_source(about["views"], views)
             slam = cls(merged(RatSlamConfig(), about["config"]), views=views)
             for part in _PARTS:
-                getattr(slam, part).restore(_state_of(part, arrays))
+                getattr(slam, part).restore(part_of(arrays, part))
             if slam.views is not None:
                 slam.views.restore(arrays[_VIEWS].tobytes())
             memory = slam.memory = Memory.of(about["memory"])
-            learned = _state_of(_CALIBRATION, arrays)
+            learned = part_of(arrays, "calibration")
             slam.calibration.restore(learned, slam.cells.known_views)
             counts = len(slam.map), len(memory.node_stamps_ns), len(memory.node_views)
             if len(set(counts)) > 1:
@@ -421,17 +417,14 @@ class RatSlam:
         if action.kind != ActionKind.CREATE_EDGE or self.preset == "openratslam":
             return _ActionResult(action)
         loop = self.map.check(action)
-        fits = loop.error_m <= loop.allowed_m and loop.error_rad <= loop.allowed_rad
+        fits = loop.fits
         if loop.accepted and not fits:  # accepted because other loops agree
             loop = self._check_ambiguity(action, loop)
         if loop.accepted:
-            return _ActionResult(action, loop, found=not fits and self._crosses(action))
+            # Of a robot that was carried loops lead to nodes before the interruption of odometry.
+            lost = [] if fits else self.map.state()["interruptions"][-1:].tolist()
+            return _ActionResult(action, loop, found=any(action.target < node for node in lost))
         return _ActionResult(self.cells.refuse(action), loop, refused=action)
-
-    def _crosses(self, action: Action) -> bool:
-        """Whether a loop leads to a node before an interruption of odometry."""
-        interruptions = self.map.state()["interruptions"]
-        return bool(interruptions.size and action.target < interruptions[-1])
 
     def _check_ambiguity(self, action: Action, loop: LoopCheck) -> LoopCheck:
         """Refuse a loop against odometry if its view is seen all over the map.
@@ -501,11 +494,6 @@ def load_run(path: PathLike) -> RatSlamRun | None:
     """
     with load_archive(path, FORMAT, "a stored RatSLAM") as (_, arrays):
         return RatSlamRun.load(io.BytesIO(arrays[_RUN].tobytes())) if _RUN in arrays else None
-
-
-def _state_of(part: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    start = f"{part}."
-    return {k.removeprefix(start): v for k, v in arrays.items() if k.startswith(start)}
 
 
 def _empty_source(kind: str | None, given: ViewSource | None) -> ViewSource | None:

@@ -30,6 +30,7 @@ from fusionslam.ratslam.image_profiles import (
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import NANOSECONDS
 from fusionslam.storage.arrays import Floats
+from fusionslam.views.visual_templates import check_image, size_text
 
 logger = logging.getLogger(__name__)
 
@@ -179,7 +180,14 @@ class VisualOdometry:
         if before is None:
             self._before = now
             return None
-        _check_order(before, now)
+        if before.sight.shape != sight.shape:
+            sizes = size_text(sight.shape), size_text(before.sight.shape)
+            raise ShapeError(f"image: {sizes[0]}, expected {sizes[1]} as before")
+        if now.stamp_ns <= before.stamp_ns:
+            raise DataError(
+                f"image at {now.stamp_ns} ns: expected a stamp after {before.stamp_ns} ns, that "
+                "of the image before"
+            )
         self._before = now
         dt = (now.stamp_ns - before.stamp_ns) / NANOSECONDS
         if self.config.preset == "openratslam":
@@ -191,12 +199,7 @@ class VisualOdometry:
 
     def sight(self, image: NDArray[np.uint8]) -> Sight:
         """Reduce an image to the parts used; changes no state. Raises ShapeError as ``process``."""
-        pixels = np.asarray(image)
-        colours = pixels.ndim == 3 and pixels.shape[2] == 3
-        if pixels.dtype != np.uint8 or not (pixels.ndim == 2 or colours):
-            raise ShapeError(
-                f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
-            )
+        pixels = check_image(image)
         shape = self._whole_shape(pixels.shape[0], pixels.shape[1])
         ranges = (
             row_range(rows, shape[0]) for rows in (self.config.turn_rows, self.config.speed_rows)
@@ -212,21 +215,15 @@ class VisualOdometry:
 
     def _whole_shape(self, height: int, width: int) -> tuple[int, int]:
         """Rows and columns of the whole image, whose unused lower rows may be missing."""
-        found = f"image: {_size((height, width))}, expected"
+        found = f"image: {size_text((height, width))}, expected"
         if width < _LEAST_COLUMNS or not height:
             raise ShapeError(f"{found} {_LEAST_COLUMNS} columns or more")
         if self._camera_size is None:
             return height, width
         whole = self._camera_size[::-1]
         if width != whole[1] or not self.rows_used(whole[0]) <= height <= whole[0]:
-            raise ShapeError(f"{found} {_size(whole)} of the calibration")
+            raise ShapeError(f"{found} {size_text(whole)} of the calibration")
         return whole
-
-    def _lens(self, width: int) -> Lens:
-        config = self.config
-        focal = config.focal_px or width / 2 / np.tan(config.field_of_view / 2)
-        centre = (width - 1) / 2 if config.centre_px is None else config.centre_px
-        return Lens(width, float(focal), float(centre))
 
     def _compare_openratslam(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
         config, width = self.config, now.shape[1]
@@ -241,7 +238,10 @@ class VisualOdometry:
         )
 
     def _compare_robust(self, before: Sight, now: Sight, dt: float) -> VisualSpeed:
-        config, lens = self.config, self._lens(now.shape[1])
+        config, width = self.config, now.shape[1]
+        focal = config.focal_px or width / 2 / np.tan(config.field_of_view / 2)
+        centre = (width - 1) / 2 if config.centre_px is None else config.centre_px
+        lens = Lens(width, float(focal), float(centre))
         turned, turns = (standardise(lens.by_angle(sight.turn)) for sight in (before, now))
         sped, speeds = (standardise(lens.by_angle(sight.speed)) for sight in (before, now))
         if not all(values.any() for values in (turned, turns, sped, speeds)):
@@ -281,7 +281,18 @@ class VisualOdometry:
         Raises:
             DataError: an array is missing, of another shape, or not finite; nothing changes.
         """
-        self._before = _read_state(state) if state else None
+        if not state:
+            self._before = None
+            return
+        try:
+            stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
+            profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError(f"visual odometry: no saved state: {error!r}") from error
+        for name, values in zip(("turn", "speed"), profiles, strict=True):
+            if values.shape != (width,) or not np.isfinite(values).all():
+                raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
+        self._before = _LastImage(stamp, Sight((int(height), int(width)), *profiles))
 
 
 def fit_speed(
@@ -321,17 +332,6 @@ def fit_speed(
     return merged(config, {name: scale})
 
 
-def _check_order(before: _LastImage, now: _LastImage) -> None:
-    if before.sight.shape != now.sight.shape:
-        sizes = _size(now.sight.shape), _size(before.sight.shape)
-        raise ShapeError(f"image: {sizes[0]}, expected {sizes[1]} as before")
-    if now.stamp_ns <= before.stamp_ns:
-        raise DataError(
-            f"image at {now.stamp_ns} ns: expected a stamp after {before.stamp_ns} ns, that of "
-            "the image before"
-        )
-
-
 def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometryConfig:
     focal, centre = float(camera.projection[0, 0]), float(camera.projection[0, 2])
     if not (focal > 0 and centre >= 0):
@@ -344,20 +344,3 @@ def _with_camera(config: VisualOdometryConfig, camera: Camera) -> VisualOdometry
     if camera.size is not None:
         changes["field_of_view"] = 2 * float(np.arctan(camera.size[0] / 2 / focal))
     return merged(config, changes)
-
-
-def _read_state(state: Mapping[str, NDArray[Any]]) -> _LastImage:
-    try:
-        stamp, (height, width) = int(state["stamp_ns"]), state["shape"].tolist()
-        profiles = [np.array(state[name], np.float64) for name in ("turn", "speed")]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"visual odometry: no saved state: {error!r}") from error
-    for name, values in zip(("turn", "speed"), profiles, strict=True):
-        if values.shape != (width,) or not np.isfinite(values).all():
-            raise DataError(f"visual odometry: {name} {values.shape}, expected {width} numbers")
-    return _LastImage(stamp, Sight((int(height), int(width)), *profiles))
-
-
-def _size(shape: tuple[int, int]) -> str:
-    """Width x height as text."""
-    return f"{shape[1]}x{shape[0]}"

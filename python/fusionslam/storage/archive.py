@@ -119,6 +119,19 @@ def load_arrays(source: PathLike | BinaryIO, expected: str) -> Iterator[dict[str
         yield arrays
 
 
+def join_parts(parts: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Name the arrays of several parts "part.name", so that one archive holds them all."""
+    return {
+        f"{part}.{name}": rows for part, arrays in parts.items() for name, rows in arrays.items()
+    }
+
+
+def part_of(arrays: Mapping[str, T], part: str) -> dict[str, T]:
+    """Return the arrays of one of the parts that ``join_parts`` joined, by their own names."""
+    start = f"{part}."
+    return {name.removeprefix(start): a for name, a in arrays.items() if name.startswith(start)}
+
+
 def format_of(path: PathLike) -> str | None:
     """Format named in an archive; None if the file is not a readable archive."""
     try:

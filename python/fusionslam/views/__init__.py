@@ -12,7 +12,7 @@ match = matcher.process(scene)             # or a Cloud, or a Frame
 print(match.id, match.is_new, match.reason)
 """
 
-from fusionslam.views.alignment_comparison import (
+from fusionslam._core import (
     Alignment,
     AlignmentConfig,
     AlignmentIndex,

@@ -10,25 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fusionslam._core import (
-    Alignment,
-    AlignmentConfig,
-    AlignmentIndex,
-    RangeImage,
-    align_scenes,
-)
+from fusionslam._core import AlignmentConfig, AlignmentIndex
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.views.comparison import Candidate, Item, SceneComparison, View
 from fusionslam.views.scenes import Scene, SceneConfig
-
-__all__ = [
-    "Alignment",
-    "AlignmentComparison",
-    "AlignmentConfig",
-    "AlignmentIndex",
-    "RangeImage",
-    "align_scenes",
-]
 
 FEWEST_CELLS = 10
 """Fewest cells of a range image that can be aligned."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The interface of view comparisons, and the base of those that compare scenes."""
+"""The interface of view comparisons, the base of those that compare scenes, and that by objects."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -16,6 +16,8 @@ from fusionslam.views.scene_set import pack_bytes, scene_values, unpack_bytes
 from fusionslam.views.scenes import (
     Scene,
     SceneConfig,
+    SceneIndex,
+    SimilarityConfig,
     scene_from_arrays,
     scene_of_cloud,
     scene_to_arrays,
@@ -208,3 +210,40 @@ class SceneComparison(ABC):
     def explain(self, similarity: float, threshold: float) -> str:
         sign = ">=" if similarity >= threshold else "<"
         return f"{self.measure} {similarity:.4g} {sign} {threshold:.4g}"
+
+
+class ObjectComparison(SceneComparison):
+    """Compares scenes by their objects (Stastny 2022, 4.6).
+
+    Args:
+        similarity: how scenes are compared.
+        scene, default_threshold, threads: as in ``SceneComparison``.
+    """
+
+    kind = "objects"
+    measure = "similarity"
+
+    def __init__(
+        self,
+        scene: SceneConfig,
+        similarity: SimilarityConfig,
+        default_threshold: float,
+        *,
+        threads: int = 1,
+    ) -> None:
+        self._similarity = similarity
+        super().__init__(scene, default_threshold, threads)
+
+    def _empty_index(self) -> SceneIndex:
+        return SceneIndex(self._similarity)
+
+    def _encode(self, scene: Scene) -> bytes:
+        return scene.to_bytes(image=False)
+
+    def compare(self, view: View, most: int) -> list[Candidate]:
+        found = self._index.similarities(view.content, threads=self._threads)
+        if most == 1 and len(found):
+            best = int(found.argmax())
+            return [Candidate(best, float(found[best]))]
+        order = np.argsort(-found, kind="stable")[:most]
+        return [Candidate(int(slot), float(found[slot])) for slot in order]

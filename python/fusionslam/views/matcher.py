@@ -6,6 +6,7 @@ import io
 import random
 import threading
 from dataclasses import asdict, astuple, replace
+from functools import partial
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -18,14 +19,14 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
 from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.archive import check_types, load_archive, save_archive
+from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
 from fusionslam.storage.arrays import Matrix
 from fusionslam.storage.files import PathLike
 from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.match import NO_VIEW, Revision, Slot, ViewMatch, ViewStats
 from fusionslam.views.place_filter import Belief, Location, PlaceFilter
-from fusionslam.views.place_odds import agree
+from fusionslam.views.place_hypotheses import agree
 from fusionslam.views.recognisers import (
     ViewMatcherConfig,
     build_comparison,
@@ -33,7 +34,6 @@ from fusionslam.views.recognisers import (
 )
 
 FORMAT = "fusionslam.view_matcher.1"
-_STATE, _FILTER = "state.", "filter."
 
 _ABSENCE = 0.1
 """Scans without a view, as a share of the stored views, from which it was absent: a robot that
@@ -86,7 +86,9 @@ class ViewMatcher:
     def __reduce__(self) -> Any:
         stream = io.BytesIO()
         self.save(stream)
-        return _load, (type(self), stream.getvalue(), self.comparison if self._is_custom else None)
+        stream.seek(0)
+        given = self.comparison if self._is_custom else None
+        return partial(type(self).load, comparison=given), (stream,)
 
     def __repr__(self) -> str:
         stored, seen = counted(len(self), "stored view"), counted(self._stats.processed, "scan")
@@ -171,7 +173,10 @@ class ViewMatcher:
 
     def _match(self, view: View) -> ViewMatch:
         if view.objects < self.config.min_objects:
-            return self._skip(view)
+            self._stats.nothing += 1
+            least = self.config.min_objects
+            reason = f"nothing to recognise: {view.objects} objects, min_objects is {least}"
+            return ViewMatch(NO_VIEW, 0.0, False, reason, False)
         if self._filter is not None:
             return self._match_place(view, self._filter)
         best = next(iter(self.comparison.compare(view, 1)), None) if self._slots else None
@@ -270,15 +275,15 @@ class ViewMatcher:
         self._stats.revised += len(revised)
         return replace(match, revised=tuple(revised))
 
-    def _skip(self, view: View) -> ViewMatch:
-        self._stats.nothing += 1
-        reason = f"nothing to recognise: {view.objects} objects, min_objects is "
-        return ViewMatch(NO_VIEW, 0.0, False, f"{reason}{self.config.min_objects}", False)
-
     def _match_view(self, view: View, best: Candidate) -> ViewMatch:
         slot = self._slots[best.slot]
         slot.use(self._stats.processed)
-        stored = self._is_another_view_of(slot.id, best)
+        # Another view of the place, if it is wanted.
+        stored = (
+            self.config.policy != "first"
+            and best.similarity < self.config.store_below
+            and sum(other.id == slot.id for other in self._slots) < self.config.per_place
+        )
         if stored:
             self._store(view, slot.id)
         self._stats.matched += 1
@@ -292,11 +297,6 @@ class ViewMatcher:
             matched=slot.number,
             relative_pose=best.relative_pose,
         )
-
-    def _is_another_view_of(self, id: int, best: Candidate) -> bool:
-        if self.config.policy == "first" or best.similarity >= self.config.store_below:
-            return False
-        return sum(slot.id == id for slot in self._slots) < self.config.per_place
 
     def _start_place(self, view: View, best: Candidate | None) -> ViewMatch:
         id = self._stats.new
@@ -312,22 +312,18 @@ class ViewMatcher:
 
     def _store(self, view: View, id: int) -> None:
         if 0 < self.config.max_views <= len(self._slots):
-            self._drop_view()
+            least = self._least_needed()
+            self._stats.bytes -= self.comparison.size_of(least)
+            self._stats.dropped += 1
+            self.comparison.remove(least)
+            del self._slots[least]
+            if self._filter is not None:
+                self._filter.remove(least)
         self._stats.bytes += self.comparison.add(view)
         number = self._stats.processed
         self._slots.append(Slot(id, number, number))
         if self._filter is not None:
             self._filter.store()
-
-    def _drop_view(self) -> None:
-        """Make room: drop the view that is least likely to be needed again."""
-        least = self._least_needed()
-        self._stats.bytes -= self.comparison.size_of(least)
-        self._stats.dropped += 1
-        self.comparison.remove(least)
-        del self._slots[least]
-        if self._filter is not None:
-            self._filter.remove(least)
 
     def _least_needed(self) -> int:
         """The slot of the view to drop.
@@ -364,9 +360,10 @@ class ViewMatcher:
                 "stats": asdict(self.stats),
             }
             slots = np.array([astuple(slot) for slot in self._slots], np.int64).reshape(-1, 4)
-            state = {_STATE + name: array for name, array in self.comparison.state().items()}
+            parts = {"state": self.comparison.state()}
             if self._filter is not None:
-                state |= {_FILTER + name: rows for name, rows in self._filter.state().items()}
+                parts["filter"] = self._filter.state()
+            state = join_parts(parts)
         save_archive(target, FORMAT, about, {"slots": slots, **state})
 
     @classmethod
@@ -402,9 +399,8 @@ class ViewMatcher:
                 code="other-kind",
                 fields=[kind, self.comparison.kind],
             )
-        slots = arrays.pop("slots")
-        filtered = {k.removeprefix(_FILTER): arrays.pop(k) for k in [*arrays] if k[:7] == _FILTER}
-        self.comparison.restore({name.removeprefix(_STATE): rows for name, rows in arrays.items()})
+        slots, filtered = arrays["slots"], part_of(arrays, "filter")
+        self.comparison.restore(part_of(arrays, "state"))
         is_table = slots.dtype == np.int64 and slots.ndim == 2 and slots.shape[1] == 4
         if not is_table or len(slots) != len(self.comparison):
             raise DataError(f"{len(self.comparison)} views, but slots {slots.dtype} {slots.shape}")
@@ -414,7 +410,3 @@ class ViewMatcher:
             self._filter = PlaceFilter(self.config.places)
             self._filter.restore(filtered, len(self._slots))
         self._stats = check_types(ViewStats(**about["stats"]))
-
-
-def _load(kind: type[ViewMatcher], content: bytes, comparison: Comparison | None) -> ViewMatcher:
-    return kind.load(io.BytesIO(content), comparison=comparison)

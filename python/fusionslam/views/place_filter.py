@@ -19,14 +19,21 @@ from numpy.typing import NDArray
 from fusionslam._core import ActionKind, ExperienceMap, ExperienceMapConfig
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.geometry.odometry_calibration import OdometryCalibration
+from fusionslam.geometry.odometry_calibration import LoopCheck, OdometryCalibration
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se2 import compose, places_of, relative_to, wrap, wrapped
+from fusionslam.storage.archive import join_parts, part_of
 from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.comparison import Candidate
 from fusionslam.views.match import NO_VIEW
-from fusionslam.views.place_hypotheses import NO_NODE, Evidence, PlaceHypotheses
-from fusionslam.views.place_odds import agree, count_look_alikes, density
+from fusionslam.views.place_hypotheses import (
+    NO_NODE,
+    Evidence,
+    PlaceHypotheses,
+    agree,
+    count_look_alikes,
+    density,
+)
 
 Place = tuple[float, float, float]
 """x, y in metres and heading in radians."""
@@ -136,17 +143,6 @@ class Answer(NamedTuple):
     id: int
     node: int
     offset: Place
-
-
-class _Check(NamedTuple):
-    """How a candidate fits odometry: as ``LoopCheck`` of RatSLAM."""
-
-    accepted: bool
-    error_m: float
-    error_rad: float
-    allowed_m: float
-    allowed_rad: float
-    reason: str
 
 
 class PlaceFilter:
@@ -264,7 +260,7 @@ class PlaceFilter:
         if likely:
             best = int(odds.argmax())
             same = agree(poses, poses[best])
-            known = float(odds[same].sum()) / total if self._fits(checks[best]) else 0.0
+            known = float(odds[same].sum()) / total if checks[best].fits else 0.0
             shares = [(slot, float(share)) for slot, share in zip(slots, odds / total, strict=True)]
             shares.sort(key=lambda share: (-share[1], share[0]))
             others = np.count_nonzero(~agree(leaders, poses[best]))
@@ -322,13 +318,9 @@ class PlaceFilter:
             self._losses = [first]
         self._hypotheses.clear()
 
-    def _is_before_loss(self, slot: int) -> bool:
-        return bool(self._losses) and self._nodes[slot] < self._losses[-1]
-
-    def _fits(self, check: _Check) -> bool:
-        return check.error_m <= check.allowed_m and check.error_rad <= check.allowed_rad
-
-    def _weigh_one(self, candidate: Candidate, check: _Check, alike: float, area: float) -> float:
+    def _weigh_one(
+        self, candidate: Candidate, check: LoopCheck, alike: float, area: float
+    ) -> float:
         """The odds of a candidate against a new place.
 
         Bayes: those of the scans times the density of the pose if it is right, by that if it is
@@ -338,9 +330,9 @@ class PlaceFilter:
         config = self.config
         probability = min(candidate.similarity, 1 - _CERTAIN)
         by_scans = probability / (1 - probability + alike)
-        if self._is_before_loss(candidate.slot):
+        if self._losses and self._nodes[candidate.slot] < self._losses[-1]:
             return by_scans  # odometry says nothing of it
-        if not self._fits(check):
+        if not check.fits:
             return 0.0
         sd_m, sd_rad = check.allowed_m / config.sigmas, check.allowed_rad / config.sigmas
         right = density(check.error_m, check.error_rad, sd_m, sd_rad)
@@ -353,10 +345,10 @@ class PlaceFilter:
         share, anywhere = config.slide_share, 1 / (area * math.tau)
         return by_scans * right / (share * sliding + (1 - share) * anywhere)
 
-    def _check(self, slot: int, pose: Place | None) -> _Check:
+    def _check(self, slot: int, pose: Place | None) -> LoopCheck:
         assert pose is not None
         action = (ActionKind.CREATE_EDGE, self._map.current, self._nodes[slot], pose[2], pose[:2])
-        return _Check(*self._map.check(*action))
+        return LoopCheck(*self._map.check(*action))
 
     def locate(self, slots: Sequence[int], least: float) -> Location | None:
         """The oldest place that the robot is at, going by where odometry has it.
@@ -479,20 +471,9 @@ class PlaceFilter:
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything but the configuration, as arrays for ``restore``."""
         last = () if self._last is None else self._last
-        own = {
-            "nodes_of_slots": np.array(self._nodes, np.int64),
-            "last": np.array(last, float),
-            "losses": np.array(self._losses, np.int64),
-            "was_moved": np.array(self._was_moved),
-        }
-        for part, state in self._parts().items():
-            own |= {f"{part}.{name}": values for name, values in state.items()}
-        return own
-
-    def _parts(self) -> dict[str, dict[str, NDArray[Any]]]:
         answers = [(scan, id, node) for scan, id, node, _ in self._answers]
         offsets = [offset for *_, offset in self._answers]
-        return {
+        parts = {
             "map": self._map.state(),
             "calibration": self._calibration.state(),
             "hypotheses": self._hypotheses.state(),
@@ -500,6 +481,13 @@ class PlaceFilter:
                 "numbers": np.array(answers, np.int64).reshape(-1, 3),
                 "offsets": np.array(offsets, float).reshape(-1, 3),
             },
+        }
+        return {
+            "nodes_of_slots": np.array(self._nodes, np.int64),
+            "last": np.array(last, float),
+            "losses": np.array(self._losses, np.int64),
+            "was_moved": np.array(self._was_moved),
+            **join_parts(parts),
         }
 
     def restore(self, state: Mapping[str, NDArray[Any]], slots: int) -> None:
@@ -512,14 +500,10 @@ class PlaceFilter:
         Raises:
             DataError: the arrays are invalid.
         """
-        parts: dict[str, dict[str, NDArray[Any]]] = {}
-        for name, values in state.items():
-            part, _, rest = name.partition(".")
-            parts.setdefault(part, {})[rest] = values
-        self._map.restore(parts["map"])
-        self._calibration.restore(parts["calibration"], slots)
-        self._hypotheses.restore(parts["hypotheses"])
-        self._restore_answers(parts["answers"])
+        self._map.restore(part_of(state, "map"))
+        self._calibration.restore(part_of(state, "calibration"), slots)
+        self._hypotheses.restore(part_of(state, "hypotheses"))
+        self._restore_answers(part_of(state, "answers"))
         nodes, last, losses = (state[name] for name in ("nodes_of_slots", "last", "losses"))
         valid = nodes.dtype == np.int64 and nodes.shape == (slots,)
         if not valid or not ((nodes >= 0) & (nodes < len(self._map))).all():

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``PlaceHypotheses``: other places where the robot may be than where the filter has it.
+"""Where the robot may be, by what candidates say; ``PlaceHypotheses`` follows other places.
 
 A hypothesis begins where a scan resembles a stored view elsewhere, and moves with odometry. Driving
 tells: the right one is confirmed again and again, a wrong one only as often as places on this map
@@ -15,9 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
-from fusionslam.geometry.se2 import compose, find_near
+from fusionslam.geometry.se2 import Pose, compose, find_near
 from fusionslam.storage.arrays import Floats
 
+_AGREE_M, _AGREE_RAD = 0.5, 0.3
+"""Candidates whose poses of the robot are this near each other say the same."""
+_ALIKE = 0.5
+"""Probability from which on a place counts as a look-alike."""
 NEWS_M = 0.5
 """Metres and radians of driving after which a scan tells something new."""
 _HIT = 0.85
@@ -39,6 +43,38 @@ _FEWEST = 3
 """Confirmations that a hypothesis needs."""
 _MOST = 100
 NO_NODE = 2**62
+
+
+def agree(poses: Floats, pose: Pose) -> NDArray[np.bool_]:
+    """Which poses of the robot are one of them, for all that alignments can tell."""
+    return find_near(poses, pose, _AGREE_M, _AGREE_RAD)
+
+
+def count_look_alikes(poses: Floats, probabilities: Floats) -> tuple[Floats, Floats]:
+    """How much elsewhere looks like the scan.
+
+    Views of one place, which put the robot at the same pose, count once.
+
+    Returns:
+        For each candidate, float64 (n,), the sum of the probabilities of others; and the poses of
+        those that are likely, float64 (k, 3).
+    """
+    left, leaders = np.ones(len(poses), bool), []
+    for index in np.argsort(-probabilities, kind="stable"):
+        if left[index]:
+            leaders.append(index)
+            left &= ~agree(poses, poses[index])
+    alike = np.full(len(poses), probabilities[leaders].sum())
+    for leader in leaders:
+        alike[agree(poses, poses[leader])] -= probabilities[leader]
+    likely = [leader for leader in leaders if probabilities[leader] >= _ALIKE]
+    return alike.clip(0), poses[likely]
+
+
+def density(error_m: float, error_rad: float, sd_m: float, sd_rad: float) -> float:
+    """Of a normal distribution over positions and headings, per square metre and radian."""
+    square = (error_m / sd_m) ** 2 + (error_rad / sd_rad) ** 2
+    return math.exp(-square / 2) / (math.tau * math.sqrt(math.tau) * sd_m**2 * sd_rad)
 
 
 class Evidence(NamedTuple):
@@ -111,19 +147,22 @@ class PlaceHypotheses:
         if self._since >= NEWS_M:
             self._since = 0.0
             self._weigh_all(claims[likely], views, evidence)
-        self._begin(claims[likely], node, np.log(np.broadcast_to(odds, likely.shape)[likely]))
+        logs = np.log(np.broadcast_to(odds, likely.shape)[likely])
+        for pose, log in zip(claims[likely], logs, strict=True):
+            if not find_near(self._poses, pose, _SAME_M, _SAME_RAD).any():
+                self._poses = np.vstack([self._poses, pose])
+                self._logs = np.append(self._logs, log)
+                self._counts = np.vstack([self._counts, [node, 1]])
         kept = np.argsort(-self._logs, kind="stable")[:_MOST]
         kept = kept[self._logs[kept] > _LEAST_LOG]
-        self._keep([n for k, n in enumerate(kept.tolist()) if not self._is_met(n, kept[:k])])
-
-    def _is_met(self, number: int, others: NDArray[np.int64]) -> bool:
-        """Whether a hypothesis is where one of others is: they were confirmed by one view."""
-        found = find_near(self._poses[others], self._poses[number], _MET, _MET)
-        return bool(found.any())
-
-    def _keep(self, kept: list[int]) -> None:
-        self._poses, self._logs = self._poses[kept], self._logs[kept]
-        self._counts = self._counts[kept]
+        # Of those that are where a more probable one is, one view confirmed both.
+        poses = self._poses
+        alone = [
+            number
+            for place, number in enumerate(kept.tolist())
+            if not find_near(poses[kept[:place]], poses[number], _MET, _MET).any()
+        ]
+        self._poses, self._logs, self._counts = poses[alone], self._logs[alone], self._counts[alone]
 
     def find(self, least: float) -> int | None:
         """The hypothesis that has at least this probability, and was confirmed often enough."""
@@ -170,13 +209,6 @@ class PlaceHypotheses:
         self._logs += np.where(hit, up * is_news, np.where(expected, down, 0.0))
         self._logs += np.where(confirmed, -up, np.where(missed, -down, 0.0))
         self._counts[:, 1] += hit
-
-    def _begin(self, claims: Floats, node: int, logs: Floats) -> None:
-        for pose, log in zip(claims, logs, strict=True):
-            if not find_near(self._poses, pose, _SAME_M, _SAME_RAD).any():
-                self._poses = np.vstack([self._poses, pose])
-                self._logs = np.append(self._logs, log)
-                self._counts = np.vstack([self._counts, [node, 1]])
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything as arrays for ``restore``."""

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import field_validator, model_validator
 
+from fusionslam._core import AlignmentConfig
 from fusionslam.config import Section, core_section, explain_choice, merged, option
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig
 from fusionslam.errors import ConfigError
-from fusionslam.views.alignment_comparison import AlignmentComparison, AlignmentConfig
-from fusionslam.views.comparison import Comparison
+from fusionslam.views.alignment_comparison import AlignmentComparison
+from fusionslam.views.comparison import Comparison, ObjectComparison
 from fusionslam.views.descriptor_comparison import DescriptorComparison
-from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.place_filter import PlaceFilterConfig
 from fusionslam.views.scenes import SceneConfig, SimilarityConfig
 from fusionslam.views.two_stage_comparison import TwoStageComparison

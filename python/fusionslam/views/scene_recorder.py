@@ -84,7 +84,12 @@ class SceneRecorder:
                 shape, or no cloud although clouds are kept. Nothing is kept or counted on an error.
         """
         stamp = next_stamp(stamp_ns, self._last_ns)
-        held = _copy_cloud(item) if self._config is None else _round_scene(item)
+        if self._config is None:
+            held: Cloud | Scene = _copy_cloud(item)
+        elif isinstance(item, Scene):
+            held = Scene.from_bytes(item.to_bytes())
+        else:
+            raise ShapeError(f"expected a Scene, got {type(item).__name__}")
         poses = None if pose is None else validate_poses([pose])
         moved = np.full((1, 3), np.nan) if odometry is None else validate_poses([odometry])
         number = len(self._kept) + self.without_pose + self.dropped
@@ -102,13 +107,17 @@ class SceneRecorder:
         """All scans kept so far."""
         clouds = [item for *_, item in self._kept if isinstance(item, Cloud)]
         scenes = [item for *_, item in self._kept if isinstance(item, Scene)]
+        empty = [
+            not len(item) and (isinstance(item, Cloud) or not len(item.image))
+            for *_, item in self._kept
+        ]
         config = self._config
         odometry = np.array(self._odometry).reshape(-1, 3)
         return SceneSet(
             name=self.name,
             stamps_ns=np.array([stamp for stamp, *_ in self._kept], np.int64),
             numbers=np.array([number for _, number, _ in self._kept], np.int64),
-            empty=np.array([_is_empty(item) for *_, item in self._kept], np.bool_),
+            empty=np.array(empty, np.bool_),
             frame=self.frame,
             poses=np.array(self._poses).reshape(-1, 3),
             odometry=None if np.isnan(odometry).all() else odometry,
@@ -138,14 +147,3 @@ def _copy_cloud(item: Cloud | Scene) -> Cloud:
     if not np.isfinite(item.points).all():
         raise DataError("the cloud holds NaN or infinity", code="not-finite")
     return Cloud(item.points.copy(), item.colors.copy())
-
-
-def _round_scene(item: Cloud | Scene) -> Scene:
-    if not isinstance(item, Scene):
-        raise ShapeError(f"expected a Scene, got {type(item).__name__}")
-    return Scene.from_bytes(item.to_bytes())
-
-
-def _is_empty(item: Cloud | Scene) -> bool:
-    """Whether a scan has no points or objects left."""
-    return not len(item) and (isinstance(item, Cloud) or not len(item.image))

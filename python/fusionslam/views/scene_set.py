@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import format_of, load_archive, save_archive
-from fusionslam.storage.progress import Progress
+from fusionslam.storage.archive import format_of, join_parts, load_archive, part_of, save_archive
+from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.scenes import Scene, SceneConfig, scene_of_cloud
 
 FORMAT = "fusionslam.scene_set.1"
-_FEATURE = "feature."
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,17 @@ class SceneSet:
     source: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_lengths(self)
+        count = len(self.stamps_ns)
+        for name in ("numbers", "empty", "clouds", "scenes"):
+            held = getattr(self, name)
+            if held is not None and len(held) != count:
+                raise ShapeError(f"{self.name}: {len(held)} {name} for {count} stamps")
+        for name, places in (("poses", self.poses), ("odometry", self.odometry)):
+            if places is not None and places.shape != (count, 3):
+                raise ShapeError(f"{self.name}: {name} {places.shape}, expected {(count, 3)}")
+        for name, rows in self.features.items():
+            if rows.ndim != 2 or len(rows) != count:
+                raise ShapeError(f"{self.name}: feature {name} {rows.shape}, expected ({count}, D)")
         if (np.diff(self.stamps_ns) < 0).any():
             raise DataError(f"{self.name}: stamps go back in time", code="stamps-decrease")
         if self.poses is not None and not np.isfinite(self.poses).all():
@@ -157,13 +166,8 @@ class SceneSet:
             raise DataError(
                 f"{self.name} holds {kept} and no clouds to build others from", code="no-clouds"
             )
-        scenes = []
-        for index in range(len(self)):
-            cloud = self.clouds[index]
-            scenes.append(scene_of_cloud(cloud, config))
-            if progress is not None:
-                progress(index + 1, len(self))
-        return scenes
+        rows = reported(range(len(self)), progress, len(self))
+        return [scene_of_cloud(self.clouds[index], config) for index in rows]
 
     def with_scenes(self, config: SceneConfig, progress: Progress | None = None) -> "SceneSet":
         """A copy with the scenes of a configuration, rounded as they are stored."""
@@ -223,7 +227,7 @@ class SceneSet:
             arrays["scene_bytes"], arrays["scene_offsets"] = pack_bytes(
                 [scene.to_bytes() for scene in self.scenes]
             )
-        arrays |= {_FEATURE + name: rows for name, rows in self.features.items()}
+        arrays |= join_parts({"feature": self.features})
         save_archive(path, FORMAT, about, arrays, compress=True)
 
     @classmethod
@@ -272,34 +276,14 @@ def _parse_arrays(arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     if "points" in arrays:
         points, offsets = arrays.pop("points"), arrays.pop("offsets")
         clouds = CloudArray(points, arrays.pop("colors", None), offsets)
-        _check_clouds(clouds)
+        _check_offsets(offsets, len(points))
+        for name, rows in (("points", points), ("colors", clouds.colors)):
+            if rows is not None and rows.shape != (len(points), 3):
+                raise DataError(f"{name} has shape {rows.shape}, expected {(len(points), 3)}")
     scenes = None
     if "scene_bytes" in arrays:
         texts = unpack_bytes(arrays.pop("scene_bytes"), arrays.pop("scene_offsets"))
         scenes = [Scene.from_bytes(text) for text in texts]
-    names = [name for name in arrays if name.startswith(_FEATURE)]
-    features = {name.removeprefix(_FEATURE): arrays.pop(name) for name in names}
-    return {**arrays, "clouds": clouds, "scenes": scenes, "features": features}
-
-
-def _check_clouds(clouds: CloudArray) -> None:
-    count = len(clouds.points)
-    _check_offsets(clouds.offsets, count)
-    for name in ("points", "colors"):
-        shape = np.shape(getattr(clouds, name))
-        if shape != (count, 3) and not (name == "colors" and clouds.colors is None):
-            raise DataError(f"{name} has shape {shape}, expected {(count, 3)}")
-
-
-def _check_lengths(scenes: SceneSet) -> None:
-    count = len(scenes.stamps_ns)
-    for name in ("numbers", "empty", "clouds", "scenes"):
-        held = getattr(scenes, name)
-        if held is not None and len(held) != count:
-            raise ShapeError(f"{scenes.name}: {len(held)} {name} for {count} stamps")
-    for name, places in (("poses", scenes.poses), ("odometry", scenes.odometry)):
-        if places is not None and places.shape != (count, 3):
-            raise ShapeError(f"{scenes.name}: {name} {places.shape}, expected {(count, 3)}")
-    for name, rows in scenes.features.items():
-        if rows.ndim != 2 or len(rows) != count:
-            raise ShapeError(f"{scenes.name}: feature {name} {rows.shape}, expected ({count}, D)")
+    features = part_of(arrays, "feature")
+    own = {name: rows for name, rows in arrays.items() if not name.startswith("feature.")}
+    return {**own, "clouds": clouds, "scenes": scenes, "features": features}

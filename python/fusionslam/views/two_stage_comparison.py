@@ -108,16 +108,16 @@ class TwoStageComparison:
         first, features = view.content
         passed, rejected = [], []
         for candidate in self._first.compare(first, max(self._most, most)):
-            if candidate.similarity >= self._start and not self._accepts(features, candidate.slot):
+            is_accepted = candidate.similarity < self._start or (
+                self._second.probability(features, self._features[candidate.slot]) >= self._needed
+            )
+            if not is_accepted:
                 rejected.append(Candidate(candidate.slot, 0.0, rejected=True))
             else:
                 passed.append(candidate)
             if len(passed) == most:
                 break
         return [*passed, *rejected][:most]
-
-    def _accepts(self, features: NDArray[np.float32], slot: int) -> bool:
-        return self._second.probability(features, self._features[slot]) >= self._needed
 
     def add(self, view: View) -> int:
         """Store the view for both stages. Raises DataError for a view without objects."""

@@ -11,6 +11,7 @@ TemplateMatch(id=0, relative_rotation=0.0, is_new=True, error=inf)
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import model_validator
 
@@ -22,7 +23,8 @@ from fusionslam.storage.files import PathLike
 from fusionslam.storage.growing_array import Rows
 
 FORMAT = "fusionslam.visual_templates.1"
-_LUMINANCE = np.array((0.299, 0.587, 0.114))
+LUMINANCE = np.array((0.299, 0.587, 0.114))
+"""Shares of red, green and blue in the brightness of a pixel."""
 # Pairs compared at a time, so that their differences stay in the processor's cache.
 _BATCH = 24
 # Rounding error of sums in single precision.
@@ -139,22 +141,18 @@ class VisualTemplates:
 
         Args, raises: as for ``process``; from here on all images must have the same size.
         """
-        pixels = np.asarray(image)
-        if (
-            pixels.dtype != np.uint8
-            or pixels.ndim not in (2, 3)
-            or pixels.shape[2:] not in ((), (3,))
-        ):
-            raise ShapeError(
-                f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
-            )
+        pixels = check_image(image)
         shape = (pixels.shape[0], pixels.shape[1])
         if self._image_shape not in (None, shape):
-            before = _size(self._image_shape)
-            raise ShapeError(f"image: {_size(shape)}, expected {before} as before")
-        blocks = _average_blocks(_crop(pixels, self.config), self.config)
+            before = size_text(self._image_shape)
+            raise ShapeError(f"image: {size_text(shape)}, expected {before} as before")
+        blocks, config = _average_blocks(_crop(pixels, self.config), self.config), self.config
         self._image_shape = shape
-        return np.ascontiguousarray(_normalise(blocks, self.config).T, np.float32).reshape(-1)
+        if config.mean is not None and blocks.any():
+            blocks = np.minimum(blocks * (config.mean / blocks.mean()), 1)
+        if config.patch:
+            blocks = _normalise_patches(blocks, config.patch)
+        return np.ascontiguousarray(blocks.T, np.float32).reshape(-1)
 
     def recognise(self, view: Floats32) -> TemplateMatch:
         """``process`` for the result of ``view``. Raises ShapeError for anything else."""
@@ -163,7 +161,10 @@ class VisualTemplates:
             raise ShapeError(f"view: {view.dtype} {view.shape}, expected float32 {expected}")
         best, error, shift = self._nearest(view)
         if error <= self.config.threshold:
-            return TemplateMatch(best, self._rotation(shift), is_new=False, error=error)
+            # A panorama moves right when the robot turns left.
+            part = shift / self.config.columns if self.config.panoramic else 0.0
+            rotation = 2 * np.pi * (part if part <= 0.5 else part - 1)
+            return TemplateMatch(best, rotation, is_new=False, error=error)
         self._append(view)
         return TemplateMatch(len(self) - 1, 0.0, is_new=True, error=error)
 
@@ -187,18 +188,16 @@ class VisualTemplates:
             templates = cls(merged(VisualTemplatesConfig(), about["config"]))
             shape = about["image_shape"]
             templates._image_shape = None if shape is None else (int(shape[0]), int(shape[1]))
-            templates._restore(arrays["templates"])
+            stored, size = arrays["templates"], templates._size
+            if stored.dtype != np.float32 or stored.ndim != 2 or stored.shape[1] != size:
+                raise DataError(
+                    f"templates {stored.dtype} {stored.shape}, expected float32 (n, {size})"
+                )
+            if not np.isfinite(stored).all():
+                raise DataError("a template is not finite", code="not-finite")
+            for view in stored:
+                templates._append(view)
         return templates
-
-    def _restore(self, stored: NDArray[Any]) -> None:
-        if stored.dtype != np.float32 or stored.ndim != 2 or stored.shape[1] != self._size:
-            raise DataError(
-                f"templates {stored.dtype} {stored.shape}, expected float32 (n, {self._size})"
-            )
-        if not np.isfinite(stored).all():
-            raise DataError("a template is not finite", code="not-finite")
-        for view in stored:
-            self._append(view)
 
     def _append(self, view: Floats32) -> None:
         self._stored.append(view)
@@ -271,13 +270,6 @@ class VisualTemplates:
         most = self.config.shift
         return view[most * height : (self.config.columns - most) * height]
 
-    def _rotation(self, shift: int) -> float:
-        """Rotation of a shift in radians: the image moves right when the robot turns left."""
-        if not self.config.panoramic:
-            return 0.0
-        part = shift / self.config.columns
-        return 2 * np.pi * (part if part <= 0.5 else part - 1)
-
 
 def _shifts(config: VisualTemplatesConfig) -> NDArray[np.int64]:
     """Shifts of a view to the right in columns, in the order in which they are tried."""
@@ -292,14 +284,14 @@ def _crop(pixels: NDArray[np.uint8], config: VisualTemplatesConfig) -> NDArray[n
     right = width if config.right is None else config.right
     if bottom > height or right > width:
         raise ShapeError(
-            f"image: {_size((height, width))}, expected {right}x{bottom} or more, "
+            f"image: {size_text((height, width))}, expected {right}x{bottom} or more, "
             "because of visual_templates.right and bottom"
         )
     part = pixels[config.top : bottom, config.left : right]
     if part.shape[0] < config.rows or part.shape[1] < config.columns:
         raise ShapeError(
-            f"image: {_size(part.shape)} after cropping, expected {config.columns}x{config.rows} "
-            "or more: a pixel a block"
+            f"image: {size_text(part.shape)} after cropping, expected "
+            f"{config.columns}x{config.rows} or more: a pixel a block"
         )
     return part
 
@@ -313,15 +305,9 @@ def _average_blocks(
     # Integer sums of bytes are exact. Rows first, which is the order in memory.
     bands = used.reshape(config.rows, high, -1).sum(axis=1, dtype=np.uint32)
     sums = bands.reshape(config.rows, config.columns, wide, -1).sum(axis=2, dtype=np.uint32)
-    grey = sums[..., 0].astype(np.float64) if sums.shape[-1] == 1 else sums @ _LUMINANCE
+    grey = sums[..., 0].astype(np.float64) if sums.shape[-1] == 1 else sums @ LUMINANCE
     scaled: NDArray[np.float64] = grey / (255 * high * wide)
     return scaled
-
-
-def _normalise(blocks: NDArray[np.float64], config: VisualTemplatesConfig) -> NDArray[np.float64]:
-    if config.mean is not None and blocks.any():
-        blocks = np.minimum(blocks * (config.mean / blocks.mean()), 1)
-    return _normalise_patches(blocks, config.patch) if config.patch else blocks
 
 
 def _normalise_patches(blocks: NDArray[np.float64], side: int) -> NDArray[np.float64]:
@@ -329,8 +315,9 @@ def _normalise_patches(blocks: NDArray[np.float64], side: int) -> NDArray[np.flo
 
     Patches end at the border. A patch without contrast gives 1/2.
     """
+    padded = (np.pad(values, side // 2) for values in (np.ones_like(blocks), blocks, blocks**2))
     count, total, squares = (
-        _patch_sums(values, side) for values in (np.ones_like(blocks), blocks, blocks**2)
+        sliding_window_view(values, (side, side)).sum(axis=(2, 3)) for values in padded
     )
     mean = total / count
     deviation = np.sqrt(np.maximum(squares / count - mean**2, 0))
@@ -339,13 +326,17 @@ def _normalise_patches(blocks: NDArray[np.float64], side: int) -> NDArray[np.flo
     return np.clip((part + 3) / 6, 0, 1)
 
 
-def _patch_sums(values: NDArray[np.float64], side: int) -> NDArray[np.float64]:
-    padded = np.pad(values, side // 2)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
-    sums: NDArray[np.float64] = windows.sum(axis=(2, 3))
-    return sums
+def check_image(image: Any) -> NDArray[np.uint8]:
+    """Return an image, uint8 (H, W) grey or (H, W, 3) RGB. Raises ShapeError for anything else."""
+    pixels = np.asarray(image)
+    colours = pixels.ndim == 3 and pixels.shape[2] == 3
+    if pixels.dtype != np.uint8 or not (pixels.ndim == 2 or colours):
+        raise ShapeError(
+            f"image: {pixels.dtype} {pixels.shape}, expected uint8 (H, W) or (H, W, 3)"
+        )
+    return pixels
 
 
-def _size(shape: Any) -> str:
+def size_text(shape: Any) -> str:
     """Width x height as text."""
     return f"{shape[1]}x{shape[0]}"

@@ -13,11 +13,10 @@ from fusionslam.argument_types import checked
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.nearest_matches import validate_descriptors
 from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, load_archive, save_archive
+from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
 _TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped", "recorded")
-_STAGE = "seconds."
 
 
 @checked
@@ -127,7 +126,7 @@ class DescriptorRun:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one .npz, whole or not at all. Raises DataError if that fails."""
         arrays = {name: getattr(self, name) for name in (*_ARRAYS, "poses")}
-        arrays |= {_STAGE + stage: seconds for stage, seconds in self.seconds.items()}
+        arrays |= join_parts({"seconds": self.seconds})
         save_archive(path, FORMAT, {name: getattr(self, name) for name in _TEXTS}, arrays)
 
     @classmethod
@@ -139,11 +138,11 @@ class DescriptorRun:
         """
         with load_archive(path, FORMAT, "a stored descriptor run") as (about, stored):
             about["skipped"] = {int(number): why for number, why in about["skipped"].items()}
-            arrays = {name: stored[name].astype(kind, copy=False) for name, kind in _ARRAYS.items()}
-            stages = [name for name in stored if name.startswith(_STAGE)]
-            seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
-            values = {**about, **arrays, "seconds": seconds, "poses": stored.get("poses")}
-            return check_types(cls(**values))
+            arrays: dict[str, Any] = {
+                name: stored[name].astype(kind, copy=False) for name, kind in _ARRAYS.items()
+            }
+            seconds, poses = part_of(stored, "seconds"), stored.get("poses")
+            return check_types(cls(**about, **arrays, seconds=seconds, poses=poses))
 
 
 _ARRAYS: dict[str, type[np.generic]] = {

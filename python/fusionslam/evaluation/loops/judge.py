@@ -23,7 +23,7 @@ from fusionslam.evaluation.loops.nearest_matches import (
     validate_truth,
 )
 from fusionslam.evaluation.loops.pairs import evaluate_pairs
-from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
+from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall, sweep_thresholds
 from fusionslam.evaluation.loops.protocols import (
     DEFAULTS,
     check_bound,
@@ -31,7 +31,6 @@ from fusionslam.evaluation.loops.protocols import (
     find_protocol,
     validate_config,
 )
-from fusionslam.evaluation.loops.sweep import sweep_thresholds
 from fusionslam.storage.arrays import Floats, Mask
 
 
@@ -109,11 +108,15 @@ def evaluate_matches(
     rule = find_protocol(config.protocol)
     check_bound(rule.name, matches.match_from_query is not None and poses is not None)
     if rule.bound is None or poses is None:
-        hits = _hits(matches.indices, places, config.radius)
+        near = metres_between(places[:, None], places[matches.indices]) < config.radius
+        hits = near & (matches.indices >= 0)
     else:
         metres, degrees = pose_differences(matches, poses)
         hits = (metres <= rule.bound.metres) & (degrees <= rule.bound.degrees)
-    revisit = _revisits(places, config.radius, config.window)
+    revisit = np.zeros(len(places), dtype=np.bool_)
+    for query in range(config.window + 1, len(places)):
+        apart = metres_between(places[: query - config.window], places[query])
+        revisit[query] = (apart < config.radius).any()
     distances = matches.distances[:, 0].astype(np.float64)
     relevant = rule.relevant(hits[:, 0], revisit)
     return PrecisionRecall(
@@ -143,20 +146,6 @@ def pose_differences(matches: Matches, poses: Floats) -> tuple[Floats, Floats]:
     sines = np.linalg.norm(difference[..., :3, :3], axis=(-2, -1)) / np.sqrt(8)
     degrees = np.degrees(2 * np.arcsin(np.minimum(sines, 1)))
     return np.linalg.norm(difference[..., :3, 3], axis=-1), degrees
-
-
-def _hits(indices: NDArray[np.int64], places: Floats, radius: float) -> Mask:
-    """Bool (N, k): candidates within the radius of their query."""
-    near = metres_between(places[:, None], places[indices]) < radius
-    return near & (indices >= 0)
-
-
-def _revisits(places: Floats, radius: float, window: int) -> Mask:
-    """Bool (N,): queries with any candidate within the radius."""
-    found = np.zeros(len(places), dtype=np.bool_)
-    for query in range(window + 1, len(places)):
-        found[query] = (metres_between(places[: query - window], places[query]) < radius).any()
-    return found
 
 
 def _compute_ranks(hits: Mask, revisit: Mask, ranks: Sequence[int]) -> dict[str, Any]:

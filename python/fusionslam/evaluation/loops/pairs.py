@@ -18,14 +18,13 @@ from fusionslam.evaluation.loops.nearest_matches import (
     validate_descriptors,
     validate_positions,
 )
-from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall
+from fusionslam.evaluation.loops.precision_recall import RANKS, PrecisionRecall, sweep_thresholds
 from fusionslam.evaluation.loops.protocols import (
     EvaluationConfig,
     Protocol,
     find_protocol,
     validate_config,
 )
-from fusionslam.evaluation.loops.sweep import sweep_thresholds
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 SEED = 0

@@ -1,7 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""``PrecisionRecall``: precision and recall of loop closing over all thresholds."""
+"""``PrecisionRecall``: precision and recall of loop closing over all thresholds.
 
+Sources: Ferrarini et al. 2020 for the extended precision, Fawcett 2006 for the area under the ROC
+curve.
+"""
+
+import math
 import os
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -13,7 +18,7 @@ from fusionslam.argument_types import checked
 from fusionslam.evaluation.loops.protocols import PROTOCOLS
 from fusionslam.help_texts import counted
 from fusionslam.storage.archive import check_types, load_json, save_json
-from fusionslam.storage.arrays import Floats
+from fusionslam.storage.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,6 +38,17 @@ _ARRAYS: dict[str, type[np.generic]] = {
     "correct": np.bool_,
     "revisit": np.bool_,
 }
+
+_UNDEFINED = dict.fromkeys(
+    (
+        "recall_at_full_precision",
+        "threshold_at_full_precision",
+        "max_f1",
+        "max_f1_threshold",
+        "average_precision",
+        "extended_precision",
+    )
+)
 
 
 @checked
@@ -167,7 +183,12 @@ class PrecisionRecall:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all; undefined figures are null. Raises DataError."""
-        arrays = {name: _plain(getattr(self, name)) for name in _ARRAYS}
+        arrays = {
+            name: [
+                value if math.isfinite(value) else None for value in getattr(self, name).tolist()
+            ]
+            for name in _ARRAYS
+        }
         save_json(path, FORMAT, {**self.metrics(), **arrays})
 
     @classmethod
@@ -178,7 +199,14 @@ class PrecisionRecall:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored precision-recall result") as content:
-            return check_types(cls(**content | _restore(content)))
+            fill = {"distances": np.inf, "recall": np.nan}  # where JSON has null
+            for name, dtype in _ARRAYS.items():
+                values = [fill.get(name) if value is None else value for value in content[name]]
+                content[name] = np.array(values, dtype=dtype)
+            if np.isnan(content["distances"]).any():
+                raise ValueError("distances: expected numbers")
+            content["recall_at_k"] = {int(k): v for k, v in content["recall_at_k"].items()}
+            return check_types(cls(**content))
 
     def plot(self, axis: "Axes | None" = None, **style: Any) -> "Axes":
         """Draw the curve, marking recall at 100 % precision and maximal F1.
@@ -187,23 +215,23 @@ class PrecisionRecall:
             axis: where to draw; None makes a new figure (``axis.figure.savefig(...)``).
             style: keyword arguments of matplotlib's ``Axes.plot`` for the curve.
         """
-        axis = _new_axis() if axis is None else axis
+        if axis is None:
+            from matplotlib.figure import Figure
+
+            axis = Figure(figsize=(6, 4.5), layout="constrained").add_subplot()
+            axis.grid(alpha=0.3)
         (line,) = axis.plot(self.recall, self.precision, **style)
-        for marker, point in zip("so", self._marks(), strict=True):
-            if point is not None:
-                axis.plot(*point, marker, color=line.get_color(), markeredgecolor="white", ms=8)
+        marks: dict[str, tuple[float, float]] = {}
+        if full := self.recall_at_full_precision:
+            marks["s"] = full, 1.0
+        if self.max_f1_threshold is not None:
+            row = int(np.searchsorted(self.thresholds, self.max_f1_threshold))
+            marks["o"] = float(self.recall[row]), float(self.precision[row])
+        for marker, point in marks.items():
+            axis.plot(*point, marker, color=line.get_color(), markeredgecolor="white", ms=8)
         axis.set(xlabel=f"recall ({self.protocol}, {self.radius:g} m)", ylabel="precision")
         axis.set(xlim=(0, 1.02), ylim=(0, 1.04))
         return axis
-
-    def _marks(self) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-        """(recall, precision) at full precision and at the largest F1, where they exist."""
-        full = self.recall_at_full_precision
-        best = None
-        if self.max_f1_threshold is not None:
-            row = int(np.searchsorted(self.thresholds, self.max_f1_threshold))
-            best = (float(self.recall[row]), float(self.precision[row]))
-        return ((full, 1.0) if full else None), best
 
     def _rows(self) -> list[tuple[str, float | None]]:
         rows = [
@@ -222,31 +250,52 @@ def _format(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.3f}"
 
 
-def _plain(values: NDArray[Any]) -> list[Any]:
-    """Convert to a list for JSON, null for values that are not finite."""
-    if values.dtype.kind != "f":
-        return list(values.tolist())
-    return [value if np.isfinite(value) else None for value in values.tolist()]
+def sweep_thresholds(distances: Floats, correct: Mask, relevant: Mask) -> dict[str, Any]:
+    """Compute the curve over all distinct distances, and the figures read off it.
+
+    A pose may be right where the places are farther apart than the radius: such a match is
+    correct, but the recall of revisits does not count it.
+
+    Args:
+        distances: float64 (N,), inf where there is nothing to accept.
+        correct: bool (N,), those that are right to accept.
+        relevant: bool (N,), those that recall counts.
+    """
+    denominator = int(relevant.sum())
+    present = np.isfinite(distances)
+    thresholds, row = np.unique(distances[present], return_inverse=True)
+
+    def count(mask: Mask) -> Integers:
+        return np.bincount(row[mask[present]], minlength=len(thresholds)).astype(np.int64)
+
+    right, wrong = count(correct), count(~correct)
+    accepted = np.cumsum(right + wrong)
+    precision = np.cumsum(right) / accepted
+    found = np.cumsum(count(correct & relevant))
+    recall = found / denominator if denominator else np.full(len(found), np.nan)
+    curve = {"thresholds": thresholds, "precision": precision, "recall": recall}
+    figures = _figures(thresholds, precision, recall) if denominator else _UNDEFINED
+    # The area under the ROC curve is the probability that a right one is nearer than a wrong one,
+    # equally near ones counting half; there is none if nothing is right or nothing is wrong.
+    pairs, farther = int(right.sum()) * int(wrong.sum()), wrong.sum() - np.cumsum(wrong)
+    area = float((right * (farther + wrong / 2)).sum() / pairs) if pairs else None
+    return curve | figures | {"roc_auc": area}
 
 
-def _restore(content: dict[str, Any]) -> dict[str, Any]:
-    """Restore the fields that JSON cannot hold directly."""
-    fill = {"distances": np.inf, "recall": np.nan}
-    arrays: dict[str, Any] = {
-        name: np.array([fill.get(name) if v is None else v for v in content[name]], dtype=dtype)
-        for name, dtype in _ARRAYS.items()
+def _figures(thresholds: Floats, precision: Floats, recall: Floats) -> dict[str, Any]:
+    """Read the figures off a curve; thresholds that do not exist are None."""
+    total = precision + recall
+    f1 = 2 * precision * recall / np.where(total > 0, total, 1)  # 0 where both are 0
+    best = float(f1.max(initial=0))
+    # A false match stays accepted at all larger thresholds: rows without one are a prefix.
+    flawless = int((precision == 1).sum())
+    full = float(recall[flawless - 1]) if flawless else 0.0
+    return {
+        "recall_at_full_precision": full,
+        "threshold_at_full_precision": float(thresholds[flawless - 1]) if flawless else None,
+        "max_f1": best,
+        "max_f1_threshold": float(thresholds[np.argmax(f1)]) if best > 0 else None,
+        "average_precision": float((np.diff(recall, prepend=0) * precision).sum()),
+        # The curve begins at recall 0 with precision 1, where nothing is accepted yet.
+        "extended_precision": (1 + full) / 2,
     }
-    if np.isnan(arrays["distances"]).any():
-        raise ValueError("distances: expected numbers")
-    return arrays | {"recall_at_k": {int(k): v for k, v in content["recall_at_k"].items()}}
-
-
-def _new_axis() -> "Axes":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axis = figure.add_subplot()
-    axis.grid(alpha=0.3)
-    return axis

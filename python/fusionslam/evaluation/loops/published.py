@@ -17,37 +17,30 @@ CITATION = (
     "times are means over KITTI 05 on an i7 at 2.0 GHz, matching took 4 to 6 ms a query"
 )
 
-FRAMES = {"00": 4541, "02": 4661, "05": 2761, "06": 1101, "07": 1101, "08": 4071}
+_STORED: dict[str, Any] = yaml.safe_load(
+    Path(__file__).with_name("published.yaml").read_text(encoding="utf-8")
+)
+_THESIS: dict[str, Any] = _STORED["perdomo2019"]
+FRAMES: dict[str, int] = _STORED["frames"]
 """Frames of the sequences."""
-# Recall at 100 % precision. Columns: M2DP, c-M2DP, CSHOT of LiDAR and camera, then of stereo.
-_RECALL = {
-    "06": (0.668122, 0.824701, 0.818898, 0.227488, 0.502075, 0.822835),
-    "05": (0.408935, 0.708861, 0.708108, 0.353425, 0.692308, 0.778539),
-    "00": (0.574303, 0.673295, 0.791549, 0.269663, 0.697466, 0.709402),
-    "07": (0.0, 0.101695, 0.169492, 0.158537, 0.372340, 0.442105),
-}
-# Seconds to describe one cloud of KITTI 05, same columns.
-_SECONDS = {"05": (0.0674, 0.0830, 0.1072, 0.3584, 0.4259, 1.7711)}
-# Seconds to find the nearest descriptor, same columns.
-_MATCH_SECONDS = {"05": (0.0043, 0.0051, 0.0059, 0.0044, 0.0054, 0.0061)}
-_COLUMNS = [(source, name) for source in ("lidar", "stereo") for name in ("m2dp", "cm2dp", "cshot")]
 
 
-def _table(rows: Mapping[str, tuple[float, ...]]) -> dict[tuple[str, str, str], float]:
+def _table(figure: str) -> dict[tuple[str, str, str], float]:
+    columns = [(source, name) for source in ("lidar", "stereo") for name in _THESIS["descriptors"]]
     return {
         (sequence, *column): value
-        for sequence, values in rows.items()
-        for column, value in zip(_COLUMNS, values, strict=True)
+        for sequence, values in _THESIS[figure].items()
+        for column, value in zip(columns, values, strict=True)
     }
 
 
-PUBLISHED_RECALL = _table(_RECALL)
+PUBLISHED_RECALL = _table("recall_at_full_precision")
 """(sequence, source, descriptor) -> recall at 100 % precision, protocol perdomo2019."""
-PUBLISHED_SECONDS = _table(_SECONDS)
+PUBLISHED_SECONDS = _table("describe_seconds")
 """(sequence, source, descriptor) -> seconds to describe one cloud."""
-PUBLISHED_MATCH_SECONDS = _table(_MATCH_SECONDS)
+PUBLISHED_MATCH_SECONDS = _table("match_seconds")
 """(sequence, source, descriptor) -> seconds to find the nearest of all earlier descriptors."""
-PUBLISHED_COLOR_SPACES = {"rgb": (0.825, 0.892), "hsv": (0.714, 0.915), "lab": (0.498, 0.868)}
+PUBLISHED_COLOR_SPACES = {name: tuple(both) for name, both in _THESIS["color_spaces"].items()}
 """Colour space -> recall at 100 and at 90 % precision of c-M2DP on KITTI 06, LiDAR and camera
 (Perdomo 2019, 4.2)."""
 
@@ -105,26 +98,19 @@ class PeerFigures:
     source: str
 
 
-def _read_peers() -> tuple[PeerFigures, ...]:
-    stored: dict[str, Any] = yaml.safe_load(
-        Path(__file__).with_name("peers.yaml").read_text(encoding="utf-8")
+PEERS = tuple(
+    PeerFigures(
+        protocol=protocol,
+        sequence=sequence,
+        method=method,
+        descriptor=part["descriptors"].get(method),
+        figures=dict(zip(part["figures"], values, strict=True)),
+        source=part["source"],
     )
-    return tuple(
-        PeerFigures(
-            protocol=protocol,
-            sequence=sequence,
-            method=method,
-            descriptor=part["descriptors"].get(method),
-            figures=dict(zip(part["figures"], values, strict=True)),
-            source=part["source"],
-        )
-        for protocol, part in stored.items()
-        for method, rows in part["methods"].items()
-        for sequence, values in rows.items()
-    )
-
-
-PEERS = _read_peers()
+    for protocol, part in _STORED["peers"].items()
+    for method, rows in part["methods"].items()
+    for sequence, values in rows.items()
+)
 """All figures of other papers, in the order of their tables."""
 
 

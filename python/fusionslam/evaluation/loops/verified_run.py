@@ -14,7 +14,7 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.nearest_matches import Matches, check_rigid
 from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, load_archive, save_archive
+from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 FORMAT = "fusionslam.verified_run.1"
@@ -25,7 +25,6 @@ REJECTED = np.dtype(
 (``fusionslam.registration.Refusal``)."""
 
 _TEXTS = ("source", "descriptors", "dataset", "config", "skipped", "recorded")
-_STAGE = "seconds."
 _SHAPES: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "frames": (np.int64, ()),
     "numbers": (np.int64, ()),
@@ -254,7 +253,7 @@ class VerifiedRun:
         """Write one .npz, whole or not at all. Raises DataError if that fails."""
         names = (*_SHAPES, *_OPTIONAL, "candidates", "rejected")
         arrays = {name: getattr(self, name) for name in names}
-        arrays |= {_STAGE + stage: values for stage, values in self.seconds.items()}
+        arrays |= join_parts({"seconds": self.seconds})
         about = {name: getattr(self, name) for name in _TEXTS}
         save_archive(path, FORMAT, about, arrays, compress=True)
 
@@ -278,9 +277,7 @@ class VerifiedRun:
                 for name in _OPTIONAL
                 if name in stored
             }
-            stages = [name for name in stored if name.startswith(_STAGE)]
-            seconds = {name.removeprefix(_STAGE): stored[name] for name in stages}
-            return check_types(cls(**about, **values, seconds=seconds))
+            return check_types(cls(**about, **values, seconds=part_of(stored, "seconds")))
 
 
 LoopRun = DescriptorRun | VerifiedRun

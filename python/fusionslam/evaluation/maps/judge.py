@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judge the map of a RatSLAM run: its metric errors and the places that it links."""
+"""Judge the map of a RatSLAM run, its metric errors and the places that it links, and paths."""
 
 from typing import Any
 
@@ -16,10 +16,10 @@ from fusionslam.evaluation.views.rules import (
     explain_no_revisit,
     view_rule,
 )
-from fusionslam.geometry.rigid import fit_rigid
+from fusionslam.geometry.rigid import fit_motion, fit_rigid
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.help_texts import counted
-from fusionslam.storage.arrays import Floats, Integers, Mask
+from fusionslam.storage.arrays import Floats, Integers, Mask, read_numbers
 
 _PAIRS = 1 << 19
 """Pairs of looks compared at a time: some tens of megabytes."""
@@ -209,15 +209,10 @@ class _Judge:
             near = _within(poses[here], poses[there], rule.revisit_distance, rule.revisit_angle)
             here, there = here[near], there[near]
             back[here] = True
-            linked[here[self._are_joined(looks[here], looks[there])]] = True
+            one, other = self.run.node_ids[looks[here]], self.run.node_ids[looks[there]]
+            joined = (one == other) | self._are_linked(one, other)
+            linked[here[joined & (one >= 0) & (other >= 0)]] = True
         return {"revisits": int(back.sum()), "linked_revisits": int(linked.sum())}
-
-    def _are_joined(self, steps: Integers, others: Integers) -> Mask:
-        """Bool (n,): the nodes of these steps are the same or linked."""
-        ids = self.run.node_ids
-        one, other = ids[steps], ids[others]
-        joined = (one == other) | self._are_linked(one, other)
-        return np.asarray(joined & (one >= 0) & (other >= 0))
 
     def _are_linked(self, nodes: Integers, others: Integers) -> Mask:
         """Bool (n,): the map has a link between these nodes."""
@@ -258,6 +253,44 @@ def pose_errors(poses: Floats, truth: Floats) -> PoseErrors:
         heading_rmse_deg=float(np.sqrt((turned**2).mean())),
         motion=motion,
     )
+
+
+@checked
+def trajectory_error(poses: Floats, truth: Floats, parts: Integers | None = None) -> float:
+    """Absolute trajectory error (ATE): root mean square of the distances to the true positions.
+
+    Args:
+        poses: float64 (n, 4, 4), n > 0.
+        truth: float64 (n, 4, 4), at the same times; rows with NaN are left out.
+        parts: int64 (n): poses of one number are aligned by one rigid motion; None for all.
+
+    Returns:
+        Metres, after the alignment; NaN if no true pose is known.
+
+    Raises:
+        ShapeError: other shapes, or no poses.
+        DataError: a pose is not finite (code "not-finite").
+    """
+    poses = read_numbers("poses", poses, "(n, 4, 4)")
+    truth = read_numbers("truth", truth, "(n, 4, 4)")
+    shape = (len(poses) if poses.ndim else 0, 4, 4)
+    if not shape[0] or not poses.shape == truth.shape == shape:
+        raise ShapeError(
+            f"poses and truth have shapes {poses.shape} and {truth.shape}, "
+            "expected (n, 4, 4), n > 0"
+        )
+    if parts is not None and np.shape(parts) != shape[:1]:
+        raise ShapeError(f"parts has shape {np.shape(parts)}, expected {shape[:1]}")
+    if not np.isfinite(poses).all():
+        raise DataError("poses holds NaN or infinity, expected numbers", code="not-finite")
+    known = np.isfinite(truth).all(axis=(1, 2))
+    numbers = np.zeros(len(poses), np.int64) if parts is None else parts
+    squares = []
+    for part in np.unique(numbers[known]):
+        rows = known & (numbers == part)
+        aligned = fit_motion(poses[rows], truth[rows]) @ poses[rows]
+        squares.append(((aligned - truth[rows])[:, :3, 3] ** 2).sum(axis=1))
+    return float(np.sqrt(np.concatenate(squares).mean())) if squares else float("nan")
 
 
 def _within(poses: Floats, others: Floats, distance: float, angle: float) -> Mask:

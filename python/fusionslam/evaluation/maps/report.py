@@ -142,7 +142,13 @@ class MapReport:
         return figures | {f"{one}_share": getattr(self, f"{one}_share") for one in shares}
 
     def __str__(self) -> str:
-        return "\n".join([*_heading(self), *_errors(self), *_topology(self), *self.remarks])
+        heading = [
+            f"{self.name}: views {self.views}, odometry {self.odometry}, preset {self.preset}",
+            f"{self.seconds:.1f} s and {counted(self.steps, 'step')} from the first node on, "
+            f"{counted(self.looks, 'look')}; "
+            f"{counted(self.node_count, 'node')}, {counted(self.link_count, 'link')}",
+        ]
+        return "\n".join([*heading, *_errors(self), *_topology(self), *self.remarks])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write JSON, whole or not at all. Raises DataError where that is impossible."""
@@ -156,7 +162,14 @@ class MapReport:
             DataError: the file is missing, truncated or of another kind; the message names it.
         """
         with load_json(path, FORMAT, "a stored map report") as content:
-            return check_types(cls(**_restore(content)))
+            kept = {key: value for key, value in content.items() if not key.endswith("_share")}
+            for name in _ERRORS:
+                if kept[name] is not None:
+                    motion = RigidMotion(*kept[name].pop("motion"))
+                    kept[name] = check_types(PoseErrors(**kept[name], motion=check_types(motion)))
+            kept["rule"] = ViewRule(**kept["rule"])
+            kept["unjudged"] = tuple(kept["unjudged"])
+            return check_types(cls(**kept))
 
 
 _ERRORS = {
@@ -169,29 +182,8 @@ _ERRORS = {
 """Pose sets compared with the truth: attribute -> name in the table."""
 
 
-def _restore(content: dict[str, Any]) -> dict[str, Any]:
-    """Restore the arguments of a report from its JSON."""
-    kept = {name: value for name, value in content.items() if not name.endswith("_share")}
-    for name in _ERRORS:
-        if kept[name] is not None:
-            motion = RigidMotion(*kept[name].pop("motion"))
-            kept[name] = check_types(PoseErrors(**kept[name], motion=check_types(motion)))
-    kept["rule"] = ViewRule(**kept["rule"])
-    kept["unjudged"] = tuple(kept["unjudged"])
-    return kept
-
-
 def _share(part: int | None, whole: int | None) -> float | None:
     return None if part is None or whole is None else share(part, whole)
-
-
-def _heading(report: MapReport) -> list[str]:
-    return [
-        f"{report.name}: views {report.views}, odometry {report.odometry}, preset {report.preset}",
-        f"{report.seconds:.1f} s and {counted(report.steps, 'step')} from the first node on, "
-        f"{counted(report.looks, 'look')}; "
-        f"{counted(report.node_count, 'node')}, {counted(report.link_count, 'link')}",
-    ]
 
 
 def _errors(report: MapReport) -> list[str]:
@@ -214,7 +206,10 @@ def _topology(report: MapReport) -> list[str]:
             f"  {counted(report.loops, 'arrival')} at known nodes, "
             f"{counted(report.refused, 'loop')} refused"
         ]
-    rule = report.rule
+    rule, linked = report.rule, report.refused_linked or 0
+    refused = f"{(report.refused_true or 0) - linked} of {report.judged_refused} wrongly refused"
+    if linked:
+        refused += f", {linked} linked later"
     return [
         f"  near means within {rule.loop_distance:g} m and {rule.loop_angle:.3g} deg",
         f"  near links      {percent(report.near_link_share):>8}   {report.near_links} of "
@@ -225,11 +220,5 @@ def _topology(report: MapReport) -> list[str]:
         f"{report.linked_revisits} of {report.revisits}",
         f"  false arrivals  {percent(report.false_loop_share):>8}   {report.false_loops} of "
         f"{report.judged_loops}, at known nodes",
-        f"  refused loops   {report.refused:>8}   {_describe_refused(report)}",
+        f"  refused loops   {report.refused:>8}   {refused}",
     ]
-
-
-def _describe_refused(report: MapReport) -> str:
-    linked = report.refused_linked or 0
-    wrongly = f"{(report.refused_true or 0) - linked} of {report.judged_refused} wrongly refused"
-    return f"{wrongly}, {linked} linked later" if linked else wrongly

@@ -192,7 +192,8 @@ class RatSlamRun:
         Raises:
             DataError: the file cannot be written.
         """
-        about = {name: getattr(self, name) for name in _texts()}
+        texts = [one.name for one in fields(self) if one.name not in _ARRAYS]
+        about = {name: getattr(self, name) for name in texts}
         about |= {"config": dict(self.config), "why": list(self.why), "notes": list(self.notes)}
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         save_archive(target, FORMAT, about, arrays, compress=True)
@@ -223,10 +224,6 @@ def place_on_map(nodes: Floats, ids: Integers, offsets: Floats) -> Floats:
     """
     origin = np.concatenate([nodes, np.zeros((1, 3))])[ids]
     return compose(origin, offsets)
-
-
-def _texts() -> list[str]:
-    return [one.name for one in fields(RatSlamRun) if one.name not in _ARRAYS]
 
 
 def _check_ids(what: str, ids: Integers, first: int, count: int) -> None:

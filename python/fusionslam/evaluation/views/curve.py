@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from fusionslam.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.judge import ViewJudge, validate_ids
-from fusionslam.evaluation.views.report import ViewReport
+from fusionslam.evaluation.views.report import percent
 from fusionslam.storage.archive import load_json, save_json
 from fusionslam.storage.arrays import Floats, Integers, read_numbers
 
@@ -125,7 +125,8 @@ class ViewCurve:
         lines = ["threshold  " + "  ".join(f"{name:>14}" for name in names)]
         for index, threshold in enumerate(self.thresholds):
             row = self.row(index)
-            cells = (_cell(name, row[name]) for name in names)
+            cells = [percent(row[name]) for name in names[:-1]]
+            cells.append("none" if row["views"] is None else f"{row['views']:.0f}")
             lines.append(f"{threshold:9.4g}  " + "  ".join(f"{cell:>14}" for cell in cells))
         return "\n".join(lines)
 
@@ -158,9 +159,15 @@ def sweep_views(
         DataError: no thresholds, or one that is not finite.
         ShapeError: the matcher does not return n ids.
     """
-    steps = _validate_thresholds(thresholds)
+    steps = np.unique(np.array(list(thresholds), dtype=np.float64))
+    if not steps.size or not np.isfinite(steps).all():
+        raise DataError("thresholds: expected one or more finite numbers")
     reports = [judge.judge(matcher(float(step))) for step in steps]
-    return ViewCurve(steps, _columns(reports), judge.rule_name)
+    figures = {  # NumPy turns None into NaN
+        name: np.array([getattr(report, name) for report in reports], dtype=np.float64)
+        for name in COLUMNS
+    }
+    return ViewCurve(steps, figures, judge.rule_name)
 
 
 @checked
@@ -232,24 +239,3 @@ def _validate_pairs(similarities: Any, candidates: Any, count: int) -> tuple[Flo
     if unknown.size:
         raise DataError(f"similarities: row {unknown[0]} is NaN but has a candidate")
     return likeness, found
-
-
-def _validate_thresholds(thresholds: Iterable[float]) -> Floats:
-    steps = np.unique(np.array(list(thresholds), dtype=np.float64))
-    if not steps.size or not np.isfinite(steps).all():
-        raise DataError("thresholds: expected one or more finite numbers")
-    return steps
-
-
-def _columns(reports: list[ViewReport]) -> dict[str, Floats]:
-    """Collect the figures as arrays; NumPy turns None into NaN."""
-    return {
-        name: np.array([getattr(report, name) for report in reports], dtype=np.float64)
-        for name in COLUMNS
-    }
-
-
-def _cell(name: str, value: float | None) -> str:
-    if value is None:
-        return "none"
-    return f"{value:.0f}" if name == "views" else f"{100 * value:.1f} %"

@@ -16,8 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.argument_types import checked
-from fusionslam.evaluation.views.ground_truth import TrueScans, whole_nanoseconds
-from fusionslam.evaluation.views.judge import validate_ids, validate_poses, validate_stamps
+from fusionslam.evaluation.views.judge import (
+    TrueScans,
+    validate_ids,
+    validate_poses,
+    validate_stamps,
+    whole_nanoseconds,
+)
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
 from fusionslam.sensors.messages import next_stamp
@@ -113,7 +118,13 @@ class RunningViews:
         """
         scan = self._count
         last = int(self._rows["stamp_ns"][scan - 1]) if scan else None
-        self._put(scan, next_stamp(stamp_ns, last), pose)
+        stamp = next_stamp(stamp_ns, last)
+        seconds, poses = validate_stamps([stamp / 1e9], 1), validate_poses([pose])
+        if scan == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows["stamp_ns"][scan] = stamp
+        self._rows["time"][scan] = whole_nanoseconds(seconds)[0]
+        self._rows["pose"][scan] = poses[0]
         view = int(validate_ids([view_id], 1)[0])
         first = self._first.setdefault(view, scan) if view >= 0 else -1
         self._count += 1
@@ -139,15 +150,6 @@ class RunningViews:
             rule=self.rule,
             **columns,
         )
-
-    def _put(self, scan: int, stamp_ns: int, pose: ArrayLike) -> None:
-        """Write time and pose into the row of the scan."""
-        seconds, poses = validate_stamps([stamp_ns / 1e9], 1), validate_poses([pose])
-        if scan == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        self._rows["stamp_ns"][scan] = stamp_ns
-        self._rows["time"][scan] = whole_nanoseconds(seconds)[0]
-        self._rows["pose"][scan] = poses[0]
 
     def _make_judgement(self, scan: int) -> JudgedView:
         row = dict(zip(_ROW.names or (), self._rows[scan].tolist(), strict=True))

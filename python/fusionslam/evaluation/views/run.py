@@ -92,7 +92,11 @@ class ViewRun:
         for name in _PER_SCAN:
             values = getattr(self, name)
             if values is not None:
-                changes[name] = _per_scan(name, values, count)
+                array = changes[name] = read_numbers(name, values, f"({count},)")
+                if array.shape != (count,):
+                    raise ShapeError(
+                        f"{name}: {array.shape}, expected ({count},): one value a scan"
+                    )
         for name, value in changes.items():
             object.__setattr__(self, name, value)
 
@@ -159,10 +163,3 @@ class ViewRun:
 def _mean_ms(seconds: Floats | None) -> float | None:
     known = np.empty(0) if seconds is None else seconds[np.isfinite(seconds)]
     return float(known.mean() * 1e3) if known.size else None
-
-
-def _per_scan(name: str, values: Any, count: int) -> Floats:
-    array = read_numbers(name, values, f"({count},)")
-    if array.shape != (count,):
-        raise ShapeError(f"{name}: {array.shape}, expected ({count},): one value a scan")
-    return array

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam._core import Alignment, AlignmentConfig, align_scenes
 from fusionslam.geometry.se2 import transform_points
 from fusionslam.report.page.figures import new_figure, use_style
 from fusionslam.report.page.images import write_png
-from fusionslam.views.alignment_comparison import Alignment, AlignmentConfig, align_scenes
 from fusionslam.views.clusters import ClusteredScan, object_similarities
 from fusionslam.views.scenes import SimilarityConfig, scene_similarity
 

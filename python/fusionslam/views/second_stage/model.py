@@ -81,7 +81,11 @@ class SecondStage:
         self._calibration = about.calibration
         self._comparison: Any = None
         if comparison is not None:
-            self._comparison = _load_comparison(Path(comparison), self.config)
+            self._comparison, compares = _open_session(Path(comparison), "comparison")
+            assert isinstance(compares.architecture, ComparisonConfig)
+            size, wanted = compares.architecture.features, self.config.features
+            if size != wanted:
+                raise DataError(f"{comparison} compares {size} features, expected {wanted}")
         if self._comparison is None and self._calibration is None:
             raise DataError(
                 f"{features} has no calibration: expected a comparison beside it",
@@ -147,16 +151,6 @@ class SecondStage:
         distances = np.linalg.norm(many - one, axis=1)
         chance = probability_of(distances, self._calibration.offset, self._calibration.slope)
         return chance.astype(np.float32)
-
-
-def _load_comparison(path: Path, features: PointNetConfig) -> Any:
-    session, about = _open_session(path, "comparison")
-    assert isinstance(about.architecture, ComparisonConfig)
-    if about.architecture.features != features.features:
-        raise DataError(
-            f"{path} compares {about.architecture.features} features, expected {features.features}"
-        )
-    return session
 
 
 def _open_session(path: Path, kind: Kind) -> tuple[Any, About]:

@@ -49,7 +49,7 @@ def test_every_count_is_that_of_plain_loops(seed: int, count: int, views: int, l
 def test_blocks_do_not_change_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = random_drive(5, 300, 40)
     whole = judge_views(*drive)
-    monkeypatch.setattr("fusionslam.evaluation.views.ground_truth._BLOCK", 7)
+    monkeypatch.setattr("fusionslam.evaluation.views.judge._BLOCK", 7)
     assert judge_views(*drive).metrics() == whole.metrics()
 
 

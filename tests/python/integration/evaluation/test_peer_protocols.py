@@ -38,7 +38,7 @@ from fusionslam.evaluation import (
 from fusionslam.evaluation.loops import published
 from fusionslam.evaluation.loops.nearest_matches import pairwise_distances
 from fusionslam.evaluation.loops.pairs import pair_distances
-from fusionslam.evaluation.loops.sweep import sweep_thresholds
+from fusionslam.evaluation.loops.precision_recall import sweep_thresholds
 from fusionslam.report import write_report
 from fusionslam.report.loops.exports import metrics_of
 from fusionslam.report.loops.tables import peers_table, published_table

@@ -11,8 +11,8 @@ import trimesh
 
 from fusionslam.errors import ShapeError
 from fusionslam.geometry.trajectory import Trajectory, write_trajectory
+from fusionslam.pipelines.drive_images import template_views
 from fusionslam.pipelines.drives import places_at, world_beside
-from fusionslam.pipelines.template_views import template_views
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.rendered_images import rendered_images
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.pipelines.drives import Drive, open_drive
-from fusionslam.pipelines.map_events import events_of
-from fusionslam.pipelines.visual_odometry import (
+from fusionslam.pipelines.drive_images import (
     estimate_motions,
     image_stamps_ns,
     visual_motions,
     visual_speeds,
 )
+from fusionslam.pipelines.drives import Drive, open_drive
+from fusionslam.pipelines.map_events import events_of
 from fusionslam.ratslam import Look, Motion, RatSlam, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig
 from fusionslam.sensors.image_series import ImageSeries

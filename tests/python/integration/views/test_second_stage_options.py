@@ -14,8 +14,8 @@ from cli import succeeds
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.views import run_views, sweep_thresholds
 from fusionslam.sensors.frame import Cloud
+from fusionslam.views.comparison import ObjectComparison
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.recognisers import scene_config, similarity_config
 from fusionslam.views.second_stage import SecondStage
 from fusionslam.views.second_stage.network_files import SHIPPED

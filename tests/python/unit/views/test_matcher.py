@@ -16,10 +16,10 @@ import pytest
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.pipelines.views import run_views
 from fusionslam.sensors.frame import Cloud
+from fusionslam.views.comparison import ObjectComparison
 from fusionslam.views.descriptor_comparison import distance_at, similarity_at
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
-from fusionslam.views.object_comparison import ObjectComparison
 from fusionslam.views.recognisers import complete_config, scene_config, similarity_config
 from fusionslam.views.scenes import build_scene
 from refusals import refuses

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Run visual odometry over all images of a drive and convert it to the input of a map."""
+"""Visual templates and visual odometry of all images of a drive, cached for rendered images."""
 
-import hashlib
-import json
 import logging
+import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +24,89 @@ from fusionslam.ratslam.visual_odometry import (
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
 from fusionslam.storage.archive import load_archive, save_archive
+from fusionslam.storage.cache import cached_path
 from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, Step, label_progress
-
-FORMAT = "fusionslam.image_profiles.1"
+from fusionslam.storage.progress import Progress, Step, label_progress, reported
+from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 logger = logging.getLogger(__name__)
+
+TEMPLATES_FORMAT = "fusionslam.template_views.1"
+
+# Other values of VisualTemplatesConfig do not change the view of an image.
+_OF_VIEWS = ("columns", "rows", "top", "bottom", "left", "right", "mean", "patch")
+PROFILES_FORMAT = "fusionslam.image_profiles.1"
 
 _DOUBTS = {
     "no-contrast": "too little contrast",
     "images-differ": "the image differs too much from the one before it",
 }
 """Descriptions of ``VisualSpeed.doubt``."""
+
+
+@dataclass(frozen=True, eq=False)
+class TemplateViews:
+    """The visual-template views of a drive's images.
+
+    Attributes:
+        views: float32 (n, columns * rows).
+        build_ms: median time to make a view from an image.
+    """
+
+    views: NDArray[np.float32]
+    build_ms: float
+
+
+def template_views(
+    images: ImageSeries,
+    config: VisualTemplatesConfig,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> TemplateViews:
+    """Make the view of each image; those of rendered images are kept in the user's cache.
+
+    Args:
+        images: of the drive.
+        config: of the templates.
+        jobs: number of images read or rendered in parallel; does not change the result.
+        progress: called with (images done, total images).
+
+    Raises:
+        DataError: an image cannot be read or rendered, or the cache cannot be written.
+        ShapeError: an image cannot become a template.
+    """
+    path = None
+    if images.key is not None:
+        identity = [images.key, {name: getattr(config, name) for name in _OF_VIEWS}]
+        path = cached_path("template-views", identity, ".npz")
+    stored = None if path is None else _load_views(path, images, config)
+    if stored is not None:
+        return stored
+    templates, spent = VisualTemplates(config), np.empty(len(images))
+    views = np.empty((len(images), config.columns * config.rows), np.float32)
+    with ordered_results(images.image, range(len(images)), jobs) as loaded:
+        for index, image in enumerate(reported(loaded, progress, len(images))):
+            begin = time.perf_counter()
+            views[index] = templates.view(image)
+            spent[index] = time.perf_counter() - begin
+    made = TemplateViews(views, float(np.median(spent) * 1e3) if len(images) else 0.0)
+    if path is not None:
+        save_archive(path, TEMPLATES_FORMAT, {"build_ms": made.build_ms}, {"views": made.views})
+    return made
+
+
+def _load_views(
+    path: Path, images: ImageSeries, config: VisualTemplatesConfig
+) -> TemplateViews | None:
+    """Load cached views; return None if there are none, or for a file that is not ours."""
+    try:
+        with load_archive(path, TEMPLATES_FORMAT, "template views") as (about, stored):
+            views, build_ms = stored["views"], float(about["build_ms"])
+    except DataError:
+        return None
+    fits = views.dtype == np.float32 and views.shape == (len(images), config.columns * config.rows)
+    return TemplateViews(views, build_ms) if fits else None
 
 
 def visual_speeds(
@@ -125,34 +196,26 @@ def _load_sights(
     Raises:
         DataError, ShapeError: an image cannot be read or used, or the cache cannot be written.
     """
-    path = None if images.key is None else _cache_path(images.key, odometry)
+    path = None
+    if images.key is not None:
+        rows = odometry.config.turn_rows, odometry.config.speed_rows
+        path = cached_path("profiles", [images.key, *rows], ".npz")
     cached = None if path is None else _read_cache(path, len(images))
     if cached is not None:
         return cached
-    sights = []
     with ordered_results(images.image, range(len(images)), jobs) as loaded:
-        for image in loaded:
-            sights.append(odometry.sight(image))
-            if progress is not None:
-                progress(len(sights), len(images))
+        sights = [odometry.sight(image) for image in reported(loaded, progress, len(images))]
     if path is not None and sights:
         turns, speeds = (np.stack([getattr(s, n) for s in sights]) for n in ("turn", "speed"))
         about = {"shape": sights[0].shape}
-        save_archive(path, FORMAT, about, {"turns": turns, "speeds": speeds})
+        save_archive(path, PROFILES_FORMAT, about, {"turns": turns, "speeds": speeds})
     return sights
-
-
-def _cache_path(key: str, odometry: VisualOdometry) -> Path:
-    from fusionslam.storage.cache import cache_folder
-
-    text = json.dumps([key, odometry.config.turn_rows, odometry.config.speed_rows])
-    return cache_folder() / f"profiles-{hashlib.sha256(text.encode()).hexdigest()[:12]}.npz"
 
 
 def _read_cache(path: Path, count: int) -> list[Sight] | None:
     """Load cached sights; return None if there are none, or for a file that is not ours."""
     try:
-        with load_archive(path, FORMAT, "profiles of images") as (about, stored):
+        with load_archive(path, PROFILES_FORMAT, "profiles of images") as (about, stored):
             (height, width), turns, speeds = about["shape"], stored["turns"], stored["speeds"]
     except DataError:
         return None
