@@ -3,8 +3,8 @@
 """The commands ``fusionslam fleet ...``."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -38,54 +38,43 @@ Engine = Annotated[
         help="What runs the workers: processes, Ray on this machine, or a Ray cluster.",
     ),
 ]
-Site = Annotated[str | None, typer.Option("--site", metavar="NAME", help="Of this site alone.")]
-Region = Annotated[
-    str | None, typer.Option("--region", metavar="NAME", help="Of this region alone.")
-]
-Robot = Annotated[str | None, typer.Option("--robot", metavar="NAME", help="Of this robot alone.")]
-NotSession = Annotated[
-    str | None,
-    typer.Option("--not-session", metavar="NAME", help="Of any recording but this one."),
-]
-Session = Annotated[
-    str | None, typer.Option("--session", metavar="NAME", help="Of this recording alone.")
-]
 _TIME = "2026-11-26, 2026-11-26T10:00 or 2026-11-26T10:00+01:00; UTC without an offset"
-Since = Annotated[
-    str | None,
-    typer.Option("--since", metavar="TIME", help=f"Seen at or after this time: {_TIME}."),
-]
-Until = Annotated[
-    str | None, typer.Option("--until", metavar="TIME", help="Seen before this time.")
-]
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MOST_NS = 2**63 - 1
 
 
-def where(
-    site: Site = None, region: Region = None, robot: Robot = None, session: Session = None
-) -> "PlaceFilter":
-    """Return which places are meant."""
-    from fusionslam.fleet.places import PlaceFilter
-
-    return PlaceFilter(site=site, region=region, robot=robot, session=session)
-
-
 def where_and_when(
-    site: Site = None,
-    region: Region = None,
-    robot: Robot = None,
-    session: Session = None,
-    not_session: NotSession = None,
-    since: Since = None,
-    until: Until = None,
+    site: Annotated[
+        str | None, typer.Option("--site", metavar="NAME", help="Of this site alone.")
+    ] = None,
+    region: Annotated[
+        str | None, typer.Option("--region", metavar="NAME", help="Of this region alone.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option("--robot", metavar="NAME", help="Of this robot alone.")
+    ] = None,
+    session: Annotated[
+        str | None, typer.Option("--session", metavar="NAME", help="Of this recording alone.")
+    ] = None,
+    not_session: Annotated[
+        str | None,
+        typer.Option("--not-session", metavar="NAME", help="Of any recording but this one."),
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option("--since", metavar="TIME", help=f"Seen at or after this time: {_TIME}."),
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option("--until", metavar="TIME", help="Seen before this time.")
+    ] = None,
 ) -> "PlaceFilter":
     """Return which places are asked.
 
     Raises:
         ConfigError: a time is none, or no time is between both (code "choice" or "limit").
     """
-    named = where(site, region, robot, session)
+    from fusionslam.fleet.places import PlaceFilter
+
     since_ns, until_ns = _parse_time("--since", since), _parse_time("--until", until)
     if since_ns is not None and until_ns is not None and since_ns >= until_ns:
         raise ConfigError(
@@ -93,7 +82,7 @@ def where_and_when(
             code="limit",
             fields=("--until", str(until)),
         )
-    return replace(named, not_session=not_session, since_ns=since_ns, until_ns=until_ns)
+    return PlaceFilter(site, region, robot, session, not_session, since_ns, until_ns)
 
 
 def _parse_time(option: str, text: str | None) -> int | None:
@@ -111,10 +100,6 @@ def _parse_time(option: str, text: str | None) -> int | None:
         message = f"{option} {text}: expected a time between 1678 and 2261"
         raise ConfigError(message, code="limit", fields=(option, text))
     return stamp_ns
-
-
-Where = Annotated[Callable[[], "PlaceFilter"], where]
-WhereAndWhen = Annotated[Callable[[], "PlaceFilter"], where_and_when]
 
 
 @app.command()
@@ -279,7 +264,7 @@ def query(
         typer.Option("--output", "-o", help="CSV file for all candidates, with poses."),
     ] = None,
     *,
-    where: WhereAndWhen,
+    where: Annotated[Callable[[], "PlaceFilter"], where_and_when],
 ) -> None:
     """Find where scans were seen before, by which robot and when.
 
@@ -366,7 +351,14 @@ def merge(
 
 @app.command()
 @opt.command
-def forget(places: Places, *, where: Where) -> None:
+def forget(
+    places: Places,
+    *,
+    where: Annotated[
+        Callable[[], "PlaceFilter"],
+        partial(where_and_when, not_session=None, since=None, until=None),
+    ],
+) -> None:
     """Delete all places of a robot, recording, site or region, with their clouds and maps.
 
     No query finds them any more, and fleet describe leaves their recordings out from now on
