@@ -8,6 +8,7 @@ textures repeat seamlessly.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -140,10 +141,11 @@ def follow(actor: object, steps: Iterable[Mapping[str, Any]]) -> None:
         getattr(actor, name)(*arguments, **dict(options))
 
 
-def read_steps(table: Path) -> Mapping[str, Any]:
-    """The steps of each texture, or kind of room, of a YAML file."""
-    steps: Mapping[str, Any] = yaml.safe_load(table.read_text(encoding="utf-8"))
-    return steps
+@cache
+def read_table(file: Path) -> Mapping[str, Any]:
+    """A YAML file of the package: the steps of each texture or room, or the shapes of a thing."""
+    table: Mapping[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return table
 
 
 def paint_textures(

@@ -145,8 +145,10 @@ def scan(caster: Caster, config: LidarConfig, poses: Floats, rng: np.random.Gene
     chance = rng.random(len(rays), dtype=np.float32)
     noise = np.float32(config.noise_m) * rng.standard_normal(len(rays), dtype=np.float32)
     cosine = np.abs(caster.incidence(hits, directions))
-    near, far = hits.distance >= config.min_range_m, hits.distance < config.range_m
-    kept = np.flatnonzero(near & far & (chance >= _loss_probability(config, hits.distance, cosine)))
+    grazing = config.grazing_dropout * (1 - cosine) ** 8
+    far = config.far_dropout * np.minimum(hits.distance / np.float32(config.range_m), 1) ** 3
+    within = (hits.distance >= config.min_range_m) & (hits.distance < config.range_m)
+    kept = np.flatnonzero(within & (chance >= config.dropout + grazing + far))
     found = hits[kept]
     intensity = caster.brightness(found) * (0.4 + 0.6 * cosine[kept])
     points = rays[kept] * (found.distance + noise[kept])[:, None]
@@ -164,14 +166,6 @@ def _transform_rays(
     columns = rays.reshape(config.rings, config.azimuths, 3)
     directions = np.einsum("rcj,ckj->rck", columns, turn).reshape(-1, 3)
     return np.tile(place, (config.rings, 1)), directions
-
-
-def _loss_probability(config: LidarConfig, distance: Floats32, cosine: Floats32) -> Floats32:
-    """Probability that a shot returns nothing."""
-    far = np.minimum(distance / np.float32(config.range_m), 1)
-    grazing = config.grazing_dropout * (1 - cosine) ** 8
-    lost: Floats32 = config.dropout + grazing + config.far_dropout * far**3
-    return lost
 
 
 def point_fields(

@@ -8,12 +8,13 @@
 'house'
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fusionslam.sim.indoor.hospital import HospitalConfig, hospital_places, make_hospital
-from fusionslam.sim.indoor.house import HouseConfig, house_places, make_house
+from fusionslam.sim.indoor.hospital import HospitalConfig, hospital_rooms, make_hospital
+from fusionslam.sim.indoor.house import HouseConfig, house_rooms, make_house
+from fusionslam.sim.indoor.rooms import Room
 from fusionslam.sim.indoor.warehouse import WarehouseConfig, make_warehouse, warehouse_places
 from fusionslam.sim.world import World
 
@@ -35,10 +36,17 @@ class IndoorWorld:
     places: Callable[[Any], dict[str, tuple[float, float]]]
 
 
+def _centres(rooms: Sequence[Room], openings: object) -> dict[str, tuple[float, float]]:
+    """x, y in metres of the centre of each room, where the floor is free."""
+    return {room.name: room.centre for room in rooms}
+
+
 INDOOR_WORLDS: Mapping[str, IndoorWorld] = {
     "warehouse": IndoorWorld(WarehouseConfig, make_warehouse, warehouse_places),
-    "house": IndoorWorld(HouseConfig, make_house, house_places),
-    "hospital": IndoorWorld(HospitalConfig, make_hospital, hospital_places),
+    "house": IndoorWorld(HouseConfig, make_house, lambda config: _centres(*house_rooms(config))),
+    "hospital": IndoorWorld(
+        HospitalConfig, make_hospital, lambda config: _centres(*hospital_rooms(config))
+    ),
 }
 
 

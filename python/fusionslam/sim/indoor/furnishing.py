@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Furnish a room step by step, as ``furnishing.yaml`` says for its kind."""
 
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from fusionslam.sim.canvas import follow, read_steps
+from fusionslam.sim.canvas import follow, read_table
 from fusionslam.sim.indoor.furniture import (
     CLOTHS,
     PALETTE,
@@ -46,7 +44,7 @@ class Furnisher:
 
     def also(self, name: str) -> None:
         """Follow the steps of a kind of room."""
-        follow(self, _rooms()[name])
+        follow(self, read_table(Path(__file__).with_suffix(".yaml"))[name])
 
     def stand(self, *kinds: str, tint: Sequence[str] = ("WHITE",)) -> None:
         """Stand a piece at a wall."""
@@ -130,8 +128,3 @@ class Furnisher:
             return CLOTHS[self._rng.integers(len(CLOTHS))]
         tint: Rgb = {**PALETTE, **vars(self._style)}[name]
         return tint
-
-
-@cache
-def _rooms() -> Mapping[str, Any]:
-    return read_steps(Path(__file__).with_suffix(".yaml"))

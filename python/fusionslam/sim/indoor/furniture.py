@@ -8,14 +8,14 @@ function here. Legs and frames are modelled, because a low camera sees little el
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from fusionslam.sim.canvas import read_table
 from fusionslam.sim.indoor.objects import Thing, block, cylinder, flat, front, legs, thing, wheel
 from fusionslam.sim.indoor.textures import BLUE, DARK, GREY, STEEL, TIMBER, WHITE, Look, cut, fit
 from fusionslam.sim.mesh import (
@@ -100,7 +100,7 @@ def make_piece(kind: str, style: Style | None = None, tint: Rgb = WHITE, number:
     """
     colors = {**PALETTE, "tint": tint, **(vars(style) if style else {})}
     visual, solid = [], []
-    for row in _read_table()[kind]:
+    for row in read_table(Path(__file__).with_suffix(".yaml"))[kind]:
         meshes = list(_make_shape(row, colors, number))
         if row.get("seen", True):
             visual += meshes
@@ -108,13 +108,6 @@ def make_piece(kind: str, style: Style | None = None, tint: Rgb = WHITE, number:
             solid += meshes
     name = kind.partition(".")[0]
     return thing(name, visual, solid) if solid else flat(name, visual)
-
-
-@cache
-def _read_table() -> Mapping[str, Any]:
-    text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
-    table: Mapping[str, Any] = yaml.safe_load(text)
-    return table
 
 
 def _make_shape(row: Mapping[str, Any], colors: Mapping[str, Rgb], number: int) -> Iterator[Mesh]:

@@ -83,11 +83,6 @@ def hospital_rooms(config: HospitalConfig) -> tuple[list[Room], list[Opening]]:
     return rooms, openings
 
 
-def hospital_places(config: HospitalConfig) -> dict[str, tuple[float, float]]:
-    """x, y in metres of the centre of each room, where the floor is free."""
-    return {room.name: room.centre for room in hospital_rooms(config)[0]}
-
-
 def make_hospital(config: HospitalConfig) -> World:
     """Build the hospital with visual and collision scene."""
     rooms, openings = hospital_rooms(config)

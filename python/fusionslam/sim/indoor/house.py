@@ -73,11 +73,6 @@ def house_rooms(config: HouseConfig) -> tuple[list[Room], list[Opening]]:
     return rooms, _openings(rooms, rng)
 
 
-def house_places(config: HouseConfig) -> dict[str, tuple[float, float]]:
-    """x, y in metres of the centre of each room, where the floor is free."""
-    return {room.name: room.centre for room in house_rooms(config)[0]}
-
-
 def make_house(config: HouseConfig) -> World:
     """Build the house with visual and collision scene."""
     rooms, openings = house_rooms(config)

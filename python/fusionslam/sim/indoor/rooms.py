@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build rooms that share walls: floors, ceilings, openings, frames, door leaves, windows."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,24 +80,28 @@ def openings_of(side: Side, openings: Sequence[Opening]) -> list[tuple[float, Op
 def build_room(site: Site, room: Room, openings: Sequence[Opening], height: float) -> None:
     """Add floor, ceiling, walls and open door leaves of a room to the site."""
     extent = room.high[0] - room.low[0], room.high[1] - room.low[1]
-    high = np.array(extent) / 2
-    floor = level(-high, high, 0.0, room.floor)
-    ceiling = level(-high, high, 0.0, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
+    corner = np.array(extent) / 2
+    floor = level(-corner, corner, 0.0, room.floor)
+    ceiling = level(-corner, corner, 0.0, paint(Look.PANELS, (1.7, 1.7, 1.7)), upward=False)
     site.put(Thing(f"floor_{room.name}", floor, floor, extent, is_ground=True), *room.centre)
     site.put(Thing(f"ceiling_{room.name}", ceiling, ceiling, extent), *room.centre, z=height)
     visual: list[Mesh] = []
     solid: list[Mesh] = []
     for side in sides(room):
         found = openings_of(side, openings)
-        walls = join_meshes(list(_wall_boxes(side.length, found, height, room.wall)))
-        extras = list(_skirting(side.length, found, room.skirting))
+        walls, extras = [], []
+        for start, end in spans(side.length, found):
+            walls.append(box((start, 0, 0), (end, _HALF, height), room.wall))
+            extras.append(box((start, _HALF, 0), (end, _HALF + 0.012, 0.08), room.skirting))
         for along, opening in found:
+            low, high = along - opening.width / 2, along + opening.width / 2
+            walls.append(block((low, 0, DOOR_M), (high, _HALF, height), room.wall))
             extras.append(_frame(along, opening))
             if opening.leaf_in == room.name:
                 _put_leaf(site, side, along, opening)
         place = (*side.start, 0)
-        visual.append(join_meshes([walls, *extras]).move(place, side.yaw))
-        solid.append(walls.move(place, side.yaw))
+        visual.append(join_meshes([*walls, *extras]).move(place, side.yaw))
+        solid.append(join_meshes(walls).move(place, side.yaw))
     site.put(thing(f"wall_{room.name}", visual, solid), 0.0, 0.0)
 
 
@@ -116,24 +120,6 @@ def spans(length: float, found: Sequence[tuple[float, Opening]]) -> list[tuple[f
         edges += [along - opening.width / 2, along + opening.width / 2]
     edges.append(length)
     return list(zip(edges[::2], edges[1::2], strict=True))
-
-
-def _wall_boxes(
-    length: float, found: Sequence[tuple[float, Opening]], height: float, cover: Paint
-) -> Iterator[Mesh]:
-    """This room's half of a wall: boxes between the openings and above them."""
-    for start, end in spans(length, found):
-        yield box((start, 0, 0), (end, _HALF, height), cover)
-    for along, opening in found:
-        low, high = along - opening.width / 2, along + opening.width / 2
-        yield block((low, 0, DOOR_M), (high, _HALF, height), cover)
-
-
-def _skirting(
-    length: float, found: Sequence[tuple[float, Opening]], cover: Paint
-) -> Iterator[Mesh]:
-    for start, end in spans(length, found):
-        yield box((start, _HALF, 0), (end, _HALF + 0.012, 0.08), cover)
 
 
 def _frame(along: float, opening: Opening) -> Mesh:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam.sim.canvas import SIDE, Canvas, follow, paint_textures, read_steps
+from fusionslam.sim.canvas import SIDE, Canvas, follow, paint_textures, read_table
 from fusionslam.sim.mesh import Paint, Rgb, Texture
 from fusionslam.storage.arrays import Floats, Image
 
@@ -72,7 +72,7 @@ def cut(look: Look, number: int, width: float, height: float, tint: Rgb = (1, 1,
 @lru_cache(maxsize=4)
 def indoor_textures(seed: int) -> tuple[Image, ...]:
     """The images indexed by ``Look``: uint8 (512, 512, 4) each, made from a seed."""
-    steps = read_steps(Path(__file__).with_suffix(".yaml"))
+    steps = read_table(Path(__file__).with_suffix(".yaml"))
 
     def paint(look: Look, rng: np.random.Generator) -> Canvas:
         canvas = IndoorCanvas(look.extent, rng)

@@ -76,10 +76,15 @@ def house_type(rng: np.random.Generator, kind: str, wall: Rgb) -> HouseType:
 def house(kind: HouseType, rng: np.random.Generator) -> Mesh:
     """Build a house: left front corner at the origin, front along the x axis, facing -y."""
     parts = [_walls(kind, rng), _roof(kind), _door(kind, rng)]
-    if kind.roof != "flat":
-        parts.append(_chimney(kind, rng))
-    elif kind.floors > 3:
-        parts.append(_lift_house(kind))
+    width, depth, z = kind.width, kind.depth, kind.floors * FLOOR_M
+    if kind.roof != "flat":  # a chimney
+        x, y = rng.uniform(0.2, 0.8) * width, rng.uniform(0.35, 0.65) * depth
+        high = (x + 0.35, y + 0.35, z + kind.roof_height + 0.8)
+        cover = paint(Look.PLASTER, (0.6, 0.4, 0.34))
+        parts.append(box((x - 0.35, y - 0.35, z), high, cover))
+    elif kind.floors > 3:  # the top of a lift
+        high, cover = (width * 0.4 + 3, depth * 0.8, z + 3), paint(Look.PLASTER, (0.7, 0.7, 0.7))
+        parts.append(box((width * 0.4, depth * 0.4, z), high, cover))
     shade = 1 + 0.10 * rng.uniform(-1, 1)
     return join_meshes(parts).multiply_tint((shade, shade, shade))
 
@@ -148,18 +153,3 @@ def _door(kind: HouseType, rng: np.random.Generator) -> Mesh:
     leaf = box((left, -0.12, 0.18), (left + 1.2, 0, 2.4), paint(Look.DOOR, kind.door))
     canopy = box((left - 0.3, -0.9, 2.6), (left + 1.5, 0, 2.75), paint(Look.ROOF, kind.roof_tint))
     return join_meshes([step, leaf, canopy])
-
-
-def _chimney(kind: HouseType, rng: np.random.Generator) -> Mesh:
-    x, y = rng.uniform(0.2, 0.8) * kind.width, rng.uniform(0.35, 0.65) * kind.depth
-    z = kind.floors * FLOOR_M
-    top = z + kind.roof_height + 0.8
-    return box(
-        (x - 0.35, y - 0.35, z), (x + 0.35, y + 0.35, top), paint(Look.PLASTER, (0.6, 0.4, 0.34))
-    )
-
-
-def _lift_house(kind: HouseType) -> Mesh:
-    z = kind.floors * FLOOR_M
-    x, y = kind.width * 0.4, kind.depth * 0.4
-    return box((x, y, z), (x + 3, kind.depth * 0.8, z + 3), paint(Look.PLASTER, (0.7, 0.7, 0.7)))

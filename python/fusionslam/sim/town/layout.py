@@ -172,11 +172,11 @@ def _front_garden(
     border = int(rng.integers(4))
     opening = rng.uniform(0.3, 0.6) * width
     height = rng.uniform(0.7, 1.3)
-    make = (street.hedge, street.fence, street.wall)
+    kinds = ("hedge", "fence", "wall")
     if border < 3:
         for start, end in ((0.0, opening), (opening + 1.6, width + 1.0)):
             if end - start > 0.5:
-                piece = make[border](end - start, height)
+                piece = street.border(kinds[border], end - start, height)
                 parts.append(_place(side, piece, along + start, PAVEMENT_M + 0.1, _CURB_M))
     if back > PAVEMENT_M + 3 and rng.random() < 0.7:
         plant = street.bush(rng) if rng.random() < 0.6 else street.conifer(rng)
@@ -205,7 +205,7 @@ def _street_furniture(config: TownConfig, side: Side, rng: np.random.Generator) 
 def _park_edge(side: Side, rng: np.random.Generator) -> list[Mesh]:
     parts = []
     if rng.random() < 0.6:
-        border = street.hedge(side.length - 14, rng.uniform(0.6, 1.1))
+        border = street.border("hedge", side.length - 14, rng.uniform(0.6, 1.1))
         parts.append(_place(side, border, 7.0, PAVEMENT_M + 0.1, _CURB_M))
     for along in rng.uniform(8, side.length - 8, 2):
         parts.append(_place(side, street.bench(), along, PAVEMENT_M + 1.2, _CURB_M))

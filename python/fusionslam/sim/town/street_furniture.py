@@ -66,19 +66,18 @@ def bush(rng: np.random.Generator) -> Mesh:
     return _crown(rng, np.array((0, 0, radii[2] * 0.8)), radii, _green(rng), 110)
 
 
-def hedge(length: float, height: float) -> Mesh:
-    """A clipped hedge along x, 0.6 m deep."""
-    return box((0, 0, 0), (length, 0.6, height), paint(Look.LEAVES, (0.36, 0.50, 0.24)))
+# Depth and cover of what encloses gardens.
+_BORDERS = {
+    "hedge": (0.6, paint(Look.LEAVES, (0.36, 0.50, 0.24))),
+    "fence": (0.08, paint(Look.WOOD)),
+    "wall": (0.25, paint(Look.PLASTER, (0.70, 0.66, 0.60))),
+}
 
 
-def fence(length: float, height: float) -> Mesh:
-    """A fence of boards along x."""
-    return box((0, 0, 0), (length, 0.08, height), paint(Look.WOOD))
-
-
-def wall(length: float, height: float) -> Mesh:
-    """A garden wall along x."""
-    return box((0, 0, 0), (length, 0.25, height), paint(Look.PLASTER, (0.70, 0.66, 0.60)))
+def border(kind: str, length: float, height: float) -> Mesh:
+    """A clipped hedge, a fence of boards or a wall along x."""
+    depth, cover = _BORDERS[kind]
+    return box((0, 0, 0), (length, depth, height), cover)
 
 
 def lamp(rng: np.random.Generator) -> Mesh:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam.sim.canvas import Canvas, follow, paint_textures, read_steps
+from fusionslam.sim.canvas import Canvas, follow, paint_textures, read_table
 from fusionslam.sim.mesh import Rgb, Texture
 from fusionslam.storage.arrays import Image
 
@@ -70,7 +70,7 @@ FACADES: tuple[FacadeStyle, ...] = (
 @lru_cache(maxsize=4)
 def town_textures(seed: int) -> tuple[Image, ...]:
     """The images indexed by ``Look``, then the facades: uint8 (512, 512, 4) each, from a seed."""
-    steps = read_steps(Path(__file__).with_suffix(".yaml"))
+    steps = read_table(Path(__file__).with_suffix(".yaml"))
 
     def paint(look: Look, name: str, style: FacadeStyle | None, rng: np.random.Generator) -> Canvas:
         canvas = TownCanvas(look.extent, rng)

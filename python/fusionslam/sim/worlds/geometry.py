@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from trimesh import creation
 
 from fusionslam.sim.worlds.meshes import read_mesh
 from fusionslam.sim.worlds.resource_paths import Library
@@ -109,21 +108,11 @@ class GeometryReader:
         self._library.missing.add(kind, name, why)
 
 
-def _box(size: Floats) -> Floats:
-    """A box of twelve triangles; size (3,) in metres."""
-    return triangles_of(creation.box(extents=size))
+def _solid(kind: str, **sizes: Any) -> Floats:
+    """A closed solid of ``trimesh.creation`` around the origin; sizes in metres."""
+    import trimesh  # not needed for worlds without files
 
-
-def _cylinder(radius: Floats, length: Floats) -> Floats:
-    """A closed cylinder along z; radius and length (1,) in metres."""
-    return triangles_of(
-        creation.cylinder(radius=radius.item(), height=length.item(), sections=_COLUMN_SIDES)
-    )
-
-
-def _sphere(radius: Floats) -> Floats:
-    """A sphere of nearly equal triangles whose corners lie on it; radius (1,) in metres."""
-    return triangles_of(creation.icosphere(_BALL_SUBDIVISIONS, radius.item()))
+    return triangles_of(getattr(trimesh.creation, kind)(**sizes))
 
 
 def _plane(normal: Floats, size: Floats) -> Floats:
@@ -141,8 +130,16 @@ def _plane(normal: Floats, size: Floats) -> Floats:
 
 # Function of each primitive, and its values: key, count of numbers, default if it may be missing.
 _PRIMITIVES: Mapping[str, tuple[Callable[..., Floats], tuple[Any, ...]]] = {
-    "box": (_box, (("size", 3),)),
-    "cylinder": (_cylinder, (("radius", 1), ("length", 1))),
-    "sphere": (_sphere, (("radius", 1),)),
+    "box": (lambda size: _solid("box", extents=size), (("size", 3),)),
+    "cylinder": (
+        lambda radius, length: _solid(
+            "cylinder", radius=radius.item(), height=length.item(), sections=_COLUMN_SIDES
+        ),
+        (("radius", 1), ("length", 1)),
+    ),
+    "sphere": (
+        lambda radius: _solid("icosphere", subdivisions=_BALL_SUBDIVISIONS, radius=radius.item()),
+        (("radius", 1),),
+    ),
     "plane": (_plane, (("normal", 3, "0 0 1"), ("size", 2, "1 1"))),
 }
