@@ -4,6 +4,7 @@
 
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from fusionslam.datasets.streams import (
     warn_uncalibrated,
 )
 from fusionslam.errors import DataError
+from fusionslam.sensors.frame import Camera
 
 logger = logging.getLogger(__name__)
 
@@ -60,14 +62,7 @@ def open_folder(path: Path, request: Request) -> Dataset:
     # Files of sensors that were not requested do not count as frames.
     wanted = request.sensors or tuple(LAYOUT)
     files = {sensor: paths for sensor, paths in _files(root).items() if sensor in wanted}
-    around: dict[str, list[Path]] = {}
-    for name in (name for name in calibrated if name not in LAYOUT and "left" in wanted):
-        if paths := files_in(root / name, IMAGE_SUFFIXES):
-            around[name] = paths
-        else:
-            logger.warning(
-                "%s: no images of camera '%s' of the calibration in it", root / name, name
-            )
+    around = _surround_files(root, calibrated) if "left" in wanted else {}
     if around and not files["left"]:
         main = next(iter(around))
         files["left"], calibrated["left"] = around.pop(main), calibrated.pop(main)
@@ -172,6 +167,19 @@ def _stamps(
     if poses is None or pose_stamps is None:
         return regular_stamps(numbers, str(times)), None
     return pick(pose_stamps, numbers, poses), len(pose_stamps)
+
+
+def _surround_files(root: Path, calibrated: Mapping[str, Camera]) -> dict[str, list[Path]]:
+    """The images of the cameras in calib.yaml beside "left" and "right"."""
+    found = {}
+    for name in (name for name in calibrated if name not in LAYOUT):
+        if paths := files_in(root / name, IMAGE_SUFFIXES):
+            found[name] = paths
+        else:
+            logger.warning(
+                "%s: no images of camera '%s' of the calibration in it", root / name, name
+            )
+    return found
 
 
 def unread_files(root: Path, sensor: str) -> list[str]:

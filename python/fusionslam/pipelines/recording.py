@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
@@ -191,6 +190,9 @@ def warn_of_mistakes(dataset: Dataset, source: str) -> None:
         dataset: the recording.
         source: of its clouds.
     """
+    # Imported here, as it loads SciPy.
+    from fusionslam.calibration.mistakes import warn_of_wrong_calibration
+
     motion = ScanMotion()
     with suppress(DataError):
         rows = {0, len(dataset) // 2, len(dataset) - 1} if len(dataset) else ()
