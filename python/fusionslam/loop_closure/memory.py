@@ -101,6 +101,9 @@ class FrameMemory:
         config: which frames are candidates, and how many are kept.
         registration: how clouds were prepared.
         kept: where packed clouds are kept, by number of the frame; None is in memory.
+
+    Attributes:
+        config: of which the number of frames may change later.
     """
 
     def __init__(
@@ -110,7 +113,7 @@ class FrameMemory:
         registration: RegistrationConfig,
         kept: MutableMapping[int, Kept] | None = None,
     ) -> None:
-        self._metrics, self._config = metrics, config
+        self._metrics, self.config = metrics, config
         self._indexes: dict[str, DescriptorIndex] = {}
         self._numbers, self._stamps_ns = Rows(np.int64), Rows(np.int64)
         self._novelty = Rows(np.float32)
@@ -118,10 +121,6 @@ class FrameMemory:
 
     def __len__(self) -> int:
         return len(self._numbers)
-
-    def configure(self, config: LoopConfig) -> None:
-        """Keep another number of frames from now on; windows stay what they are."""
-        self._config = config
 
     @property
     def numbers(self) -> NDArray[np.int64]:
@@ -158,7 +157,7 @@ class FrameMemory:
         rows, distances = index.query(
             index.descriptor(last), k=min(k, last) + 1, stamp_ns=int(self._stamps_ns.all[last])
         )
-        own = rows < last - self._config.window
+        own = rows < last - self.config.window
         numbers = self._numbers.all[rows[own]].tolist()
         return [*zip(numbers, distances[own].tolist(), strict=True)][:k]
 
@@ -173,7 +172,8 @@ class FrameMemory:
         self._novelty.append(novelty)
         if seen.cloud is not None:
             self.clouds.add(number, seen.cloud, seen.odometry)
-        if 0 < self._limit <= len(self):
+        config = self.config
+        if config.max_frames and len(self) >= max(config.max_frames, 2 * config.window, 4):
             self._forget()
 
     def frame(self, number: int) -> StoredFrame:
@@ -181,14 +181,8 @@ class FrameMemory:
         stamp_ns = int(self._stamps_ns.all[np.searchsorted(self._numbers.all, number)])
         return self.clouds.frame(number, stamp_ns)
 
-    @property
-    def _limit(self) -> int:
-        """The number of frames at which a quarter is forgotten; 0 is no limit."""
-        config = self._config
-        return max(config.max_frames, 2 * config.window, 4) if config.max_frames else 0
-
     def _new_index(self, name: str, length: int) -> DescriptorIndex:
-        config = self._config
+        config = self.config
         return DescriptorIndex(
             length,
             window=config.window,
@@ -205,7 +199,7 @@ class FrameMemory:
         count = len(self)
         # The index counts its window in rows, so none of the newest may be forgotten; nor the last
         # frame, whose candidates may be asked for.
-        old = count - max(self._config.window, 1)
+        old = count - max(self.config.window, 1)
         # Of equally novel frames the newest goes first.
         order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
         rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))

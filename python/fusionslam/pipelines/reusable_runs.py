@@ -16,7 +16,7 @@ from fusionslam import _core
 from fusionslam.config import flatten
 from fusionslam.descriptors import find_descriptor, own_files
 from fusionslam.errors import DataError
-from fusionslam.evaluation import DescriptorRun
+from fusionslam.evaluation import DescriptorRun, VerifiedRun
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describe_dataset,
@@ -139,23 +139,26 @@ class _StoredRuns:
         yield from differences(before, now)
         if self.bad_frames == "error" and run.skipped:
             yield f"it lacks {len(run.skipped)} frames that cannot be described"
-        elif not self._has_all_frames(run):
+        elif not has_all_frames(run, self.dataset):
             yield f"it was made of {len(run)} frames, now there are others"
-        elif path.stat().st_mtime < self._newest(run.descriptor):
+        elif path.stat().st_mtime < newest_change(self.dataset, run.descriptor):
             yield "the recording or the program is newer"
 
-    def _has_all_frames(self, run: DescriptorRun) -> bool:
-        left = ~np.isin(self.dataset.numbers, list(run.skipped))
-        return np.array_equal(run.numbers, self.dataset.numbers[left]) and np.array_equal(
-            run.stamps_ns, self.dataset.stamps_ns[left]
-        )
 
-    def _newest(self, name: str) -> float:
-        """Time of the last change of the recording or of what describes it."""
-        files = (Path(str(_core.__file__)), *self.dataset.files(), *own_files([name]))
-        with suppress(OSError):  # a missing file is reported when it is read
-            return max(path.stat().st_mtime for path in files)
-        return float("inf")
+def has_all_frames(run: DescriptorRun | VerifiedRun, dataset: "Dataset") -> bool:
+    """Whether a run is of all frames of a dataset, but for those that it skipped."""
+    left = ~np.isin(dataset.numbers, list(run.skipped))
+    return np.array_equal(run.numbers, dataset.numbers[left]) and np.array_equal(
+        run.stamps_ns, dataset.stamps_ns[left]
+    )
+
+
+def newest_change(dataset: "Dataset", name: str) -> float:
+    """Time of the last change of a recording or of what describes it."""
+    files = (Path(str(_core.__file__)), *dataset.files(), *own_files([name]))
+    with suppress(OSError):  # a missing file is reported when it is read
+        return max(path.stat().st_mtime for path in files)
+    return float("inf")
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
