@@ -196,11 +196,7 @@ def build(
             delete_segments(folder, but="")
         return IndexReport(rows, last_row)
     say("index of keys and filters")
-    from lancedb.index import Bitmap, BTree, IvfSq
-
-    table.create_index("key", config=BTree())
-    for name in ("site", "robot", "session"):
-        table.create_index(name, config=Bitmap())
+    _index_columns(table)
     say("index of vectors")
     size, digest = 0, ""
     if kind == "faiss":
@@ -210,13 +206,7 @@ def build(
         candidates: Candidates = BySegment(table, segment, last_row)
         name, partitions = segment.name, segment.lists
     else:
-        config = IvfSq(
-            distance_type="l2",
-            target_partition_size=_PARTITION,
-            sample_rate=_TRAINING,
-            max_iterations=_ROUNDS,
-        )
-        table.create_index("vector", config=config)
+        _build_by_lance(table)
         candidates, partitions = partial(lance_candidates, table), _lance_lists(rows)
         name = _lance_index(table).index_uuid
     search, (found, first), queries = _measure(table, candidates, partitions, recall, say)
@@ -253,6 +243,26 @@ def renew(table: Any, location: str, progress: Progress | None) -> None:
         return
     if report.kind != "exact":
         build(table, location, report.wanted, report.kind, progress)
+
+
+def _index_columns(table: Any) -> None:
+    from lancedb.index import Bitmap, BTree
+
+    table.create_index("key", config=BTree())
+    for name in ("site", "robot", "session"):
+        table.create_index(name, config=Bitmap())
+
+
+def _build_by_lance(table: Any) -> None:
+    from lancedb.index import IvfSq
+
+    config = IvfSq(
+        distance_type="l2",
+        target_partition_size=_PARTITION,
+        sample_rate=_TRAINING,
+        max_iterations=_ROUNDS,
+    )
+    table.create_index("vector", config=config)
 
 
 def _blocks(table: Any) -> Iterator[tuple[Integers, Floats32]]:

@@ -204,7 +204,7 @@ class FrameMemory:
         order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
         rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))
         columns = [column[rows] for column in self._columns()]
-        self._restore({name: self._vectors(name, rows) for name in self._indexes}, *columns)
+        self.resume({name: self._vectors(name, rows) for name in self._indexes}, *columns)
         self.clouds.forget(but=set(self.numbers.tolist()))
         logger.info("%d of %d stored frames are forgotten", count // 4, count)
 
@@ -215,14 +215,21 @@ class FrameMemory:
         index = self._indexes[name]
         return np.array([index.descriptor(int(row)) for row in rows], np.float32)
 
-    def _restore(
+    def resume(
         self,
         vectors: Vectors,
         numbers: NDArray[np.int64],
         stamps_ns: NDArray[np.int64],
-        novelty: NDArray[np.float32],
+        novelty: NDArray[np.float32] | None = None,
     ) -> None:
-        """Replace what is kept, but for the clouds."""
+        """Go on from frames whose clouds are kept already.
+
+        Args:
+            vectors: float32 (n, D) by descriptor, of all frames.
+            numbers: int64 (n,), ascending.
+            stamps_ns: int64 (n,); 0 where unknown.
+            novelty: float32 (n,), distance of each frame's nearest candidate; None for infinity.
+        """
         self._indexes = {}
         for name, rows in vectors.items():
             if not len(rows):
@@ -231,19 +238,8 @@ class FrameMemory:
             for vector, stamp in zip(rows, stamps_ns.tolist(), strict=True):
                 index.add(vector, stamp_ns=stamp)
         self._numbers, self._stamps_ns = Rows.of(numbers), Rows.of(stamps_ns)
-        self._novelty = Rows.of(novelty)
-
-    def resume(
-        self, vectors: Vectors, numbers: NDArray[np.int64], stamps_ns: NDArray[np.int64]
-    ) -> None:
-        """Go on from frames whose clouds are kept elsewhere.
-
-        Args:
-            vectors: float32 (n, D) by descriptor, of all frames.
-            numbers: int64 (n,), ascending.
-            stamps_ns: int64 (n,); 0 where unknown.
-        """
-        self._restore(vectors, numbers, stamps_ns, np.full(len(numbers), np.inf, np.float32))
+        unknown = np.full(len(numbers), np.inf, np.float32)
+        self._novelty = Rows.of(unknown if novelty is None else novelty)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as arrays by name, for ``restore``."""
@@ -283,7 +279,7 @@ class FrameMemory:
             raise DataError(f"{', '.join([*vectors, *_COLUMNS])} of {counts} frames")
         if (np.diff(numbers, prepend=-1, append=count) <= 0).any():
             raise DataError(f"the numbers of the frames do not ascend from 0 to {count - 1}")
-        self._restore(vectors, *columns)
+        self.resume(vectors, *columns)
         self.clouds.kept = _kept_of(arrays, numbers) if "clouds" in arrays else {}
 
 
