@@ -11,7 +11,7 @@ import numpy as np
 
 from fusionslam._core import OdometryTree
 from fusionslam.geometry.se3 import exp, inverse, log
-from fusionslam.mapping.edge import CHI2_999, Edge
+from fusionslam.mapping.edge import CHI2_999, Edge, reverse
 from fusionslam.mapping.gtsam_extra import Solver
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
@@ -144,7 +144,7 @@ class Window:
 def between_places(edge: Edge, a: int, b: int) -> Edge:
     """An edge between the places of its nodes, from the earlier to the newer one."""
     first, last = sorted((a, b))
-    return replace(edge if a < b else edge.reversed, a=first, b=last)
+    return replace(edge if a < b else reverse(edge), a=first, b=last)
 
 
 def fuse_step(step: Matrix, drift: Floats, measured: Edge) -> Matrix:

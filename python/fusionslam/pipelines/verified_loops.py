@@ -23,6 +23,7 @@ from fusionslam.evaluation.loops.verified_run import REJECTED
 from fusionslam.fusion import FusionConfig, load_sensors
 from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import LoopDetector, Observation
+from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.loop_closure.verification import Verified
 from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
@@ -259,7 +260,7 @@ def run_of(
     """
     frames = np.array([each.row for each in records], np.int64)
     found = [each.found.best for each in records]
-    best = [each if each is not None and each.may_be_right else None for each in found]
+    best = [each if each is not None and may_be_right(each) else None for each in found]
     poses = dataset.true_poses
     unknown = {"pose": np.full((4, 4), np.nan), "covariance": np.full((6, 6), np.nan)}
 
