@@ -40,6 +40,7 @@ from fusionslam.evaluation import (
     evaluate,
     evaluate_verified,
 )
+from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.storage.arrays import Floats, Integers, Mask
 from fusionslam.storage.cache import cache_folder
@@ -141,7 +142,7 @@ def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
         accepted[row] = detector.add(cloud) is not None
         seconds[row] = time.process_time() - start
         best = detector.nearest
-        if best is not None and best.may_be_right:
+        if best is not None and may_be_right(best):
             match[row], probability[row] = best.match, best.probability
             estimates[row] = best.match_from_query
     return as_run(

@@ -4,7 +4,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from fusionslam.storage.archive import load_json, save_json
 
 FORMAT = "fusionslam.fleet.1"
 FILE = "fleet.json"
-_SECTIONS = ("fusion", "descriptors", "registration", "fleet")
 
 
 class FleetConfig(Section):
@@ -37,6 +36,14 @@ class FleetConfig(Section):
     keyframe_turn: float = option(30.0, "turn between them", unit="deg", gt=0, le=360)
     clouds: bool = option(True, "keep the clouds of places, which prove what a query finds")
     tries: int = option(3, "times that work is tried before it counts as failed", ge=1, le=100)
+
+
+_SECTIONS: dict[str, type[Section]] = {
+    "fusion": FusionConfig,
+    "descriptors": DescriptorConfig,
+    "registration": RegistrationConfig,
+    "fleet": FleetConfig,
+}
 
 
 @dataclass(frozen=True)
@@ -73,20 +80,10 @@ class FleetSettings:
             DataError: it has none, or they are damaged or of another format.
         """
         with load_json(folder / FILE, FORMAT, "a folder of fleet describe") as values:
-            return cls._parse(values)
-
-    @classmethod
-    def _parse(cls, values: Mapping[str, Any]) -> "FleetSettings":
-        defaults: dict[str, Section] = {
-            "fusion": FusionConfig(),
-            "descriptors": DescriptorConfig(),
-            "registration": RegistrationConfig(),
-            "fleet": FleetConfig(),
-        }
-        sections: dict[str, Any] = {
-            name: merged(defaults[name], values[name], f"{name}.") for name in _SECTIONS
-        }
-        return cls(tuple(map(str, values["names"])), **sections)
+            sections: dict[str, Any] = {
+                name: merged(kind(), values[name], f"{name}.") for name, kind in _SECTIONS.items()
+            }
+            return cls(tuple(map(str, values["names"])), **sections)
 
     def save(self, folder: Path) -> None:
         """Write the settings of a new folder.

@@ -104,20 +104,16 @@ class FleetFolder:
             time.sleep(_PAUSE_S)
 
     def _open_database(self, read_only: bool) -> PlaceDatabase:
-        location, expected = self.path / DATABASE, self._database_settings
-        if not read_only and not has_table(str(location)):
-            return PlaceDatabase.create(location, expected)
-        return PlaceDatabase.open(location, expected=expected, read_only=read_only)
-
-    @property
-    def _database_settings(self) -> DatabaseSettings:
-        settings, name = self.settings, self.settings.names[0]
+        location, settings, name = self.path / DATABASE, self.settings, self.settings.names[0]
         config = {
             "fusion": settings.fusion.model_dump(mode="json"),
             "descriptors": settings.descriptors.model_dump(mode="json", exclude={"threads"}),
         }
         length = length_of(name, settings.descriptors)
-        return DatabaseSettings(name, length, find_descriptor(name).metric, config)
+        expected = DatabaseSettings(name, length, find_descriptor(name).metric, config)
+        if not read_only and not has_table(str(location)):
+            return PlaceDatabase.create(location, expected)
+        return PlaceDatabase.open(location, expected=expected, read_only=read_only)
 
     def locator(self, database: PlaceDatabase, loops: LoopConfig | None = None) -> FleetLocator:
         """Return what finds clouds in a database of this folder."""
@@ -235,7 +231,13 @@ class FleetFolder:
             ConfigError: the filter is empty, or it asks for times: whole recordings are forgotten.
             DataError: the list of recordings is damaged; nothing is deleted then.
         """
-        _check_forgettable(where)
+        named = PlaceFilter(where.site, where.region, where.robot, where.session)
+        if where.is_any or where != named:
+            raise ConfigError(
+                "expected a robot, session, site or region to forget: whole recordings are",
+                code="choice",
+                fields=("forget",),
+            )
         with self.database(read_only=False) as database:
             listed = Plan.load(self.path) if (self.path / PLAN).exists() else None
             save_json(
@@ -260,16 +262,6 @@ class FleetFolder:
             return []
         with load_json(path, FORGOTTEN_FORMAT, "what a fleet forgot") as values:
             return [PlaceFilter(**each) for each in values["filters"]]
-
-
-def _check_forgettable(where: PlaceFilter) -> None:
-    named = PlaceFilter(where.site, where.region, where.robot, where.session)
-    if where.is_any or where != named:
-        raise ConfigError(
-            "expected a robot, session, site or region to forget: whole recordings are",
-            code="choice",
-            fields=("forget",),
-        )
 
 
 def _matches_any(recording: FleetRecording, filters: Sequence[PlaceFilter]) -> bool:

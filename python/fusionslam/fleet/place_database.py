@@ -401,7 +401,16 @@ class PlaceDatabase:
             )
         spans = [("stamp_ns", "count"), ("stamp_ns", "min"), ("stamp_ns", "max")]
         rows = found.group_by(list(ABOUT)).aggregate(spans).to_pylist()
-        return sorted((_session(row) for row in rows), key=lambda one: (one.session, one.robot))
+        found = [
+            Session(
+                **{name: row[name] for name in ABOUT},
+                places=row["stamp_ns_count"],
+                first_ns=row["stamp_ns_min"],
+                last_ns=row["stamp_ns_max"],
+            )
+            for row in rows
+        ]
+        return sorted(found, key=lambda one: (one.session, one.robot))
 
     def positions(self, site: str, most: int | None = None) -> Positions:
         """Where the places of a site are, by recording and frame.
@@ -558,9 +567,3 @@ def _once(rows: Any, numbers: Integers, distances: Floats32) -> list[Candidate]:
     for row in rows.to_pylist():
         found.setdefault(row["key"], candidate_of(row, far[row["_rowid"]]))
     return [*found.values()]
-
-
-def _session(row: dict[str, Any]) -> Session:
-    about = {name: row[name] for name in ABOUT}
-    span = row["stamp_ns_count"], row["stamp_ns_min"], row["stamp_ns_max"]
-    return Session(**about, places=span[0], first_ns=span[1], last_ns=span[2])

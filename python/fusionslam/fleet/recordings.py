@@ -132,7 +132,8 @@ def _refuse_name(new: FleetRecording, other: FleetRecording | None) -> DataError
     """Return why a recording cannot have its name, site, region or robot; None if it can."""
     path, session = new.recording.path, new.session
     for name in (getattr(new, each) for each in ABOUT):
-        if not all(map(_is_printed, name)):
+        # No control character and no half of one, as of names that are no UTF-8.
+        if not all(unicodedata.category(each) not in ("Cc", "Cs") for each in name):
             message = f"{path!r} has a name that is no text, {name!r}: expected one in Unicode"
             message += " without control characters"
             return DataError(message, code="bad-name", fields=(repr(path),))
@@ -143,11 +144,6 @@ def _refuse_name(new: FleetRecording, other: FleetRecording | None) -> DataError
         "expected names of their own"
     )
     return DataError(message, code="same-name", fields=(session,))
-
-
-def _is_printed(character: str) -> bool:
-    """Whether it is neither a control character nor half of one, as of names that are no UTF-8."""
-    return unicodedata.category(character) not in ("Cc", "Cs")
 
 
 def _candidates(
@@ -185,7 +181,13 @@ def _candidates_at(
         return
     for path in inside:
         is_file = not path.is_dir()
-        if is_file and (path.suffix not in _SUFFIXES or _is_result(path)):
+        if is_file and (
+            path.suffix not in _SUFFIXES
+            or (
+                # made of recordings, as descriptors
+                path.suffix == ".npz" and not is_scene_set(path) and format_of(path) is not None
+            )
+        ):
             continue
         if path.is_symlink():
             links.append(path)
@@ -200,11 +202,6 @@ def _kind(folder: Path) -> str:
             if kind.recognises(folder):
                 return kind.name
     return ""
-
-
-def _is_result(path: Path) -> bool:
-    """Whether a file holds something that was made of recordings, as descriptors."""
-    return path.suffix == ".npz" and not is_scene_set(path) and format_of(path) is not None
 
 
 def _sequences(path: Path, kind: str) -> Sequence[str | None]:

@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,11 +100,6 @@ def scan(table: Any, columns: list[str], where: str | None = None) -> Iterator[A
     yield from (found if where is None else found.where(where)).to_batches(_BLOCK)
 
 
-def by_lance(table: Any) -> Candidates:
-    """Candidates by LanceDB itself, with its index of vectors or by comparing all rows."""
-    return partial(_lance_candidates, table)
-
-
 class BySegment:
     """Candidates by a segment, but for rows that were deleted, and by comparing all later rows.
 
@@ -141,7 +135,7 @@ class BySegment:
     def __call__(self, queries: Floats32, search: Search) -> Iterator[Near]:
         """As ``Candidates``."""
         if not search.nprobes:
-            yield from _lance_candidates(self._table, queries, search)
+            yield from lance_candidates(self._table, queries, search)
             return
         allowed = self._kept if search.where is None else self._where(search.where)
         nprobes = self._more_lists(search, allowed)
@@ -177,7 +171,7 @@ class BySegment:
         where = f"_rowid > {self._last}"
         if search.where is not None:
             where = f"{where} AND ({search.where})"
-        yield from _lance_candidates(self._table, queries, Search(0, search.candidates, where))
+        yield from lance_candidates(self._table, queries, Search(0, search.candidates, where))
 
     def _where(self, where: str) -> Mask:
         """Rows that fulfil a condition, bool by number."""
@@ -225,7 +219,8 @@ def _near(rows: Any) -> Near:
     return Near(numbers, vectors_of(rows["vector"], rows["vector"].type.list_size))
 
 
-def _lance_candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Near]:
+def lance_candidates(table: Any, queries: Floats32, search: Search) -> Iterator[Near]:
+    """Candidates by LanceDB itself, with its index of vectors or by comparing all rows."""
     import pyarrow.compute as pc
 
     several = len(queries) > 1

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from fusionslam.datasets import Dataset, read_cloud
+from fusionslam.datasets import read_cloud
 from fusionslam.datasets.cloud_files import CLOUD_SUFFIXES
 from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.fleet.localization import FleetLocalization, FleetLocator
@@ -91,7 +91,7 @@ def _scans_at(path: Path, frames: Sequence[int], source: str) -> Iterator[Scan]:
     for frame in frames or numbers:
         if frame not in rows:
             raise _no_frame(frame, f"{dataset.name} has frames {numbers[0]} to {numbers[-1]}")
-        yield Scan(path, frame, partial(_read, dataset, rows[frame]))
+        yield Scan(path, frame, partial(dataset.__getitem__, rows[frame]))
 
 
 def _no_frame(frame: int, why: str) -> ConfigError:
@@ -100,10 +100,6 @@ def _no_frame(frame: int, why: str) -> ConfigError:
 
 def _raise(error: FusionSlamError) -> Frame:
     raise error
-
-
-def _read(dataset: Dataset, index: int) -> Frame:
-    return dataset[index]
 
 
 def localize_scans(

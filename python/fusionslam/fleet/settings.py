@@ -27,7 +27,6 @@ from fusionslam.registration import (
     has_lengths,
     without_lengths,
 )
-from fusionslam.sensors.frame import Frame
 from fusionslam.storage.files import make_folder
 from fusionslam.storage.write_lock import lock_folder
 
@@ -68,23 +67,17 @@ def settle_settings(
         fitted = _fit_first(found, names, config, source)
         new = FleetSettings.of(tuple(names), fitted, fleet)
         with make_folder(folder):
-            if _save_new(new, folder):
-                return new
+            lock = lock_folder(folder)
+            try:
+                if not (folder / FILE).exists():  # else another process has just made it
+                    new.save(folder)
+                    return new
+            finally:
+                lock.release()
     stored = FleetSettings.load(folder)
     asked = FleetSettings.of(tuple(names), _take_fitted(config, stored, source), fleet)
     stored.check_same(asked, folder)
     return asked
-
-
-def _save_new(settings: FleetSettings, folder: Path) -> bool:
-    """Write the settings unless another process has just done so; return whether."""
-    lock = lock_folder(folder)
-    try:
-        if is_new := not (folder / FILE).exists():
-            settings.save(folder)
-        return is_new
-    finally:
-        lock.release()
 
 
 def _take_fitted(
@@ -120,12 +113,6 @@ def _fit_first(
     raise DataError(f"no recording can be described: {shown}{more}", code="no-recording")
 
 
-def _describe_by_first(frame: Frame, name: str, config: PipelineConfig) -> None:
-    """Raise DataError if the database's descriptor cannot describe a frame."""
-    how = for_clouds(config.descriptors, name, config.fusion, frame)
-    describe(fuse(frame, config.fusion), name, how)
-
-
 def _fit(
     dataset: Dataset, names: Sequence[str], config: PipelineConfig, source: str
 ) -> PipelineConfig:
@@ -136,7 +123,9 @@ def _fit(
     config = fix_radius(dataset, names, config, "skip")
 
     def describe_one(index: int) -> None:
-        _describe_by_first(dataset[index], names[0], config)
+        frame = dataset[index]
+        how = for_clouds(config.descriptors, names[0], config.fusion, frame)
+        describe(fuse(frame, config.fusion), names[0], how)
 
     first_that_works(dataset, describe_one, "skip")
     if has_lengths(config.registration) or config.registration.method == "planar":

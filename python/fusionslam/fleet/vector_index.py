@@ -8,6 +8,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +20,7 @@ from fusionslam.fleet.row_search import (
     BySegment,
     Candidates,
     Search,
-    by_lance,
+    lance_candidates,
     nearest_rows,
     scan,
 )
@@ -150,7 +151,7 @@ def look_up(table: Any, location: str, before: Lookup | None) -> Lookup:
     version = int(table.version)  # first: what changes meanwhile is looked up again
     report = read_report(table)
     if report is not None and report.kind == "exact":
-        return Lookup(version, None, by_lance(table))
+        return Lookup(version, None, partial(lance_candidates, table))
     if report is not None and report.kind == "faiss":
         usual = Search(report.nprobes, report.candidates)
         known = before.candidates if before is not None else None
@@ -163,18 +164,14 @@ def look_up(table: Any, location: str, before: Lookup | None) -> Lookup:
             )
         except DataError as error:
             logger.warning("%s: all places are compared until `fleet index` makes one", error)
-            return Lookup(version, None, by_lance(table))
+            return Lookup(version, None, partial(lance_candidates, table))
         return Lookup(version, usual, BySegment(table, segment, report.last_row, known))
-    return Lookup(version, _usual_of_lance(table, report), by_lance(table))
-
-
-def _usual_of_lance(table: Any, report: IndexReport | None) -> Search | None:
-    index = _lance_index(table)
-    if index is None:
-        return None
-    if report is not None and report.index == index.index_uuid:
-        return Search(report.nprobes, report.candidates)
-    return Search(math.ceil(_CAREFUL * _lance_lists(table.count_rows())), _CANDIDATES[-1])
+    index, search = _lance_index(table), None
+    if index is not None:
+        search = Search(math.ceil(_CAREFUL * _lance_lists(table.count_rows())), _CANDIDATES[-1])
+        if report is not None and report.index == index.index_uuid:
+            search = Search(report.nprobes, report.candidates)
+    return Lookup(version, search, partial(lance_candidates, table))
 
 
 def build(
@@ -199,11 +196,7 @@ def build(
             delete_segments(folder, but="")
         return IndexReport(rows, last_row)
     say("index of keys and filters")
-    from lancedb.index import Bitmap, BTree, IvfSq
-
-    table.create_index("key", config=BTree())
-    for name in ("site", "robot", "session"):
-        table.create_index(name, config=Bitmap())
+    _index_columns(table)
     say("index of vectors")
     size, digest = 0, ""
     if kind == "faiss":
@@ -213,14 +206,8 @@ def build(
         candidates: Candidates = BySegment(table, segment, last_row)
         name, partitions = segment.name, segment.lists
     else:
-        config = IvfSq(
-            distance_type="l2",
-            target_partition_size=_PARTITION,
-            sample_rate=_TRAINING,
-            max_iterations=_ROUNDS,
-        )
-        table.create_index("vector", config=config)
-        candidates, partitions = by_lance(table), _lance_lists(rows)
+        _build_by_lance(table)
+        candidates, partitions = partial(lance_candidates, table), _lance_lists(rows)
         name = _lance_index(table).index_uuid
     search, (found, first), queries = _measure(table, candidates, partitions, recall, say)
     report = IndexReport(
@@ -256,6 +243,26 @@ def renew(table: Any, location: str, progress: Progress | None) -> None:
         return
     if report.kind != "exact":
         build(table, location, report.wanted, report.kind, progress)
+
+
+def _index_columns(table: Any) -> None:
+    from lancedb.index import Bitmap, BTree
+
+    table.create_index("key", config=BTree())
+    for name in ("site", "robot", "session"):
+        table.create_index(name, config=Bitmap())
+
+
+def _build_by_lance(table: Any) -> None:
+    from lancedb.index import IvfSq
+
+    config = IvfSq(
+        distance_type="l2",
+        target_partition_size=_PARTITION,
+        sample_rate=_TRAINING,
+        max_iterations=_ROUNDS,
+    )
+    table.create_index("vector", config=config)
 
 
 def _blocks(table: Any) -> Iterator[tuple[Integers, Floats32]]:

@@ -339,7 +339,11 @@ class LoopDetector:
                 self._added += 1
                 return _Pending(number)
             if seen.cloud is not None and self._observer.fits_lengths:
-                self._fix_lengths(seen.cloud.config)
+                is_first = not len(self._memory)
+                fixed = seen.cloud.config if is_first else self.registration_config
+                self._observer = replace(self._observer, registration=fixed, fits_lengths=False)
+                if is_first:
+                    self._memory = self._new_memory()
             candidates = _flatten(found)
             # Before any of them is forgotten.
             stored = {match: self._memory.frame(match) for match in candidates}
@@ -353,14 +357,6 @@ class LoopDetector:
                 described = self.describe_config.model_copy(update={"normal_radius": seen.radius})
                 self._observer = replace(self._observer, describe=described)
             return _Pending(number, candidates, seen, stored)
-
-    def _fix_lengths(self, lengths: RegistrationConfig) -> None:
-        """Take the lengths that were fitted to the first cloud for all others."""
-        is_first = not len(self._memory)
-        fixed = lengths if is_first else self.registration_config
-        self._observer = replace(self._observer, registration=fixed, fits_lengths=False)
-        if is_first:
-            self._memory = self._new_memory()
 
     def _verify(
         self, pending: "_Pending", stretches: Mapping[int, int] | None = None
@@ -442,7 +438,7 @@ class LoopDetector:
         """Keep at most this many frames from now on, as ``LoopConfig.max_frames``."""
         with self._lock:
             self.config = merged(self.config, {"max_frames": max_frames}, "loop_closure.")
-            self._memory.configure(self.config)
+            self._memory.config = self.config
 
     def _find_threshold(self) -> float:
         if self.config.threshold is not None:

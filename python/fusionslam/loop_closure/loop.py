@@ -37,10 +37,11 @@ class Loop:
     reason: Refusal | None = None
     match_stamp_ns: int | None = field(default=None, compare=False)
 
-    @property
-    def may_be_right(self) -> bool:
-        """Whether it counts, or its pose is only not certain enough."""
-        return self.reason is None or self.reason.code in ("improbable", "low-overlap", "alone")
+
+def may_be_right(candidate: Loop) -> bool:
+    """Whether a candidate counts, or its pose is only not certain enough."""
+    reason = candidate.reason
+    return reason is None or reason.code in ("improbable", "low-overlap", "alone")
 
 
 class Rejected(NamedTuple):

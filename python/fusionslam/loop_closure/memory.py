@@ -101,6 +101,9 @@ class FrameMemory:
         config: which frames are candidates, and how many are kept.
         registration: how clouds were prepared.
         kept: where packed clouds are kept, by number of the frame; None is in memory.
+
+    Attributes:
+        config: of which the number of frames may change later.
     """
 
     def __init__(
@@ -110,7 +113,7 @@ class FrameMemory:
         registration: RegistrationConfig,
         kept: MutableMapping[int, Kept] | None = None,
     ) -> None:
-        self._metrics, self._config = metrics, config
+        self._metrics, self.config = metrics, config
         self._indexes: dict[str, DescriptorIndex] = {}
         self._numbers, self._stamps_ns = Rows(np.int64), Rows(np.int64)
         self._novelty = Rows(np.float32)
@@ -118,10 +121,6 @@ class FrameMemory:
 
     def __len__(self) -> int:
         return len(self._numbers)
-
-    def configure(self, config: LoopConfig) -> None:
-        """Keep another number of frames from now on; windows stay what they are."""
-        self._config = config
 
     @property
     def numbers(self) -> NDArray[np.int64]:
@@ -158,7 +157,7 @@ class FrameMemory:
         rows, distances = index.query(
             index.descriptor(last), k=min(k, last) + 1, stamp_ns=int(self._stamps_ns.all[last])
         )
-        own = rows < last - self._config.window
+        own = rows < last - self.config.window
         numbers = self._numbers.all[rows[own]].tolist()
         return [*zip(numbers, distances[own].tolist(), strict=True)][:k]
 
@@ -173,7 +172,8 @@ class FrameMemory:
         self._novelty.append(novelty)
         if seen.cloud is not None:
             self.clouds.add(number, seen.cloud, seen.odometry)
-        if 0 < self._limit <= len(self):
+        config = self.config
+        if config.max_frames and len(self) >= max(config.max_frames, 2 * config.window, 4):
             self._forget()
 
     def frame(self, number: int) -> StoredFrame:
@@ -181,14 +181,8 @@ class FrameMemory:
         stamp_ns = int(self._stamps_ns.all[np.searchsorted(self._numbers.all, number)])
         return self.clouds.frame(number, stamp_ns)
 
-    @property
-    def _limit(self) -> int:
-        """The number of frames at which a quarter is forgotten; 0 is no limit."""
-        config = self._config
-        return max(config.max_frames, 2 * config.window, 4) if config.max_frames else 0
-
     def _new_index(self, name: str, length: int) -> DescriptorIndex:
-        config = self._config
+        config = self.config
         return DescriptorIndex(
             length,
             window=config.window,
@@ -205,12 +199,12 @@ class FrameMemory:
         count = len(self)
         # The index counts its window in rows, so none of the newest may be forgotten; nor the last
         # frame, whose candidates may be asked for.
-        old = count - max(self._config.window, 1)
+        old = count - max(self.config.window, 1)
         # Of equally novel frames the newest goes first.
         order = np.lexsort((-np.arange(old), self._novelty.all[:old]))
         rows = np.sort(np.append(order[count // 4 :], np.arange(old, count)))
         columns = [column[rows] for column in self._columns()]
-        self._restore({name: self._vectors(name, rows) for name in self._indexes}, *columns)
+        self.resume({name: self._vectors(name, rows) for name in self._indexes}, *columns)
         self.clouds.forget(but=set(self.numbers.tolist()))
         logger.info("%d of %d stored frames are forgotten", count // 4, count)
 
@@ -221,14 +215,21 @@ class FrameMemory:
         index = self._indexes[name]
         return np.array([index.descriptor(int(row)) for row in rows], np.float32)
 
-    def _restore(
+    def resume(
         self,
         vectors: Vectors,
         numbers: NDArray[np.int64],
         stamps_ns: NDArray[np.int64],
-        novelty: NDArray[np.float32],
+        novelty: NDArray[np.float32] | None = None,
     ) -> None:
-        """Replace what is kept, but for the clouds."""
+        """Go on from frames whose clouds are kept already.
+
+        Args:
+            vectors: float32 (n, D) by descriptor, of all frames.
+            numbers: int64 (n,), ascending.
+            stamps_ns: int64 (n,); 0 where unknown.
+            novelty: float32 (n,), distance of each frame's nearest candidate; None for infinity.
+        """
         self._indexes = {}
         for name, rows in vectors.items():
             if not len(rows):
@@ -237,19 +238,8 @@ class FrameMemory:
             for vector, stamp in zip(rows, stamps_ns.tolist(), strict=True):
                 index.add(vector, stamp_ns=stamp)
         self._numbers, self._stamps_ns = Rows.of(numbers), Rows.of(stamps_ns)
-        self._novelty = Rows.of(novelty)
-
-    def resume(
-        self, vectors: Vectors, numbers: NDArray[np.int64], stamps_ns: NDArray[np.int64]
-    ) -> None:
-        """Go on from frames whose clouds are kept elsewhere.
-
-        Args:
-            vectors: float32 (n, D) by descriptor, of all frames.
-            numbers: int64 (n,), ascending.
-            stamps_ns: int64 (n,); 0 where unknown.
-        """
-        self._restore(vectors, numbers, stamps_ns, np.full(len(numbers), np.inf, np.float32))
+        unknown = np.full(len(numbers), np.inf, np.float32)
+        self._novelty = Rows.of(unknown if novelty is None else novelty)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as arrays by name, for ``restore``."""
@@ -289,7 +279,7 @@ class FrameMemory:
             raise DataError(f"{', '.join([*vectors, *_COLUMNS])} of {counts} frames")
         if (np.diff(numbers, prepend=-1, append=count) <= 0).any():
             raise DataError(f"the numbers of the frames do not ascend from 0 to {count - 1}")
-        self._restore(vectors, *columns)
+        self.resume(vectors, *columns)
         self.clouds.kept = _kept_of(arrays, numbers) if "clouds" in arrays else {}
 
 

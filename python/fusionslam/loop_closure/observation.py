@@ -95,7 +95,7 @@ class FrameObserver:
 
     def __post_init__(self) -> None:
         for name in self.names.values():
-            for_clouds(self.describe, find_descriptor(name).name, self.fusion)
+            for_clouds(self.describe, name, self.fusion)
 
     def verifying(self, voters: Iterable[str]) -> "FrameObserver":
         """Return one that prepares clouds, and describes them for those voters that can be.
@@ -165,7 +165,7 @@ class FrameObserver:
         radius: float | None = None
         for key, name in self.names.items():
             kind = find_descriptor(name)
-            config = for_clouds(self.describe, kind.name, self.fusion, frame)
+            config = for_clouds(self.describe, name, self.fusion, frame)
             if kind.fixes_radius and is_first:
                 config = for_sequence(config, cloud)
                 radius = config.normal_radius

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.loop import Loop, Rejected
+from fusionslam.loop_closure.loop import Loop, Rejected, may_be_right
 from fusionslam.registration import (
     Hypothesis,
     PreparedCloud,
@@ -208,7 +208,7 @@ def _refusal(found: Registration, config: LoopConfig) -> Refusal | None:
 
 def _rank(loop: Loop) -> tuple[bool, bool, float, float]:
     """What counts first, then by probability; a pose that is far or tilted is no place at all."""
-    return loop.reason is None, loop.may_be_right, loop.probability or 0.0, loop.overlap or 0.0
+    return loop.reason is None, may_be_right(loop), loop.probability or 0.0, loop.overlap or 0.0
 
 
 def _rejection(loop: Loop) -> Rejected:
@@ -289,7 +289,7 @@ class SequenceGate:
             and best.covariance is not None
             and query is not None
             and match is not None
-            and best.may_be_right
+            and may_be_right(best)
             and (best.probability or 0.0) >= self._config.min_supported
         ):
             entry = _Recent(best.match_from_query, query, match, stretches)

@@ -45,11 +45,11 @@ class Edge:
     state: State
     reason: Refusal | None = None
 
-    @property
-    def reversed(self) -> "Edge":
-        """The same measurement, of node a in the frame of node b."""
-        covariance = carry_covariance(self.pose, self.covariance)
-        return replace(self, a=self.b, b=self.a, pose=inverse(self.pose), covariance=covariance)
+
+def reverse(edge: Edge) -> Edge:
+    """The same measurement, of node a in the frame of node b."""
+    covariance = carry_covariance(edge.pose, edge.covariance)
+    return replace(edge, a=edge.b, b=edge.a, pose=inverse(edge.pose), covariance=covariance)
 
 
 def check_kind(kind: str) -> None:

@@ -3,12 +3,13 @@
 """The solver of the extra ``map``: GTSAM."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fusionslam.errors import FusionSlamError, needing
-from fusionslam.storage.arrays import Floats, Integers, Matrix
+from fusionslam.mapping.edge import Edge
+from fusionslam.storage.arrays import Floats, Integers
 
 # GTSAM's small motions are rotations first.
 _THEIRS = np.array([3, 4, 5, 0, 1, 2])
@@ -16,23 +17,6 @@ _FIXED = 1e-6  # standard deviation of a fixed pose, m and rad
 # Median error of a right measurement, in deviations (six degrees of freedom). With the width 1 that
 # is usual for a single one, most right loops weigh little, and odometry wins over all of them.
 _CAUCHY_WIDTH = 2.3
-
-
-class Measurement(NamedTuple):
-    """Pose of node b in the frame of node a, and how much it may be off.
-
-    Attributes:
-        a, b: rows of the poses.
-        pose: float64 (4, 4), a_from_b.
-        covariance: float64 (6, 6), as that of ``Registration``.
-        robust: whether it may be wrong: its weight falls with its error (Cauchy).
-    """
-
-    a: int
-    b: int
-    pose: Matrix
-    covariance: Floats
-    robust: bool = False
 
 
 def load() -> Any:
@@ -47,13 +31,13 @@ def load() -> Any:
 
 
 class Solver:
-    """Moves poses until measurements fit best: Levenberg and Marquardt, on one thread.
+    """Moves poses until edges fit best: Levenberg and Marquardt, on one thread.
 
     Args:
         poses: float64 (n, 4, 4), where to begin.
-        measurements: between rows of ``poses``, part of every solution.
-        fixed: int64 (k), rows that stay; at least one of each part that measurements connect.
-        scale: factor on the stated deviations of these measurements.
+        edges: between rows of ``poses``, part of every solution.
+        fixed: int64 (k), rows that stay; at least one of each part that edges connect.
+        scale: factor on the stated deviations of these edges.
 
     Raises:
         FusionSlamError: GTSAM is not installed (code "missing-extra").
@@ -62,7 +46,7 @@ class Solver:
     def __init__(
         self,
         poses: Floats,
-        measurements: Sequence[Measurement],
+        edges: Sequence[Edge],
         fixed: Integers,
         scale: float = 1.0,
     ) -> None:
@@ -72,22 +56,26 @@ class Solver:
         for row in fixed.tolist():
             pose = self._gtsam.Pose3(poses[row])
             self._base.add(self._gtsam.PriorFactorPose3(row, pose, hold))
-        self._add(self._base, measurements, scale)
+        self._add(self._base, edges, scale)
         self._values = self._gtsam.Values()
         for row, pose in enumerate(poses):
             self._values.insert(row, self._gtsam.Pose3(pose))
 
-    def solve(self, measurements: Sequence[Measurement]) -> Floats:
-        """Solve with further measurements, from where the last solution was.
+    def solve(self, edges: Sequence[Edge], *, robust: bool = False) -> Floats:
+        """Solve with further edges, from where the last solution was.
+
+        Args:
+            edges: between rows of the poses.
+            robust: whether they may be wrong: their weights fall with their errors (Cauchy).
 
         Returns:
             float64 (n, 4, 4).
 
         Raises:
-            FusionSlamError: the measurements do not determine the poses (code "not-solvable").
+            FusionSlamError: the edges do not determine the poses (code "not-solvable").
         """
         graph = self._gtsam.NonlinearFactorGraph(self._base)
-        self._add(graph, measurements)
+        self._add(graph, edges, robust=robust)
         try:
             optimizer = self._gtsam.LevenbergMarquardtOptimizer(graph, self._values)
             self._values = optimizer.optimize()
@@ -97,14 +85,16 @@ class Solver:
             ) from error
         return _rows(self._gtsam.utilities.extractPose3(self._values))
 
-    def _add(self, graph: Any, measurements: Sequence[Measurement], scale: float = 1.0) -> None:
+    def _add(
+        self, graph: Any, edges: Sequence[Edge], scale: float = 1.0, *, robust: bool = False
+    ) -> None:
         gtsam, order = self._gtsam, np.ix_(_THEIRS, _THEIRS)
         cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(_CAUCHY_WIDTH)
-        for a, b, pose, covariance, robust in measurements:
-            noise = gtsam.noiseModel.Gaussian.Covariance(scale**2 * covariance[order])
+        for each in edges:
+            noise = gtsam.noiseModel.Gaussian.Covariance(scale**2 * each.covariance[order])
             if robust:
                 noise = gtsam.noiseModel.Robust.Create(cauchy, noise)
-            graph.add(gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(pose), noise))
+            graph.add(gtsam.BetweenFactorPose3(each.a, each.b, gtsam.Pose3(each.pose), noise))
 
 
 def _rows(values: Floats) -> Floats:

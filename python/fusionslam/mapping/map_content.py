@@ -59,6 +59,8 @@ class MapContent:
         sessions, keyframes: as above.
         edges: by their numbers.
         row: row of a keyframe by its number.
+        parts: number of the first keyframe in each one's part of the map.
+        next_edge: number of a new edge.
         odometry: float64 (4, 4), odom_from_cloud, by number of the keyframe.
         stretches: number of the first keyframe of the stretch of odometry, by number of the
             keyframe; odometry of different stretches cannot be compared.
@@ -84,8 +86,8 @@ class MapContent:
         self._graph = PoseGraph()
         self._graph_numbers: list[int] = []  # of its edges, here
         self._poses: Floats | None = None  # None: those of the graph
-        self._parts: list[int] = []
-        self._next_edge = 0
+        self.parts: list[int] = []
+        self.next_edge = 0
         self._solved = 0  # keyframes in the last solution
         self._asked = self._crossing = 0  # loops across parts: in the last solution, and now
         self._has_new_loops = False  # since the last solution
@@ -111,16 +113,6 @@ class MapContent:
         return np.array([*self.row], np.int64)
 
     @property
-    def next_keyframe(self) -> int:
-        """Number of a new keyframe."""
-        return self.keyframes[-1].id + 1 if self.keyframes else 0
-
-    @property
-    def next_edge(self) -> int:
-        """Number of a new edge."""
-        return self._next_edge
-
-    @property
     def loops(self) -> tuple[Edge, ...]:
         """Loops between keyframes; steps that were measured by the clouds of both are none."""
         return tuple(
@@ -128,11 +120,6 @@ class MapContent:
             for edge in self.edges.values()
             if edge.kind != "odometry" and not self._is_step(edge)
         )
-
-    @property
-    def parts(self) -> Sequence[int]:
-        """Number of the first keyframe in each one's part of the map."""
-        return self._parts
 
     @property
     def poses(self) -> Floats:
@@ -144,7 +131,7 @@ class MapContent:
     def list_sessions(self) -> tuple[Session, ...]:
         """The drives, in the order in which they began."""
         parts: dict[int, list[int]] = {number: [] for number in self.sessions.values()}
-        for keyframe, part in zip(self.keyframes, self._parts, strict=True):
+        for keyframe, part in zip(self.keyframes, self.parts, strict=True):
             parts[keyframe.session].append(part)
         return tuple(
             Session(name, len(parts[number]), tuple(sorted(set(parts[number]))))
@@ -180,23 +167,19 @@ class MapContent:
 
     def part(self, keyframe: int) -> int:
         """Return the number of the first keyframe in a keyframe's part of the map."""
-        return self._parts[self.row[keyframe]]
-
-    def is_of(self, keyframe: int, session: int) -> bool:
-        """Whether a keyframe belongs to a session."""
-        return self.keyframes[self.row[keyframe]].session == session
+        return self.parts[self.row[keyframe]]
 
     def first_part(self) -> list[int]:
         """Return the keyframes in the part of the map that began first, by their numbers."""
         return [
             each.id
-            for each, part in zip(self.keyframes, self._parts, strict=True)
-            if part == self._parts[0]
+            for each, part in zip(self.keyframes, self.parts, strict=True)
+            if part == self.parts[0]
         ]
 
     def near(self, place: Matrix, radius: float, keyframe: int) -> list[int]:
         """Return the keyframes this near to a pose in a keyframe's part, the nearest first."""
-        parts = np.array(self._parts)
+        parts = np.array(self.parts)
         apart = np.linalg.norm(self.poses[:, :3, 3] - place[:3, 3], axis=1)
         apart[parts != self.part(keyframe)] = np.inf
         order = np.argsort(apart, kind="stable")
@@ -216,7 +199,7 @@ class MapContent:
             self._add_edge(edge)
             self.unsaved[edge.number] = edge
         is_led = bool(edges) and edges[0].kind == "odometry"
-        self._parts.append(self.part(edges[0].a) if is_led else keyframe.id)
+        self.parts.append(self.part(edges[0].a) if is_led else keyframe.id)
         for edge in self._graph.update().edges:
             self._take_state(edge)
         self._poses = None
@@ -234,7 +217,7 @@ class MapContent:
             logger.warning("%s", solution.reason)
         self.reason = solution.reason
         self._poses = solution.poses
-        self._parts = [self.keyframes[int(node)].id for node in solution.parts]
+        self.parts = [self.keyframes[int(node)].id for node in solution.parts]
         for edge in (*solution.believed, *solution.refused, *solution.pending):
             self._take_state(edge)
         self.is_live, self._has_new_loops, self._is_solution_saved = True, False, False
@@ -256,7 +239,7 @@ class MapContent:
         for edge in self.unsaved.values():
             file.store_edge(edge)
         if not self._is_solution_saved:
-            file.store_solution(self.numbers, self.poses, np.array(self._parts, np.int64))
+            file.store_solution(self.numbers, self.poses, np.array(self.parts, np.int64))
 
     def saved(self) -> None:
         """Take note that the file has everything."""
@@ -286,7 +269,7 @@ class MapContent:
         self._graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
         self._graph_numbers.append(edge.number)
         self.edges[edge.number] = edge
-        self._next_edge = max(self._next_edge, edge.number + 1)
+        self.next_edge = max(self.next_edge, edge.number + 1)
         if edge.kind == "odometry":
             self.stretches[edge.b] = self.stretches[edge.a]
 
@@ -294,28 +277,29 @@ class MapContent:
         is_next = self.row[edge.b] - self.row[edge.a] == 1
         return is_next and self.stretches[edge.a] == self.stretches[edge.b]
 
-    def _is_measured_step(self, edge: Edge) -> bool:
-        return edge.kind != "odometry" and edge.state != "refused" and self._is_step(edge)
-
     def _place(self, solution: StoredSolution | None) -> None:
         """Take poses of the last solution, and those of newer keyframes by their steps."""
         placed: list[Matrix] = []
         if solution is not None and np.array_equal(self.numbers[: len(solution[0])], solution[0]):
-            placed, self._parts = [*solution[1]], solution[2].tolist()
+            placed, self.parts = [*solution[1]], solution[2].tolist()
         self._solved = len(placed)
         before = {edge.b: edge for edge in self.edges.values() if edge.kind == "odometry"}
-        measured = {edge.b: edge for edge in self.edges.values() if self._is_measured_step(edge)}
+        measured = {
+            edge.b: edge
+            for edge in self.edges.values()
+            if edge.kind != "odometry" and edge.state != "refused" and self._is_step(edge)
+        }
         for keyframe in self.keyframes[self._solved :]:
             step = before.get(keyframe.id)
             if step is None:
                 placed.append(keyframe.robot_from_cloud)
-                self._parts.append(keyframe.id)
+                self.parts.append(keyframe.id)
             else:
                 moved = step.pose
                 if keyframe.id in measured:  # as while it was added
                     moved = fuse_step(moved, step.covariance, measured[keyframe.id])
                 placed.append(placed[self.row[step.a]] @ moved)
-                self._parts.append(self.part(step.a))
+                self.parts.append(self.part(step.a))
         self._poses = np.array(placed, np.float64).reshape(-1, 4, 4)
         self.is_live = not placed  # whether the graph's poses are these
 

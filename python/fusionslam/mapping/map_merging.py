@@ -137,7 +137,8 @@ def copy_sessions(site: ComparedMap, other: ComparedMap, between: Sequence[Edge]
     """Write another map's keyframes and edges into a map's file, under new numbers."""
     content, file = other.content, site.file
     sessions = {number: file.add_session(name) for name, number in content.sessions.items()}
-    first = site.content.next_keyframe
+    known = site.content.keyframes
+    first = known[-1].id + 1 if known else 0
     renamed = {number: first + row for number, row in content.row.items()}
     vectors = other.file.vectors()
     for row, keyframe in enumerate(content.keyframes):

@@ -17,14 +17,14 @@ from fusionslam.registration import RegistrationConfig, without_lengths
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Matrix
 
-_SECTIONS = {
-    "loops": "loop_closure",
-    "describe": "descriptors",
-    "fusion": "fusion",
-    "registration": "registration",
-    "map": "mapping",
+_SECTIONS: dict[str, tuple[str, type[Section]]] = {
+    "loops": ("loop_closure", LoopConfig),
+    "describe": ("descriptors", DescriptorConfig),
+    "fusion": ("fusion", FusionConfig),
+    "registration": ("registration", RegistrationConfig),
+    "map": ("mapping", MapConfig),
 }
-"""Names of the configuration's sections, by attribute."""
+"""Names of the configuration's sections, and their kinds, by attribute."""
 _CHOSEN = (
     *("loop_closure.max_frames=", "loop_closure.verify=", "loop_closure.window="),
     *("fusion.source=", "fusion.frame=", "fusion.up="),
@@ -54,26 +54,16 @@ class MapSettings:
 
     def dump(self) -> dict[str, Any]:
         """Return what the file of a map holds of them, ready for JSON."""
-        return {
-            "descriptor": self.descriptor,
-            "loop_closure": self.loops.model_dump(),
-            "descriptors": self.describe.model_dump(),
-            "fusion": self.fusion.model_dump(),
-            "registration": self.registration.model_dump(),
-            "mapping": self.map.model_dump(),
-        }
+        sections = {name: getattr(self, key).model_dump() for key, (name, _) in _SECTIONS.items()}
+        return {"descriptor": self.descriptor, **sections}
 
     @classmethod
     def load(cls, values: Mapping[str, Any]) -> "MapSettings":
         """Make settings of what ``dump`` returned."""
-        return cls(
-            str(values["descriptor"]),
-            merged(LoopConfig(), values["loop_closure"], "loop_closure."),
-            merged(DescriptorConfig(), values["descriptors"], "descriptors."),
-            merged(FusionConfig(), values["fusion"], "fusion."),
-            merged(RegistrationConfig(), values["registration"], "registration."),
-            merged(MapConfig(), values["mapping"], "mapping."),
-        )
+        sections: dict[str, Any] = {
+            key: merged(kind(), values[name], f"{name}.") for key, (name, kind) in _SECTIONS.items()
+        }
+        return cls(str(values["descriptor"]), **sections)
 
     def list_differences(self, descriptor: str | None, **given: Section | None) -> list[str]:
         """Return what was given explicitly and is otherwise here, such as "mapping.voxel=0.4".
@@ -91,7 +81,7 @@ class MapSettings:
                 continue
             if not isinstance(section, type(known)):
                 raise TypeError(f"{name}: {section!r}, expected a {type(known).__name__}")
-            found += _differences(_SECTIONS[name], section, known)
+            found += _differences(_SECTIONS[name][0], section, known)
         return [each for each in found if not each.startswith(_CHOSEN)]
 
     @property

@@ -191,7 +191,13 @@ class MapWriter:
             return []
         edges = self._measure_step(self._last, keyframe, cloud)
         if self._doubt is not None:
-            if not _confirms(edges):
+            is_confirmed = len(edges) == 2  # clouds measured the step as well
+            if is_confirmed:
+                driven, measured = edges
+                off = log(inverse(driven.pose) @ measured.pose)
+                spread = driven.covariance + measured.covariance
+                is_confirmed = bool(off @ np.linalg.solve(spread, off) <= CHI2_999)
+            if not is_confirmed:
                 logger.warning("%s", self._doubt)
                 return []
             self._doubt = None
@@ -229,10 +235,10 @@ class MapWriter:
 
     def _loop_edge(self, loop: Loop, session: int, number: int) -> Edge:
         assert loop.match_from_query is not None
-        is_own = self._content.is_of(loop.match, session)
+        matched = self._content.keyframes[self._content.row[loop.match]]
         return Edge(
             number,
-            "loop" if is_own else "merge",
+            "loop" if matched.session == session else "merge",
             loop.match,
             loop.query,
             loop.match_from_query,
@@ -272,16 +278,6 @@ class MapWriter:
             distance = 4 * self._detector.registration_config.voxel
         step = np.linalg.inv(_odom_from_robot(last)) @ robot
         return is_keyframe(step, distance, self.settings.map.keyframe_turn)
-
-
-def _confirms(edges: list[Edge]) -> bool:
-    """Whether clouds measured a step, and it is that of odometry."""
-    if len(edges) < 2:
-        return False
-    driven, measured = edges
-    off = log(inverse(driven.pose) @ measured.pose)
-    square = off @ np.linalg.solve(driven.covariance + measured.covariance, off)
-    return bool(square <= CHI2_999)
 
 
 def _odom_from_robot(keyframe: StoredKeyframe) -> Matrix:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam.geometry.se3 import adjoint, inverse, log
-from fusionslam.mapping.edge import CHI2_99, Edge
+from fusionslam.mapping.edge import CHI2_99, Edge, reverse
 from fusionslam.storage.arrays import Floats, Integers, Mask
 
 FEWEST_MERGES = 3
@@ -69,7 +69,7 @@ def _largest_group(
     spread = np.unique(np.linspace(0, len(edges) - 1, _MOST_COMPARED).astype(int))
     some = [edges[k] for k in spread]
     # As if they led from the earlier session to the later one.
-    witnesses = [e if sessions[e.a] < sessions[e.b] else e.reversed for e in some]
+    witnesses = [e if sessions[e.a] < sessions[e.b] else reverse(e) for e in some]
     agree = np.zeros((len(some), len(some)), np.bool_)
     for i, one in enumerate(witnesses):
         agree[i, :i] = agree[:i, i] = _agree(poses, one, witnesses[:i], drift)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping.edge import Edge, chi_squares, measurement_errors
-from fusionslam.mapping.gtsam_extra import Measurement, Solver
+from fusionslam.mapping.gtsam_extra import Solver
 from fusionslam.storage.arrays import Floats, Integers
 
 MOST = 30.0
@@ -54,7 +54,7 @@ def fit_scale(
     scale, of_loops = most, 1.0
     for _ in range(_STEPS):
         ratio = scale / of_loops  # the solution depends on it alone
-        poses = _solve(poses, odometry, loops, fixed, ratio)
+        poses = Solver(poses, odometry, fixed, ratio).solve(loops)
         share = _odometry_share(poses, odometry, loops, fixed, ratio)
         left = max(6 * len(loops) - share, 1.0)
         squares = chi_squares(poses, odometry).sum(), chi_squares(poses, loops).sum()
@@ -86,17 +86,7 @@ def _odometry_share(
         signs = rng.choice([-1.0, 1.0], (len(odometry), 6, 1))
         off = exact[: len(odometry)] @ exp((roots @ signs)[..., 0])
         drawn = [replace(edge, pose=pose) for edge, pose in zip(odometry, off, strict=True)]
-        solved = _solve(poses, drawn, firm, fixed, ratio)
+        solved = Solver(poses, drawn, fixed, ratio).solve(firm)
         errors = measurement_errors(solved[ends[: len(odometry)]], drawn)
         share -= float((signs * np.linalg.solve(roots, errors[..., None])).sum())
     return max(share / draws, 1.0)
-
-
-def _solve(
-    poses: Floats, odometry: Sequence[Edge], loops: Sequence[Edge], fixed: Integers, ratio: float
-) -> Floats:
-    measured = [
-        [Measurement(edge.a, edge.b, edge.pose, edge.covariance) for edge in edges]
-        for edges in (odometry, loops)
-    ]
-    return Solver(poses, measured[0], fixed, ratio).solve(measured[1])

@@ -25,10 +25,10 @@ from fusionslam.mapping.edge import (
     measurement_errors,
     weigh_errors,
 )
-from fusionslam.mapping.gtsam_extra import Measurement, Solver, load
+from fusionslam.mapping.gtsam_extra import Solver, load
 from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
 from fusionslam.mapping.overconfidence import MOST, chi_ratio, fit_scale
-from fusionslam.mapping.window import Window, as_measurement
+from fusionslam.mapping.window import Window, between_places
 from fusionslam.registration.result import Refusal
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
@@ -194,18 +194,22 @@ class PoseGraph:
             poses, refusals = self._solve_robustly(poses, within, refusals, sessions)
         parts = sessions
         if across:
-            joined = join_sessions(poses, sessions, across, self._drift)
+            drift, place = self._tree.drift, self._place
+            joined = join_sessions(poses, sessions, across, lambda a, b: drift(place[a], place[b]))
             parts = joined.parts
             asked = [edge for edge in across if parts[edge.a] == parts[edge.b]]
             if asked:
                 poses, refusals = self._solve_robustly(
                     joined.poses, within + asked, refusals, parts
                 )
-            refusals |= {
-                edge.number: _refuse_merge(joined.agreeing[session_pair(edge, sessions)])
-                for edge in across
-                if parts[edge.a] != parts[edge.b]
-            }
+            for edge in across:
+                if parts[edge.a] != parts[edge.b]:
+                    agreeing = joined.agreeing[session_pair(edge, sessions)]
+                    text = (
+                        f"{agreeing} of the edges between these sessions agree with each other, "
+                        f"expected {FEWEST_MERGES}"
+                    )
+                    refusals[edge.number] = Refusal("few-merges", agreeing, text)
         for edge in loops:
             reason = refusals.get(edge.number)
             state: State = "believed" if reason is None else "refused"
@@ -272,11 +276,11 @@ class PoseGraph:
                 fields=(name, str(node)[:50]),
             )
 
-    def _measure_ways(self, edges: Sequence[Edge]) -> list[Measurement]:
+    def _measure_ways(self, edges: Sequence[Edge]) -> list[Edge]:
         """The edges between places in the tree, from the earlier to the newer one."""
-        return [as_measurement(e, self._place[e.a], self._place[e.b]) for e in edges]
+        return [between_places(e, self._place[e.a], self._place[e.b]) for e in edges]
 
-    def _is_step(self, way: Measurement) -> bool:
+    def _is_step(self, way: Edge) -> bool:
         """Whether it leads from a node to the next by odometry."""
         return self._tree.parent(way.b) == way.a
 
@@ -419,14 +423,15 @@ class PoseGraph:
         Returns:
             The poses, and why the remaining ones are refused.
         """
-        solver = Solver(poses, self._odometry(), np.unique(parts), scale)
-        robust = [_measure(edge, robust=True) for edge in loops if edge.number not in refused]
+        odometry = [edge for edge in self._edges if edge.kind == "odometry"]
+        solver = Solver(poses, odometry, np.unique(parts), scale)
+        robust = [edge for edge in loops if edge.number not in refused]
         if robust:
-            poses = solver.solve(robust)
+            poses = solver.solve(robust, robust=True)
         squares = chi_squares(poses, loops)
         for _ in range(_MOST_ROUNDS if robust else 0):
             kept = squares <= CHI2_999
-            poses = solver.solve([_measure(loops[k]) for k in np.flatnonzero(kept).tolist()])
+            poses = solver.solve([loops[k] for k in np.flatnonzero(kept).tolist()])
             squares = chi_squares(poses, loops)
             if np.array_equal(kept, squares <= CHI2_999):
                 break
@@ -474,22 +479,3 @@ class PoseGraph:
             f"with each other: its stated deviations are too small by a factor of {found:.2g}, or "
             "these loops are false",
         )
-
-    def _odometry(self) -> list[Measurement]:
-        return [_measure(edge) for edge in self._edges if edge.kind == "odometry"]
-
-    def _drift(self, a: int, b: int) -> Floats:
-        return self._tree.drift(self._place[a], self._place[b])
-
-
-def _refuse_merge(agreeing: int) -> Refusal:
-    return Refusal(
-        "few-merges",
-        agreeing,
-        f"{agreeing} of the edges between these sessions agree with each other, expected "
-        f"{FEWEST_MERGES}",
-    )
-
-
-def _measure(edge: Edge, *, robust: bool = False) -> Measurement:
-    return Measurement(edge.a, edge.b, edge.pose, edge.covariance, robust)

@@ -4,14 +4,15 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from fusionslam._core import OdometryTree
 from fusionslam.geometry.se3 import exp, inverse, log
-from fusionslam.mapping.edge import CHI2_999, Edge
-from fusionslam.mapping.gtsam_extra import Measurement, Solver
+from fusionslam.mapping.edge import CHI2_999, Edge, reverse
+from fusionslam.mapping.gtsam_extra import Solver
 from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _NEWEST, _OLDER = 10, 20
@@ -30,14 +31,12 @@ class Window:
         loops: that these poses follow from, as ``close`` takes them.
     """
 
-    def __init__(
-        self, tree: OdometryTree, poses: Floats, loops: Sequence[Measurement] = ()
-    ) -> None:
+    def __init__(self, tree: OdometryTree, poses: Floats, loops: Sequence[Edge] = ()) -> None:
         self._tree = tree
         self._poses = poses.copy()  # without what loops have moved since
         self._count = len(poses)
         # Between numbers of the tree, b newer than a, by the first node of b's session.
-        self._loops: defaultdict[int, list[Measurement]] = defaultdict(list)
+        self._loops: defaultdict[int, list[Edge]] = defaultdict(list)
         self._knots = np.zeros(1, np.int64)  # ends of loops, the first node of the session before
         self._moves = np.eye(4)[None]  # of the knots, in the frame of the poses
         if len(poses):
@@ -65,7 +64,7 @@ class Window:
         poses = self._poses[numbers]
         return np.where(own[:, None, None], moved @ poses, poses)
 
-    def grow(self, parents: Sequence[int], steps: Mapping[int, Measurement]) -> None:
+    def grow(self, parents: Sequence[int], steps: Mapping[int, Edge]) -> None:
         """Take in the nodes that odometry has reached since, each with its parent.
 
         Args:
@@ -80,7 +79,9 @@ class Window:
                 self._poses = room
             self._count += 1
             if self._tree.root(node) != self._knots[0] or node == 0:
-                self._keep_moves()
+                # The nodes of the session stay for good where loops have moved them.
+                before = np.arange(self._knots[0], self._count - 1)  # this node has no pose yet
+                self._poses[before] = self.at(before)
                 self._begin(self._tree.root(node))
             if parent == node:
                 self._poses[node] = self._tree.pose(node)
@@ -90,7 +91,7 @@ class Window:
                 step = fuse_step(step, self._tree.drift(parent, node), steps[node])
             self._poses[node] = self._poses[parent] @ step
 
-    def close(self, loops: Sequence[Measurement]) -> None:
+    def close(self, loops: Sequence[Edge]) -> None:
         """Move the nodes of the newest session to where loops fit best.
 
         Args:
@@ -113,16 +114,25 @@ class Window:
         rows = {int(number): row for row, number in enumerate(numbers)}
         bases = self._poses[knots]
         steps = [
-            Measurement(row, row + 1, inverse(bases[row]) @ bases[row + 1], self._tree.drift(a, b))
+            Edge(
+                row,
+                "odometry",
+                row,
+                row + 1,
+                inverse(bases[row]) @ bases[row + 1],
+                self._tree.drift(a, b),
+                "believed",
+            )
             for row, (a, b) in enumerate(pairwise(knots.tolist()))
         ]
         fixed = np.array([0, *range(len(knots), len(numbers))])
         solver = Solver(self.at(numbers), steps, fixed)
-        solved = solver.solve([loop._replace(a=rows[loop.a], b=rows[loop.b]) for loop in asked])
+        moved = [replace(loop, a=rows[loop.a], b=rows[loop.b]) for loop in asked]
+        solved = solver.solve(moved, robust=True)
         self._knots = knots
         self._moves = solved[: len(knots)] @ inverse(bases)
 
-    def _keep(self, loops: Sequence[Measurement]) -> None:
+    def _keep(self, loops: Sequence[Edge]) -> None:
         for loop in loops:
             self._loops[self._tree.root(loop.b)].append(loop)
 
@@ -130,20 +140,14 @@ class Window:
         """Begin a session, or go on with it, by its first node."""
         self._knots, self._moves = np.array([node]), np.eye(4)[None]
 
-    def _keep_moves(self) -> None:
-        """Put the nodes of the session for good where loops have moved them."""
-        before = np.arange(self._knots[0], self._count - 1)  # the node of now has no pose yet
-        self._poses[before] = self.at(before)
 
-
-def as_measurement(edge: Edge, a: int, b: int) -> Measurement:
+def between_places(edge: Edge, a: int, b: int) -> Edge:
     """An edge between the places of its nodes, from the earlier to the newer one."""
     first, last = sorted((a, b))
-    edge = edge if a < b else edge.reversed
-    return Measurement(first, last, edge.pose, edge.covariance, robust=True)
+    return replace(edge if a < b else reverse(edge), a=first, b=last)
 
 
-def fuse_step(step: Matrix, drift: Floats, measured: Measurement | Edge) -> Matrix:
+def fuse_step(step: Matrix, drift: Floats, measured: Edge) -> Matrix:
     """A step by odometry and by a measurement; by odometry alone if the two contradict."""
     error = log(inverse(step) @ measured.pose)
     weighed = np.linalg.solve(drift + measured.covariance, error)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find the loops of a whole recording as a robot would: frame after frame."""
 
-import csv
 import math
 import os
 import time
@@ -20,7 +19,7 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
 from fusionslam.loop_closure.config import fitted_threshold
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.csv_files import write_csv
 
 _FEWEST = 20
 """Fewer frames show one place: with a shorter window each would be its neighbour's loop."""
@@ -98,12 +97,12 @@ class LoopReport:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV with one line per loop and the numbers of the frames. Raises DataError."""
         numbers, stamps = self.run.numbers, self.run.stamps_ns
-        with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            for loop in self.loops:
-                pair = [loop.query, loop.match]
-                writer.writerow([*numbers[pair], f"{loop.distance:.9g}", *stamps[pair]])
+        rows = (
+            [*numbers[pair], f"{loop.distance:.9g}", *stamps[pair]]
+            for loop in self.loops
+            for pair in [[loop.query, loop.match]]
+        )
+        write_csv(Path(path), COLUMNS, rows)
 
 
 def explain_shortness(frames: int, compared: int, window: int) -> str:

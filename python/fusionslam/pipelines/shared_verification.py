@@ -146,38 +146,11 @@ def _verify_together(
     jobs: int,
     step: Step | None,
 ) -> list[VerifiedRun]:
-    loops, first = config.loop_closure, runs[0]
-    source, frames, stamps_ns = config.fusion.source, first.frames.tolist(), first.stamps_ns
-    proposed = [propose(run, loops) for run in runs]
+    source, frames = config.fusion.source, runs[0].frames.tolist()
     show = label_progress(step, f"preparing clouds, source {source}")
     clouds, prepared = _prepare(dataset, frames, config, jobs, show)
-
-    def stored(row: int) -> StoredFrame:
-        return clouds.frame(row, int(stamps_ns[row]))
-
-    def prove(row: int) -> list[tuple[Verified, float]]:
-        cloud = PreparedCloud.from_bytes(clouds.kept[row].packed(), clouds.registration)
-        pairs, found = PairComparisons(cloud, stored), []
-        for candidates in proposed:
-            before = pairs.seconds
-            verified = verify_candidates(row, candidates[row], pairs, loops)
-            found.append((verified, pairs.seconds - before))
-        return found
-
-    gates, records = [SequenceGate(loops) for _ in runs], [list[FrameRecord]() for _ in runs]
     progress = label_progress(step, f"proving loops, source {source}")
-    with ordered_results(prove, range(len(first)), jobs) as proven:
-        for row, each in enumerate(proven):
-            load, prepare = prepared[row]
-            for run, gate, record, (found, register) in zip(
-                runs, gates, records, each, strict=True
-            ):
-                decided = gate.decide(found, stored(row).odometry, stored)
-                described = run.seconds.get("describe")
-                describe = prepare + (0.0 if described is None else float(described[row]))
-                seconds = load, describe, register
-                record.append(FrameRecord(frames[row], decided, int(run.points[row]), seconds))
-            progress(row + 1, len(first))
+    records = _prove(runs, clouds, prepared, config.loop_closure, jobs, progress)
     bodies = bodies_of(dataset, frames, config)
     return [
         run_of(
@@ -191,6 +164,47 @@ def _verify_together(
         )
         for run, record in zip(runs, records, strict=True)
     ]
+
+
+def _prove(
+    runs: Sequence[DescriptorRun],
+    clouds: FrameClouds,
+    prepared: Sequence[tuple[float, float]],
+    loops: LoopConfig,
+    jobs: int,
+    progress: Progress,
+) -> list[list[FrameRecord]]:
+    """Prove the loops of each run, those of equal pairs at once; as of ``_prepare``."""
+    proposed, first = [propose(run, loops) for run in runs], runs[0]
+
+    def stored(row: int) -> StoredFrame:
+        return clouds.frame(row, int(first.stamps_ns[row]))
+
+    def prove(row: int) -> list[tuple[Verified, float]]:
+        cloud = PreparedCloud.from_bytes(clouds.kept[row].packed(), clouds.registration)
+        pairs, found = PairComparisons(cloud, stored), []
+        for candidates in proposed:
+            before = pairs.seconds
+            verified = verify_candidates(row, candidates[row], pairs, loops)
+            found.append((verified, pairs.seconds - before))
+        return found
+
+    gates, records = [SequenceGate(loops) for _ in runs], [list[FrameRecord]() for _ in runs]
+    with ordered_results(prove, range(len(first)), jobs) as proven:
+        for row, each in enumerate(proven):
+            load, prepare = prepared[row]
+            for run, gate, record, (found, register) in zip(
+                runs, gates, records, each, strict=True
+            ):
+                decided = gate.decide(found, stored(row).odometry, stored)
+                described = run.seconds.get("describe")
+                describe = prepare + (0.0 if described is None else float(described[row]))
+                seconds = load, describe, register
+                record.append(
+                    FrameRecord(int(run.frames[row]), decided, int(run.points[row]), seconds)
+                )
+            progress(row + 1, len(first))
+    return records
 
 
 def _prepare(

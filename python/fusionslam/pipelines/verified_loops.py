@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find and prove the loops of a whole recording as a robot would: frame after frame."""
 
-import csv
 import logging
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,6 +23,7 @@ from fusionslam.evaluation.loops.verified_run import REJECTED
 from fusionslam.fusion import FusionConfig, load_sensors
 from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import LoopDetector, Observation
+from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.loop_closure.verification import Verified
 from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
@@ -34,7 +34,7 @@ from fusionslam.pipelines.reusable_runs import differences, has_all_frames, is_o
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
 from fusionslam.sensors.frame import Frame
 from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import atomic_path
+from fusionslam.storage.csv_files import write_csv
 from fusionslam.storage.parallel import ordered_results
 from fusionslam.storage.progress import Progress, Step, label_progress
 
@@ -150,6 +150,37 @@ def observe_timed(
     return seen, loaded - started, time.perf_counter() - loaded
 
 
+_Seen = tuple[Observation, float, float]
+"""What is seen of a frame, and the seconds that it took to load and to observe it."""
+
+
+def _observe_all(
+    dataset: "Dataset", detector: LoopDetector, config: PipelineConfig, jobs: int, bad_frames: str
+) -> Iterator[tuple[int, _Seen | DataError]]:
+    """Yield what is seen of each frame, by its row, or why it cannot be used.
+
+    The first frame that can be used fixes what all others are described with, once it is added.
+    """
+
+    def observe(index: int) -> _Seen | DataError:
+        try:
+            return observe_timed(dataset, index, config.fusion, detector.observe)
+        except DataError as error:
+            if bad_frames == "skip":
+                return error
+            with name_frame(dataset, index, can_skip=True):
+                raise
+
+    pending = iter(range(len(dataset)))
+    for index in pending:
+        yield index, observe(index)
+        if len(detector):
+            break
+    rest = list(pending)
+    with ordered_results(observe, rest, jobs) as observed:
+        yield from zip(rest, observed, strict=True)
+
+
 def _verify(
     dataset: "Dataset",
     name: str,
@@ -161,38 +192,17 @@ def _verify(
     detector = new_detector(config, name)
     records: list[FrameRecord] = []
     skipped: dict[int, str] = {}
-
-    def observe(index: int) -> tuple[Observation, float, float] | DataError:
-        try:
-            return observe_timed(dataset, index, config.fusion, detector.observe)
-        except DataError as error:
-            if bad_frames == "skip":
-                return error
-            with name_frame(dataset, index, can_skip=True):
-                raise
-
-    def take(index: int, seen: tuple[Observation, float, float] | DataError) -> None:
+    for row, seen in _observe_all(dataset, detector, config, jobs, bad_frames):
         if isinstance(seen, DataError):
-            skipped[int(dataset.numbers[index])] = str(seen)
+            skipped[int(dataset.numbers[row])] = str(seen)
         else:
             observation, load, describe = seen
             started = time.perf_counter()
             detector.add_observation(observation)
             seconds = load, describe, time.perf_counter() - started
             found = Verified(detector.nearest, detector.rejected)
-            records.append(FrameRecord(index, found, observation.points, seconds))
-        progress(index + 1, len(dataset))
-
-    # The first frame that can be used fixes what all others are described with.
-    pending = iter(range(len(dataset)))
-    for index in pending:
-        take(index, observe(index))
-        if len(detector):
-            break
-    rest = list(pending)
-    with ordered_results(observe, rest, jobs) as observed:
-        for index, seen in zip(rest, observed, strict=True):
-            take(index, seen)
+            records.append(FrameRecord(row, found, observation.points, seconds))
+        progress(row + 1, len(dataset))
     if not records:
         number, reason = next(iter(skipped.items()))
         raise DataError(
@@ -250,7 +260,7 @@ def run_of(
     """
     frames = np.array([each.row for each in records], np.int64)
     found = [each.found.best for each in records]
-    best = [each if each is not None and each.may_be_right else None for each in found]
+    best = [each if each is not None and may_be_right(each) else None for each in found]
     poses = dataset.true_poses
     unknown = {"pose": np.full((4, 4), np.nan), "covariance": np.full((6, 6), np.nan)}
 
@@ -339,16 +349,17 @@ def write_loops(run: VerifiedRun, path: str | os.PathLike[str]) -> None:
 
     The pose is match_from_query: metres, and a quaternion. Raises DataError.
     """
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
+
+    def rows() -> Iterator[list[object]]:
         for row in np.flatnonzero(run.accepted):
             pair = [row, run.match[row]]
             pose = run.match_from_query[row]
             turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
             values = [run.overlap[row], run.probability[row], *pose[:3, 3], *turn]
             texts = [f"{value:.9g}" for value in (run.distance[row], *values)]
-            writer.writerow([*run.numbers[pair], texts[0], *run.stamps_ns[pair], *texts[1:]])
+            yield [*run.numbers[pair], texts[0], *run.stamps_ns[pair], *texts[1:]]
+
+    write_csv(Path(path), _COLUMNS, rows())
 
 
 def write_g2o(run: VerifiedRun, path: str | os.PathLike[str]) -> None:

@@ -139,7 +139,11 @@ def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) ->
     while len(found) < most and heights.max() > 0:
         best = int(heights.argmax())
         shift = (np.array(divmod(int(peaks[best]), _CELLS)) + _CELLS // 2) % _CELLS - _CELLS // 2
-        found.append(Hypothesis(_pose(_TURNS[best], cell * shift), float(heights[best])))
+        cos, sin = np.cos(_TURNS[best]), np.sin(_TURNS[best])
+        pose = np.eye(4)
+        pose[:2, :2] = [[cos, -sin], [sin, cos]]
+        pose[:2, 3] = cell * shift
+        found.append(Hypothesis(pose, float(heights[best])))
         apart = (np.arange(_STEPS) - best + _STEPS // 2) % _STEPS - _STEPS // 2
         heights[np.abs(apart) < _NEAR_STEPS] = 0
     return found
@@ -168,10 +172,3 @@ def _correlate(turned: Spectra, target: Spectra) -> NDArray[np.float32]:
     products = np.einsum("tlxy,lxy->txy", turned, target)
     shifts: NDArray[np.float32] = irfft2(products, s=(cells, cells))
     return shifts.reshape(len(turned), -1)
-
-
-def _pose(turn: float, shift: Floats) -> Matrix:
-    pose = np.eye(4)
-    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    pose[:2, 3] = shift
-    return pose

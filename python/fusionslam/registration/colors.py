@@ -69,14 +69,9 @@ def _mean_difference(one: Floats, other: Floats) -> float:
     return float(np.minimum(np.linalg.norm(one - other, axis=1), _LARGEST).mean())
 
 
-def _linear_light() -> Floats:
-    """Linear light of the 256 values of an sRGB channel (IEC 61966-2-1)."""
-    value = np.arange(256) / 255
-    light: Floats = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return light
-
-
-_LINEAR = _linear_light()
+_VALUES = np.arange(256) / 255
+_LINEAR: Floats = np.where(_VALUES <= 0.04045, _VALUES / 12.92, ((_VALUES + 0.055) / 1.055) ** 2.4)
+"""Linear light of the 256 values of an sRGB channel (IEC 61966-2-1)."""
 _WHITE_FROM_RGB: NDArray[np.float64] = np.array(
     [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
 ) / np.array([[0.95047], [1.0], [1.08883]])

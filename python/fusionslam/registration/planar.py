@@ -45,7 +45,13 @@ def register_planar(
     if fewest < FEWEST_CELLS:
         text = f"{fewest} cells of a range image have points, fewer than {FEWEST_CELLS}"
         return Registration(None, None, reason=Refusal("few-points", fewest, text))
-    columns = 0 if guess is None else _columns_of(guess, source.image.azimuth_step)
+    columns = (
+        0
+        if guess is None
+        else round(
+            float(np.degrees(np.arctan2(guess[1, 0], guess[0, 0]))) / source.image.azimuth_step
+        )
+    )
     found = align_scenes(_turned(source, columns), target)
     if not found.information.any():
         text = "the range images show no common surfaces"
@@ -66,11 +72,6 @@ def register_planar(
         estimate=pose,
         probability=found.probability,
     )
-
-
-def _columns_of(guess: Matrix, step_deg: float) -> int:
-    yaw_deg = float(np.degrees(np.arctan2(guess[1, 0], guess[0, 0])))
-    return round(yaw_deg / step_deg)
 
 
 def _turned(scene: Scene, columns: int) -> Scene:

@@ -10,7 +10,6 @@ down: poses are judged by what both clouds show above the ground, and by their t
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -163,40 +162,29 @@ def _register_globally(
         return _refused(Refusal("few-points", fewest, text))
     best: _Candidate | None = None
     for candidate in _candidates(source, target, guess, search, thorough, config):
-        if best is None or candidate.rank(config) > best.rank(config):
+        if best is None or _rank(candidate[0], config) > _rank(best[0], config):
             best = candidate
-        if best.refusal(config) is None:
+        if (_misfit(best[0], config) or _doubt(best[0], config)) is None:
             break
     if best is None:
         return _refused(_without_candidate(source, target, config))
-    judged = Registration(
-        None,
-        None,
-        best.overlap,
-        best.tilt,
-        best.degenerate,
-        probability=best.probability,
-        estimate=best.pose,
-        color_difference=best.colors,
-        agreeing=best.agreeing,
-    )
-    reason = best.misfit(config) or _too_degenerate(len(best.degenerate)) or best.doubt(config)
+    judged, information = best
+    reason = _misfit(judged, config)
+    if reason is None and (directions := len(judged.degenerate)) >= 2:
+        # A single plane, or several in parallel, hold them: that fits everywhere.
+        text = (
+            f"the clouds can slide on each other in {directions} directions: too little structure"
+        )
+        reason = Refusal("degenerate", directions, text)
+    reason = reason or _doubt(judged, config)
     if reason is not None:
         return replace(judged, reason=reason)
-    covariance = pose_covariance(best.information, best.degenerate, config)
-    return replace(judged, target_from_source=best.pose, covariance=covariance)
+    covariance = pose_covariance(information, judged.degenerate, config)
+    return replace(judged, target_from_source=judged.estimate, covariance=covariance)
 
 
 def _refused(reason: Refusal) -> Registration:
     return Registration(None, None, reason=reason)
-
-
-def _too_degenerate(directions: int) -> Refusal | None:
-    """Refuse what a single plane, or several in parallel, hold: it fits everywhere."""
-    if directions < 2:
-        return None
-    text = f"the clouds can slide on each other in {directions} directions: too little structure"
-    return Refusal("degenerate", directions, text)
 
 
 def _without_candidate(
@@ -212,57 +200,38 @@ def _without_candidate(
     return Refusal("no-features", features, text)
 
 
-class _Candidate(NamedTuple):
-    """A refined pose, its information matrix, and what it is judged by.
+_Candidate = tuple[Registration, Floats]
+"""A refined pose, the estimate of what it is judged by, and its information matrix."""
 
-    ``is_small_view``: one of the clouds is.
-    """
 
-    pose: Matrix
-    information: Floats
-    overlap: float
-    agreeing: int
-    tilt: float
-    degenerate: Floats
-    colors: ColorDifference | None
-    is_small_view: bool
+def _rank(judged: Registration, config: RegistrationConfig) -> tuple[bool, float]:
+    """Upright poses first, then by probability."""
+    return _is_upright(judged, config), judged.probability or 0.0
 
-    @property
-    def probability(self) -> float:
-        """That it is right."""
-        small = SmallView(self.agreeing, len(self.degenerate)) if self.is_small_view else None
-        return pose_probability(self.overlap, self.colors, small)
 
-    def rank(self, config: RegistrationConfig) -> tuple[bool, float]:
-        """Upright poses first, then by probability."""
-        return self._upright(config), self.probability
+def _misfit(judged: Registration, config: RegistrationConfig) -> Refusal | None:
+    """Return why a pose cannot be right; None if it can."""
+    if not _is_upright(judged, config):
+        text = f"tilted by {judged.tilt:.1f} deg, more than {config.max_tilt:g}"
+        return Refusal("tilted", judged.tilt, text)
+    if judged.overlap < config.min_overlap:
+        text = f"overlap {judged.overlap:.2f}, less than {config.min_overlap:g}"
+        return Refusal("low-overlap", judged.overlap, text)
+    return None
 
-    def refusal(self, config: RegistrationConfig) -> Refusal | None:
-        """Return why the pose is refused; None if it is not."""
-        return self.misfit(config) or self.doubt(config)
 
-    def misfit(self, config: RegistrationConfig) -> Refusal | None:
-        """Return why the pose cannot be right."""
-        if not self._upright(config):
-            text = f"tilted by {self.tilt:.1f} deg, more than {config.max_tilt:g}"
-            return Refusal("tilted", self.tilt, text)
-        if self.overlap < config.min_overlap:
-            text = f"overlap {self.overlap:.2f}, less than {config.min_overlap:g}"
-            return Refusal("low-overlap", self.overlap, text)
+def _doubt(judged: Registration, config: RegistrationConfig) -> Refusal | None:
+    """Return that a pose is too improbable; None if it is not."""
+    least = _LEAST if config.min_probability is None else config.min_probability
+    probability = judged.probability or 0.0
+    if probability >= least:
         return None
+    text = f"probability {probability:.2f}, less than {least:g} (overlap {judged.overlap:.2f})"
+    return Refusal("improbable", probability, text)
 
-    def doubt(self, config: RegistrationConfig) -> Refusal | None:
-        """Return that the pose is too improbable."""
-        least = _LEAST if config.min_probability is None else config.min_probability
-        if self.probability >= least:
-            return None
-        text = (
-            f"probability {self.probability:.2f}, less than {least:g} (overlap {self.overlap:.2f})"
-        )
-        return Refusal("improbable", self.probability, text)
 
-    def _upright(self, config: RegistrationConfig) -> bool:
-        return not config.gravity or self.tilt <= config.max_tilt
+def _is_upright(judged: Registration, config: RegistrationConfig) -> bool:
+    return not config.gravity or judged.tilt <= config.max_tilt
 
 
 def _candidates(
@@ -279,7 +248,8 @@ def _candidates(
         return refine(source.refined, target.refined, start, distance, config.iterations)
 
     def refined_once(start: Matrix) -> _Candidate:
-        return _judged(source, target, *refined(start, config.distance), config)
+        pose, information = refined(start, config.distance)
+        return _judge(source, target, pose, information, config), information
 
     def refined_twice(start: Matrix) -> _Candidate:
         near, _ = refined(start, config.guess_distance)
@@ -310,45 +280,48 @@ def _search(one: SearchedCloud, other: SearchedCloud, config: RegistrationConfig
     return [] if pose is None else [pose]
 
 
-def _judged(
+def _judge(
     source: PreparedCloud,
     target: PreparedCloud,
     pose: Matrix,
     information: Floats,
     config: RegistrationConfig,
-) -> _Candidate:
-    tilt = float(np.degrees(np.arccos(np.clip(pose[2, 2], -1, 1))))
+) -> Registration:
+    """Return what a refined pose is judged by, without a decision."""
     distance = config.overlap_distance
-    there = _overlap(source, target, pose, distance)
-    back = _overlap(target, source, np.linalg.inv(pose).astype(np.float64), distance)
-    return _Candidate(
-        pose,
-        information,
-        overlap=min(there.share, back.share),
-        agreeing=min(there.agreeing, back.agreeing),
-        tilt=tilt,
-        degenerate=weak_directions(information[:3, :3], config.degenerate_ratio),
-        colors=_color_difference(source, target, pose, distance),
-        is_small_view=source.is_small_view or target.is_small_view,
+    back = np.linalg.inv(pose).astype(np.float64)
+    there, again = (
+        _overlap(source, target, pose, distance),
+        _overlap(target, source, back, distance),
     )
-
-
-class _Overlap(NamedTuple):
-    """Share of a cloud's points that another confirms, of those that it could, and their number."""
-
-    share: float
-    agreeing: int
+    overlap, agreeing = min(there[0], again[0]), min(there[1], again[1])
+    degenerate = weak_directions(information[:3, :3], config.degenerate_ratio)
+    colors = _color_difference(source, target, pose, distance)
+    is_small_view = source.is_small_view or target.is_small_view
+    small = SmallView(agreeing, len(degenerate)) if is_small_view else None
+    return Registration(
+        None,
+        None,
+        overlap,
+        float(np.degrees(np.arccos(np.clip(pose[2, 2], -1, 1)))),
+        degenerate,
+        probability=pose_probability(overlap, colors, small),
+        estimate=pose,
+        color_difference=colors,
+        agreeing=agreeing,
+    )
 
 
 def _overlap(
     one: PreparedCloud, other: PreparedCloud, other_from_one: Matrix, distance: float
-) -> _Overlap:
+) -> tuple[float, int]:
+    """Share of a cloud's points that another confirms, of those that it could; their number."""
     counts = count_overlap(
         one.above_ground, other.above_ground, other.ranges, other_from_one, distance=distance
     )
     against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
     agreeing = counts["agreeing"]
-    return _Overlap(agreeing / max(1.0, agreeing + against), agreeing)
+    return agreeing / max(1.0, agreeing + against), agreeing
 
 
 def _color_difference(

@@ -38,7 +38,9 @@ class LocalEngine:
         free = [*self._workers]
         while True:
             while len(running) < self._jobs and (chunk := next(waiting, None)) is not None:
-                worker = free.pop() if free else self._start()
+                worker = free.pop() if free else _Worker()
+                if worker not in self._workers:
+                    self._workers.append(worker)
                 worker.begin(work, chunk)
                 running[worker.connection] = worker, chunk
             if not running:
@@ -49,20 +51,11 @@ class LocalEngine:
                 try:
                     error = ready.recv()
                 except (EOFError, OSError):
-                    error = self._bury(worker)
+                    self._workers.remove(worker)
+                    error = WorkerDiedError(f"a worker died: {worker.end()}")
                 else:
                     free.append(worker)
                 yield chunk, error
-
-    def _start(self) -> "_Worker":
-        worker = _Worker()
-        self._workers.append(worker)
-        return worker
-
-    def _bury(self, worker: "_Worker") -> WorkerDiedError:
-        """Forget a worker that has died; return how."""
-        self._workers.remove(worker)
-        return WorkerDiedError(f"a worker died: {worker.end()}")
 
     def close(self) -> None:
         """End the processes; what they work on is lost."""

@@ -42,12 +42,6 @@ def load(address: str | None = None) -> Any:
     return ray
 
 
-def _has_token() -> bool:
-    """Whether there is a token of Ray, where ``ray get-auth-token`` puts it or the user says."""
-    named = "RAY_AUTH_TOKEN" in os.environ or "RAY_AUTH_TOKEN_PATH" in os.environ
-    return named or (Path.home() / ".ray" / "auth_token").exists()
-
-
 class RayEngine:
     """Workers of Ray; another one takes the place of one that dies, elsewhere if its node is lost.
 
@@ -62,7 +56,11 @@ class RayEngine:
     def __init__(self, jobs: int, address: str | None = None) -> None:
         self._left = ExitStack()  # what is put back and deleted at the end
         with self._left:
-            if address is not None and _AUTH not in os.environ and _has_token():
+            # ``ray get-auth-token`` puts a token there, or the user says where it is.
+            names = ("RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH")
+            is_home = (Path.home() / ".ray" / "auth_token").exists()
+            has_token = is_home or any(name in os.environ for name in names)
+            if address is not None and _AUTH not in os.environ and has_token:
                 # Clusters ask for the token by default, its clients only then give it.
                 os.environ[_AUTH] = "token"
                 self._left.callback(os.environ.pop, _AUTH, None)

@@ -17,8 +17,14 @@ from fleets import plan_of, write_drive
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.joint_map import JoinedDrive, JointMap
-from fusionslam.fleet.site_maps import MAPS, SiteMerge, forget_drive, merge_site, site_map_path
-from fusionslam.fleet.site_records import SiteRecord
+from fusionslam.fleet.site_maps import (
+    MAPS,
+    SiteMerge,
+    SiteRecord,
+    forget_drive,
+    merge_site,
+    site_map_path,
+)
 from fusionslam.fleet.work import PlannedRecording
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig

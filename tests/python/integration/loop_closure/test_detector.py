@@ -32,6 +32,8 @@ from fusionslam import (
 )
 from fusionslam.descriptors import DESCRIPTORS, USUAL
 from fusionslam.loop_closure import default_threshold
+from fusionslam.loop_closure.observation import FrameObserver
+from fusionslam.registration import RegistrationConfig
 from refusals import refuses
 from rows import rows
 from threads import run_together
@@ -395,3 +397,10 @@ def test_a_frame_without_what_the_source_needs_names_a_source_that_does_not(
 def test_the_remedy_for_scans_without_images_works() -> None:
     detector = LoopDetector("m2dp", fusion=FusionConfig(source="cloud"))
     assert detector.add(Frame(points=DRIVE[0].points)) is None and len(detector) == 1
+
+
+def test_the_preset_in_a_name_decides_whether_z_must_point_up() -> None:
+    sections = DescriptorConfig(), FusionConfig(source="cloud", up="-y"), RegistrationConfig()
+    FrameObserver({"m2dp": "m2dp"}, *sections)
+    with refuses("not-up", error=ConfigError):
+        FrameObserver({"m2dp:upright": "m2dp:upright"}, *sections)

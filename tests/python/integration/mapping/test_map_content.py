@@ -49,7 +49,7 @@ class Drive:
         """Add the next pose of a way, with loops to keyframes by their true poses."""
         content, name = self.content, f"drive {session}"
         content.sessions.setdefault(name, session)
-        keyframe = StoredKeyframe(content.next_keyframe, session, number, 0, way[number], np.eye(4))
+        keyframe = StoredKeyframe(len(content), session, number, 0, way[number], np.eye(4))
         edges: list[Edge] = []
         if number:
             step = inverse(way[number - 1]) @ way[number]
@@ -62,7 +62,7 @@ class Drive:
             ]
         for match, pose in loops.items():
             measured = inverse(pose) @ way[number] @ exp(self._random.normal(0, 0.01, 6))
-            kind = "loop" if content.is_of(match, session) else "merge"
+            kind = "loop" if content.keyframes[match].session == session else "merge"
             number_of = content.next_edge + len(edges)
             ends = match, keyframe.id
             edges.append(Edge(number_of, kind, *ends, measured, ROUGH, "pending"))
