@@ -18,10 +18,10 @@ from benchmarks.accuracy.all_round_color import record_ring
 from benchmarks.accuracy.data import ROOT, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import DescriptorConfig, colorize_all_round
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset, read_cloud
 from fusionslam.descriptors import DESCRIPTORS, describe
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "descriptors.md"
 SCAN = "kitti/object/training/velodyne/000000.bin"

@@ -26,6 +26,7 @@ from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import record_towns
 from fusionslam import FusionConfig
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping import Edge, PlaceMap
@@ -33,7 +34,6 @@ from fusionslam.mapping.config import MapConfig, odometry_covariance
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Floats, Matrix
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
 TOWN = 1

@@ -26,6 +26,8 @@ from bags import write_bag
 from benchmarks.accuracy.markdown import read_rows, table, write_between
 from drives import circle_events, take
 from fusionslam import DescriptorIndex, LoopDetector
+from fusionslam.base import files
+from fusionslam.base.archive import load_archive, load_json, save_archive, save_json
 from fusionslam.datasets import open_bag, read_cloud, write_cloud
 from fusionslam.errors import DataError
 from fusionslam.evaluation import DescriptorRun
@@ -33,8 +35,6 @@ from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.ratslam import RatSlam
 from fusionslam.report.page.html import about_report, write_page
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage import files
-from fusionslam.storage.archive import load_archive, load_json, save_archive, save_json
 from fusionslam.views import SceneSet, ViewMatcher
 from fuzz.results import PAGE
 from pages import Page

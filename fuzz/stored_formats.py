@@ -22,6 +22,7 @@ import drives
 import maps
 import scenes
 from fusionslam import DescriptorIndex, LoopDetector
+from fusionslam.base.archive import load_arrays, save_archive, save_json
 from fusionslam.evaluation import (
     DescriptorRun,
     MapReport,
@@ -39,7 +40,6 @@ from fusionslam.evaluation import (
 from fusionslam.loop_closure.detector import FILE
 from fusionslam.ratslam import Motion, RatSlam, Sighting, Step
 from fusionslam.registration import RegistrationConfig
-from fusionslam.storage.archive import load_arrays, save_archive, save_json
 from fusionslam.views import SceneSet, ViewMatcher, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates
 from fuzz.hostile_values import (

@@ -19,11 +19,11 @@ from benchmarks.accuracy.markdown import write_between
 from benchmarks.accuracy.presets import ROOT
 from benchmarks.accuracy.towns import compare_towns
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines.describe import run_path
 from fusionslam.sim import CarConfig, SimConfig, TownConfig, record
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "descriptors.md"
 SEEDS = (1, 2, 3, 5, 7)

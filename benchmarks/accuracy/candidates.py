@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.loop_thresholds import FITTED, describe_town
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import PAGE, mean_and_range
+from fusionslam.base.cache import cache_folder
 from fusionslam.evaluation import DescriptorRun, find_matches, visits
-from fusionslam.storage.cache import cache_folder
 
 VOTERS = ("m2dp:robust", "scan_context", "bev_spectrum")
 UNIONS = [names for size in (1, 2, 3) for names in combinations(VOTERS, size)]

@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import mean_and_range
+from fusionslam.base.cache import cache_folder
 from fusionslam.config import merged
 from fusionslam.evaluation import RatSlamRun, judge_map
 from fusionslam.evaluation.maps.report import MapReport
@@ -37,7 +38,6 @@ from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.recordings import embedded_bag, embedded_config, write_recording
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "results" / "maps.md"
 SEEDS = {"house": (7, 8, 9, 10, 11)}

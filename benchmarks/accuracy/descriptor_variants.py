@@ -14,7 +14,7 @@ from benchmarks.accuracy.loop_thresholds import SOURCES, describe_town
 from benchmarks.accuracy.markdown import write_between
 from benchmarks.accuracy.presets import CLOUDS, PAGE
 from benchmarks.accuracy.towns import compare_towns
-from fusionslam.storage.cache import cache_folder
+from fusionslam.base.cache import cache_folder
 
 SEEDS = (1, 2, 3, 5, 7)
 VARIANTS = (

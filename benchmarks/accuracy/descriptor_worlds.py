@@ -12,13 +12,13 @@ from benchmarks.accuracy.all_round_color import record_ring
 from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.euroc_loops import Flight
 from benchmarks.accuracy.rooms import CIRCLE_ROBOT, LENGTH_M
+from fusionslam.base.cache import cache_folder
 from fusionslam.config import merged
 from fusionslam.datasets import write_cloud
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.recordings import FOLDER, record_seed, recording_config, write_recording
-from fusionslam.storage.cache import cache_folder
 
 _SEED = 0
 _IMAGE = {"width": 320, "height": 240, "rate_hz": 1.0}

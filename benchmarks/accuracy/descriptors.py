@@ -31,6 +31,7 @@ from benchmarks.accuracy.descriptor_pairs import pairs_table
 from benchmarks.accuracy.descriptor_worlds import record_flight, record_rooms, record_town
 from benchmarks.accuracy.markdown import write_between
 from fusionslam import PipelineConfig
+from fusionslam.base.progress import Step
 from fusionslam.config import merged
 from fusionslam.descriptors import DESCRIPTORS, find_descriptor, needs_up
 from fusionslam.errors import FusionSlamError
@@ -44,7 +45,6 @@ from fusionslam.report.loops import comparison
 from fusionslam.report.loops.comparison import Compared, draw_costs, pair_up, table_over
 from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.images import write_png
-from fusionslam.storage.progress import Step
 
 PAGE = ROOT / "docs" / "results" / "descriptors.md"
 PICTURE = ROOT / "docs" / "images" / "descriptor_costs.png"

@@ -26,8 +26,8 @@ from fusionslam import (
     rectify_image,
     stereo_disparity,
 )
+from fusionslam.base.arrays import Floats
 from fusionslam.registration import RegistrationConfig
-from fusionslam.storage.arrays import Floats
 
 FOCAL_PX, CENTRE_PX, SIZE = 435.0, (367.0, 252.0), (752, 480)
 APART_S, NEAR_M, NEAR_DEG = 30.0, 1.0, 45.0

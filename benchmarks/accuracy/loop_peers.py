@@ -32,6 +32,8 @@ from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import ROOT, mean_and_range, record_towns
 from benchmarks.accuracy.verified_loops import ALL, PAGE, figures_of
 from fusionslam import Cloud, FusionConfig, LoopDetector, fuse
+from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import (
     DescriptorRun,
@@ -42,8 +44,6 @@ from fusionslam.evaluation import (
 )
 from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.pipelines.cloud_frames import body_from_clouds
-from fusionslam.storage.arrays import Floats, Integers, Mask
-from fusionslam.storage.cache import cache_folder
 
 FOLDER = ROOT / "benchmarks" / "peers" / "loop_closers"
 PLAIN = "scan_context"

@@ -28,13 +28,13 @@ from benchmarks.accuracy.data import data_folder
 from benchmarks.accuracy.markdown import read_rows, table, write_between
 from benchmarks.accuracy.presets import CLOUDS, ROOT, mean_and_range, record_towns
 from fusionslam import FusionConfig, PipelineConfig, describe_dataset
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.evaluation import DescriptorRun, PrecisionRecall, evaluate, precision_recall
 from fusionslam.loop_closure import default_threshold
 from fusionslam.pipelines.compare_descriptors import TARGET_PRECISION
 from fusionslam.pipelines.describe import run_path
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
 THRESHOLDS = ROOT / "python" / "fusionslam" / "loop_closure" / "thresholds.yaml"

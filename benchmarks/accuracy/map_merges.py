@@ -28,10 +28,10 @@ from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.place_maps import PAGE, SecondDrive, Town, another_seed
 from benchmarks.accuracy.pose_graphs import ate
 from benchmarks.accuracy.room_maps import PART, map_part
+from fusionslam.base.arrays import Floats
+from fusionslam.base.cache import cache_folder
 from fusionslam.mapping.map_merging import Merge
 from fusionslam.mapping.place_map import PlaceMap
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.cache import cache_folder
 
 BOUND = 1.3
 """ATE of both drives on one map, by that of the better one alone."""

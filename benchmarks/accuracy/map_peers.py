@@ -38,12 +38,12 @@ from benchmarks.accuracy.place_maps import Town
 from benchmarks.accuracy.pose_graphs import ate
 from benchmarks.accuracy.presets import mean_and_range, record_towns
 from fusionslam import Cloud, PoseGraph, fuse
+from fusionslam.base.arrays import Floats
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.geometry.se3 import inverse
 from fusionslam.mapping.config import MapConfig, odometry_covariance
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.cache import cache_folder
 
 OURS, KISS = "fusionslam", "KISS-SLAM"
 JOINED = 10

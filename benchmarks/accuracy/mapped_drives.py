@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy.pose_graphs import fit_motion
+from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.base.files import atomic_path
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.mapping import Edge
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Floats, Matrix
-from fusionslam.storage.files import atomic_path
 
 SESSION = "first"
 RIGHT = (1.0, 5.0)

@@ -21,12 +21,12 @@ import numpy as np
 from benchmarks.accuracy.data import WORLDS, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.place_filter import PAGE, open_made
+from fusionslam.base.arrays import Floats
 from fusionslam.evaluation import ViewJudge
 from fusionslam.geometry.odometry_noise import DRIFT, add_odometry_errors
 from fusionslam.geometry.se2 import compose, wrapped
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.pipelines.drives import Drive, open_drive
-from fusionslam.storage.arrays import Floats
 from fusionslam.views import ViewMatcher
 from fusionslam.views.comparison import Candidate, View
 from fusionslam.views.place_filter import PlaceFilterConfig

@@ -40,14 +40,14 @@ from benchmarks.accuracy.presets import (
     record_towns,
 )
 from fusionslam import FusionConfig
+from fusionslam.base.arrays import Floats
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping import PoseGraph
 from fusionslam.mapping.config import MapConfig
 from fusionslam.sim import SimConfig, TownConfig
 from fusionslam.sim.town.route import make_drive
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
 SEEDS = (1, 2, 3, 5, 7)

@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 from benchmarks.accuracy.data import ROOT, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import PoseGraph, Solution
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.geometry.se3 import exp, inverse
-from fusionslam.storage.arrays import Floats, Matrix
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
 LOOPS = 790

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_dataset
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, evaluate, visits
 from fusionslam.sim import SimConfig, TownConfig, record
 from fusionslam.sim.town.route import DriveConfig
-from fusionslam.storage.cache import cache_folder
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "stages" / "descriptors.md"

@@ -22,6 +22,7 @@ from benchmarks.accuracy.alignment import RECORDED
 from benchmarks.accuracy.data import ROOT, WORLDS, data_folder
 from benchmarks.accuracy.markdown import table, write_between
 from fusionslam import DescriptorConfig, PipelineConfig
+from fusionslam.base.arrays import Floats, Mask
 from fusionslam.config import merged
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.evaluation.loops.judge import pose_differences
@@ -30,7 +31,6 @@ from fusionslam.loop_closure import LoopConfig
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.verified_loops import verify_recording
 from fusionslam.registration import RegistrationConfig
-from fusionslam.storage.arrays import Floats, Mask
 
 PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
 AGE_S = 15.0

@@ -31,6 +31,8 @@ from benchmarks.accuracy.loop_thresholds import FITTED
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import ROOT, record_towns
 from fusionslam import Cloud, DescriptorConfig, FusionConfig, LoopConfig, LoopDetector
+from fusionslam.base.arrays import Floats, Mask, Matrix
+from fusionslam.base.cache import cache_folder
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.range_recording import RangeRecording
@@ -43,8 +45,6 @@ from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import base_from, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
-from fusionslam.storage.arrays import Floats, Mask, Matrix
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "registration.md"
 MODEL = ROOT / "python" / "fusionslam" / "registration" / "probability.yaml"

@@ -36,11 +36,11 @@ from benchmarks.accuracy.presets import ROOT, mean_and_range
 from benchmarks.accuracy.recorded_loops import CONFIG
 from benchmarks.accuracy.rooms import CIRCLE_ROBOT, RecordedDrive, RoomDrive
 from fusionslam import FusionConfig
+from fusionslam.base.cache import cache_folder
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.registration import RegistrationConfig
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "mapping.md"
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from benchmarks.accuracy.data import data_folder
+from fusionslam.base.arrays import Floats
 from fusionslam.config import merged
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.fusion import ROBOT_FUSION, fuse
@@ -25,7 +26,6 @@ from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import RobotConfig, base_from, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
 from fusionslam.sim.world import World
-from fusionslam.storage.arrays import Floats
 
 CIRCLE_ROBOT = "turtlebot3_vlp16"
 LENGTH_M = {"house": None, "warehouse": None, "hospital": 350.0}

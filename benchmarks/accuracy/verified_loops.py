@@ -24,11 +24,11 @@ from benchmarks.accuracy.loop_thresholds import NAMES, describe_town
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import CLOUDS, ROOT, mean_and_range, record_towns
 from fusionslam import FusionConfig, PipelineConfig
+from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DIRECTIONS, Evaluation, VerifiedRun, evaluate, evaluate_verified
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.verified_loops import verify_recording
-from fusionslam.storage.cache import cache_folder
 
 PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
 SEEDS = (1, 2, 3, 5, 7)

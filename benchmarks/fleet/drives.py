@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from benchmarks.accuracy.data import data_folder
+from fusionslam.base.arrays import Floats, Floats32
 from fusionslam.fleet.places import Places
-from fusionslam.storage.arrays import Floats, Floats32
 
 BLOCK = 10_000
 """Places that are made and added at a time."""

@@ -25,10 +25,10 @@ import typer
 
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.base.arrays import Floats32
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.row_search import scan
-from fusionslam.storage.arrays import Floats32
 
 PAGE = ROOT / "docs" / "results" / "fleet.md"
 SETTINGS = DatabaseSettings("m2dp", 32)

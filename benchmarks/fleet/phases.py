@@ -26,11 +26,11 @@ from benchmarks.fleet.drives import (
     places_of,
     queries_of,
 )
+from fusionslam.base.arrays import Floats, Floats32, Integers
 from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.vector_index import Kind
-from fusionslam.storage.arrays import Floats, Floats32, Integers
 
 Figures = dict[str, float]
 

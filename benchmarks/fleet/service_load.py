@@ -35,10 +35,10 @@ import typer
 
 from benchmarks.fleet.drives import blocks_of, made, places_of
 from benchmarks.fleet.http_client import Connection, chunked_of, request_of
+from fusionslam.base.arrays import Floats32
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.folder import FleetFolder
 from fusionslam.pipelines.describe import PipelineConfig
-from fusionslam.storage.arrays import Floats32
 
 DESCRIPTOR = "cm2dp"
 """Its vectors have 576 numbers, as the made ones."""

@@ -11,7 +11,7 @@ import fusionslam
 from benchmarks.speed.inputs import ROOT
 from benchmarks.speed.peers import native
 from fusionslam import _core
-from fusionslam.storage.machine import machine
+from fusionslam.base.machine import machine
 
 
 def facts() -> dict[str, str]:

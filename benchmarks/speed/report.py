@@ -18,7 +18,7 @@ from benchmarks.speed import plots
 from benchmarks.speed.inputs import ROOT
 from benchmarks.speed.run import PARTS, Run
 from benchmarks.speed.tables import Table, bounds, tables
-from fusionslam.storage.files import atomic_path
+from fusionslam.base.files import atomic_path
 
 PAGE = ROOT / "docs" / "results" / "performance.md"
 PICTURE = ROOT / "docs" / "images" / "performance.png"

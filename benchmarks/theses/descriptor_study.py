@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.theses.config import KITTI_SEQUENCES, ReproduceConfig
+from fusionslam.base.progress import Step
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig, describe
 from fusionslam.errors import DataError
@@ -20,7 +21,6 @@ from fusionslam.pipelines.compare_descriptors import DEMO, benchmark
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.progress import Step
 
 PROTOCOL = "perdomo2019"
 TOWN = "town"

@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.theses.config import QUICK_EACH, QUICK_M, ReproduceConfig
 from benchmarks.theses.work_cache import state_of
+from fusionslam.base.progress import Step
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation.views.published import world_of
@@ -19,7 +20,6 @@ from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sim.rendered_images import rendered_images
-from fusionslam.storage.progress import Step
 
 logger = logging.getLogger(__name__)
 

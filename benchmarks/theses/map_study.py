@@ -14,6 +14,7 @@ from benchmarks.theses.config import OURS, QUICK_EACH, ReproduceConfig
 from benchmarks.theses.drives import Source
 from benchmarks.theses.view_study import own_frame, recognise_views
 from benchmarks.theses.work_cache import WorkCache
+from fusionslam.base.progress import Step
 from fusionslam.evaluation import MapReport, ViewRun, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT
@@ -25,7 +26,6 @@ from fusionslam.ratslam import RatSlam, RatSlamConfig
 from fusionslam.ratslam.events import Event, Look, Sighting
 from fusionslam.ratslam.view_sources import MatcherSource
 from fusionslam.sensors.messages import NANOSECONDS
-from fusionslam.storage.progress import Step
 
 ODOMETRIES: dict[str, FrameName] = {"truth": "odometry", "truth+noise": "drift"}
 """Odometry, and the frame of the thesis's clouds that goes with it."""

@@ -13,9 +13,9 @@ from benchmarks.theses.differences import Difference, differences_table, met_sen
 from benchmarks.theses.document import Chapter, as_markdown
 from benchmarks.theses.view_study import ViewStudy
 from benchmarks.theses.work_cache import save_json
-from fusionslam.help_texts import counted
+from fusionslam.base.files import atomic_path
+from fusionslam.base.texts import counted
 from fusionslam.report.page.html import write_page as write_html
-from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.reproduce.1"
 PAGE = "reproduce.html"

@@ -35,9 +35,9 @@ from benchmarks.theses.page import (
 )
 from benchmarks.theses.view_study import study_views
 from benchmarks.theses.work_cache import WorkCache, save_json
+from fusionslam.base.progress import Step
 from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import about_report, check_extra
-from fusionslam.storage.progress import Step
 
 
 class _Report:

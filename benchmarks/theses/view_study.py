@@ -12,6 +12,7 @@ import numpy as np
 from benchmarks.theses.config import WITHOUT_SENSOR, ReproduceConfig
 from benchmarks.theses.drives import Source
 from benchmarks.theses.work_cache import WorkCache, load_json, save_json
+from fusionslam.base.progress import Step
 from fusionslam.errors import FusionSlamError
 from fusionslam.evaluation import ViewCurve, ViewReport, ViewRun
 from fusionslam.pipelines.compare_views import run_method
@@ -19,7 +20,6 @@ from fusionslam.pipelines.drives import FRAMES, FrameName, move_clouds
 from fusionslam.pipelines.methods import Method, Task, find_method
 from fusionslam.pipelines.views import sweep_thresholds
 from fusionslam.report.views.tables import Row, view_row
-from fusionslam.storage.progress import Step
 
 Rule = str
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fusionslam import _core
+from fusionslam.base.files import atomic_path
 from fusionslam.errors import DataError
-from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
 

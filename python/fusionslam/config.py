@@ -23,8 +23,8 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
+from fusionslam.base.files import parse_yaml, read_yaml
 from fusionslam.errors import ConfigError, reason_of
-from fusionslam.storage.files import parse_yaml, read_yaml
 
 
 class Section(BaseModel):

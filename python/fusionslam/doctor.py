@@ -111,7 +111,7 @@ def examine(missing_extras: Sequence[str] = ()) -> list[Finding]:
     Args:
         missing_extras: names of the extras that are not installed.
     """
-    from fusionslam.storage.machine import machine
+    from fusionslam.base.machine import machine
 
     core = _check_core()
     packages = []
@@ -194,7 +194,7 @@ def _describe_package(package: str) -> str:
 
 
 def _check_cache() -> Finding:
-    from fusionslam.storage.cache import cache_folder
+    from fusionslam.base.cache import cache_folder
 
     folder = cache_folder()
     present = next(place for place in (folder, *folder.parents) if place.exists())

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import create_model
 
-from fusionslam import help_texts
 from fusionslam._core import (
     GroundPlaneConfig,
     GroundSegmentsConfig,
@@ -31,10 +30,11 @@ from fusionslam._core import (
     stereo_disparity,
     voxel_downsample,
 )
-from fusionslam.argument_types import checked
+from fusionslam.base import texts
+from fusionslam.base.argument_types import checked
+from fusionslam.base.texts import PER_FRAME, counted
 from fusionslam.config import CoreConfig, Section, core_section, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
-from fusionslam.help_texts import PER_FRAME, counted
 from fusionslam.sensors.frame import Camera, Cloud, CloudFrame, Frame
 
 _FARTHEST_M = 10_000.0
@@ -99,7 +99,7 @@ SOURCES = tuple(SENSORS_OF)
 class FusionConfig(Section):
     """Configuration of how frames become coloured clouds."""
 
-    source: Source = option("lidar", help_texts.SOURCE)
+    source: Source = option("lidar", texts.SOURCE)
     interpolation: Literal["nearest", "bilinear"] = option("nearest", "how a pixel is read")
     cameras: tuple[str, ...] | None = option(
         None,
@@ -110,8 +110,8 @@ class FusionConfig(Section):
     balance: bool = option(
         True, "several cameras: even out their exposure by the points that two of them see"
     )
-    frame: CloudFrame = option("scan", help_texts.CLOUD_FRAME)
-    ground: Literal["none", "height", "plane", "segments"] = option("none", help_texts.GROUND)
+    frame: CloudFrame = option("scan", texts.CLOUD_FRAME)
+    ground: Literal["none", "height", "plane", "segments"] = option("none", texts.GROUND)
     ground_height: float | None = option(
         None,
         "ground: height drops points not above this, in the frame that the ground is looked for "

@@ -13,6 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusionslam.base.archive import save_json
+from fusionslam.base.arrays import Floats
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress
 from fusionslam.calibration.overlay import draw_overlay
 from fusionslam.calibration.search import (
     DELAY,
@@ -26,10 +30,6 @@ from fusionslam.calibration.search import (
     sensor_data,
 )
 from fusionslam.errors import DataError
-from fusionslam.storage.archive import save_json
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
 
 FORMAT = "fusionslam.calib_check.1"
 _FEWEST_POINTS = 100

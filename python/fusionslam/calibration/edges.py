@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from fusionslam.base.arrays import Floats, Image
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.arrays import Floats, Image
 
 # Larger jumps count as this one: else open doors would outweigh all other edges.
 _LARGEST_JUMP = 3.0

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import depth_image
+from fusionslam.base.files import atomic_path
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.files import atomic_path
 
 _DPI = 100
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Floats
 from fusionslam.calibration.edges import EdgeView, depth_edges, edge_map, in_view
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform
 from fusionslam.sensors.transforms import TransformTree
-from fusionslam.storage.arrays import Floats
 
 CAMERA = "left"
 TURNS = ("roll", "pitch", "yaw")

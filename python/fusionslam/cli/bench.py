@@ -16,9 +16,9 @@ from fusionslam.cli.recordings import BuildRecording, build_recording
 from fusionslam.errors import ConfigError
 
 if TYPE_CHECKING:
+    from fusionslam.base.progress import Step
     from fusionslam.pipelines.describe import PipelineConfig
     from fusionslam.pipelines.recording import Recording
-    from fusionslam.storage.progress import Step
 
 
 def compare(

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from fusionslam.help_texts import listed
-from fusionslam.storage.progress import Step
+from fusionslam.base.progress import Step
+from fusionslam.base.texts import listed
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, progress
 from fusionslam.cli.failures import needs_extra
@@ -21,7 +22,6 @@ from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.sim import recordings
 from fusionslam.sim.catalogue import MADE
-from fusionslam.storage.progress import Step, label_progress
 from fusionslam.views.scene_set import SceneSet, is_scene_set
 
 _WORLD_FILES = (".glb", ".world", ".sdf")

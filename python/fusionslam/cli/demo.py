@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.cli import options as opt
 from fusionslam.cli.bench import compare
 from fusionslam.cli.console import progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.errors import ConfigError
-from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam.base.progress import label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, left_out, progress
 from fusionslam.cli.failures import STARTS_REST, keep
 from fusionslam.cli.recordings import BuildRecording
 from fusionslam.descriptors import GROUPS
 from fusionslam.errors import ConfigError
-from fusionslam.help_texts import counted
-from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import DescriptorRun

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.maps import ODOMETRY, Odometry
 from fusionslam.errors import ConfigError
-from fusionslam.help_texts import counted
 
 if TYPE_CHECKING:
     from fusionslam.fleet.places import PlaceFilter

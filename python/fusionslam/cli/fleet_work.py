@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fusionslam.base.progress import Step, label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table
 from fusionslam.cli.failures import needs_extra
@@ -25,11 +27,9 @@ from fusionslam.fleet.scans import Scan
 from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.site_maps import SiteMerge, merge_site
 from fusionslam.fleet.work import Failure, Plan, list_status
-from fusionslam.help_texts import counted
 from fusionslam.pipelines.compare_descriptors import QUICK_TOWN
 from fusionslam.report.fleet import write_fleet_page
 from fusionslam.sim import SimConfig, record
-from fusionslam.storage.progress import Step, label_progress
 
 _SHOWN = 10
 """Failures that are printed."""

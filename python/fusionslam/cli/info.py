@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam.base.progress import label_progress
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_findings, print_table, progress
 from fusionslam.cli.failures import DATA, missing_extras
 from fusionslam.cli.recordings import build_recording
-from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.config import Section

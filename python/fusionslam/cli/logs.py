@@ -8,9 +8,9 @@ import sys
 import typer
 from rich.logging import RichHandler
 
+from fusionslam.base.texts import PER_FRAME, counted
 from fusionslam.cli.console import stderr
 from fusionslam.cli.failures import COMMAND
-from fusionslam.help_texts import PER_FRAME, counted
 
 logger = logging.getLogger(__name__)
 

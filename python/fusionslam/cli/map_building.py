@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.progress import Step, label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during
 from fusionslam.cli.data import open_data
@@ -17,7 +19,6 @@ from fusionslam.config import merged
 from fusionslam.datasets import Dataset
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.geometry.odometry_noise import DRIFT
-from fusionslam.help_texts import counted
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
 from fusionslam.pipelines.describe import PipelineConfig
@@ -32,7 +33,6 @@ from fusionslam.pipelines.recording import Recording, has_colors
 from fusionslam.pipelines.results import delete_page
 from fusionslam.registration import Refusal
 from fusionslam.report.place_maps import read_drives, write_map_page
-from fusionslam.storage.progress import Step, label_progress
 
 MAP = "map.fsmap"
 _SESSION = "demo"

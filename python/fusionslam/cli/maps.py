@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from fusionslam.base.files import is_map_file
+from fusionslam.base.progress import label_progress
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.recordings import BuildRecording
 from fusionslam.errors import ConfigError
-from fusionslam.storage.files import is_map_file
-from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.place_maps import MapOdometry

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
 import typer
 
-from fusionslam import descriptors, help_texts
-from fusionslam.storage.parallel import available_cores
+from fusionslam import descriptors
+from fusionslam.base import texts
+from fusionslam.base.parallel import available_cores
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.describe import PipelineConfig
@@ -110,7 +111,7 @@ Source = Annotated[
     one_of(
         "--source",
         names=SOURCES,
-        help=f"{help_texts.SOURCE}; by default the first that the data allow.",
+        help=f"{texts.SOURCE}; by default the first that the data allow.",
     ),
 ]
 Sources = Annotated[
@@ -118,7 +119,7 @@ Sources = Annotated[
     one_of(
         "--source",
         names=SOURCES,
-        help=f"{help_texts.SOURCE}; by default all that the data allow.",
+        help=f"{texts.SOURCE}; by default all that the data allow.",
     ),
 ]
 Threshold = Annotated[
@@ -126,12 +127,12 @@ Threshold = Annotated[
     typer.Option(
         "--threshold",
         metavar="DISTANCE|FOLDER",
-        help=f"{help_texts.THRESHOLD}; or a folder of bench, for the distance up to which 95 % of "
+        help=f"{texts.THRESHOLD}; or a folder of bench, for the distance up to which 95 % of "
         "its loops are right.",
     ),
 ]
-Radius = Annotated[float | None, typer.Option("--radius", help=f"{help_texts.RADIUS}.")]
-Window = Annotated[int | None, typer.Option("--window", help=f"{help_texts.EVALUATION_WINDOW}.")]
+Radius = Annotated[float | None, typer.Option("--radius", help=f"{texts.RADIUS}.")]
+Window = Annotated[int | None, typer.Option("--window", help=f"{texts.EVALUATION_WINDOW}.")]
 Names = Annotated[
     str,
     some_of(
@@ -157,7 +158,7 @@ Jobs = Annotated[
 ]
 Protocol = Annotated[
     str | None,
-    one_of("--protocol", names=PROTOCOLS, help=f"{help_texts.PROTOCOL}."),
+    one_of("--protocol", names=PROTOCOLS, help=f"{texts.PROTOCOL}."),
 ]
 SceneSets = Annotated[
     list[Path], typer.Argument(metavar="SCENES...", help="Scene sets or .npz recordings.")

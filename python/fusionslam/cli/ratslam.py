@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
+from fusionslam.base.files import make_folder
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.cli.recordings import BuildRecording
-from fusionslam.storage.files import make_folder
 
 
 @opt.command

@@ -10,6 +10,9 @@ from urllib.parse import urlsplit
 
 import typer
 
+from fusionslam.base.archive import format_of
+from fusionslam.base.files import delay_interrupts, is_map_file
+from fusionslam.base.progress import Step
 from fusionslam.cli import options as opt
 from fusionslam.cli.failures import INTERRUPTED
 from fusionslam.config import merged
@@ -26,9 +29,6 @@ from fusionslam.ratslam.map_export import export_run
 from fusionslam.ratslam.slam import FORMAT, RatSlam, load_run
 from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
 from fusionslam.report.live import HOST, PORT
-from fusionslam.storage.archive import format_of
-from fusionslam.storage.files import delay_interrupts, is_map_file
-from fusionslam.storage.progress import Step
 from fusionslam.views.recognisers import method_of, settle_method
 
 _OF_THE_STATE = (

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam.base.progress import Step
 from fusionslam.cli import options as opt
-from fusionslam.storage.progress import Step
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording

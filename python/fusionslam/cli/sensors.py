@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fusionslam.base.progress import label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, print_table, progress
 from fusionslam.cli.failures import PARTIAL, WRITES_ALL, keep, needs_extra
 from fusionslam.cli.recordings import BuildRecording
-from fusionslam.help_texts import counted
-from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording

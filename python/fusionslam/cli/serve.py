@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.failures import needs_extra
-from fusionslam.help_texts import counted
 
 if TYPE_CHECKING:
     from fusionslam.service.config import ServiceConfig

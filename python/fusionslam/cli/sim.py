@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fusionslam.base.progress import label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, progress
 from fusionslam.cli.failures import PARTIAL, keep, needs_extra
 from fusionslam.errors import ConfigError
-from fusionslam.help_texts import counted
-from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory

@@ -5,9 +5,9 @@
 import textwrap
 from collections.abc import Iterator, Sequence
 
+from fusionslam.base.texts import counted
 from fusionslam.cli.console import left_out, print_figures
 from fusionslam.evaluation import Evaluation, VerifiedRun
-from fusionslam.help_texts import counted
 from fusionslam.report.loops import comparison
 from fusionslam.report.loops.comparison import Compared, pair_up
 from fusionslam.report.loops.labels import by_rank, winner

@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.files import atomic_path
+from fusionslam.base.machine import machine, versions
+from fusionslam.base.progress import Step
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_figures, print_table
 from fusionslam.evaluation import ViewJudge, ViewReport, baselines
 from fusionslam.evaluation.views.rules import VIEW_RULES, explain_no_revisit
-from fusionslam.help_texts import counted
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES, Drive
 from fusionslam.pipelines.results import delete_page
@@ -28,9 +31,6 @@ from fusionslam.report.views.comparison_tables import (
     notes,
     write_view_bench,
 )
-from fusionslam.storage.files import atomic_path
-from fusionslam.storage.machine import machine, versions
-from fusionslam.storage.progress import Step
 from fusionslam.views.scene_set import SceneSet
 
 HEADS = ("accuracy", "loop recall", "loop precision", "views")

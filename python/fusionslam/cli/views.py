@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from fusionslam.base.progress import label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli import views_train
 from fusionslam.cli.console import print_table, progress
@@ -19,8 +21,6 @@ from fusionslam.cli.recordings import (
     build_recording,
     open_scenes,
 )
-from fusionslam.help_texts import counted
-from fusionslam.storage.progress import label_progress
 
 if TYPE_CHECKING:
     from fusionslam.pipelines.recording import Recording

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
+from fusionslam.base.progress import Step, label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import print_table, progress
 from fusionslam.cli.failures import keep, needs_extra
 from fusionslam.cli.recordings import OpenScenes, build_recording
-from fusionslam.help_texts import counted
-from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.config import Section

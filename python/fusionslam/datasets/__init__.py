@@ -17,7 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import format_of
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import check_regular, is_map_file
 from fusionslam.config import explain_choice
 from fusionslam.datasets.bags import open_bag, open_writer
 from fusionslam.datasets.bags.reader import bag_kind
@@ -53,8 +55,6 @@ from fusionslam.datasets.streams import (
 )
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.synchronizer import SyncConfig
-from fusionslam.storage.archive import format_of
-from fusionslam.storage.files import check_regular, is_map_file
 
 __all__ = [
     "KINDS",

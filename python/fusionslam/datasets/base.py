@@ -14,6 +14,8 @@ from typing import Any, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Image, Matrix
+from fusionslam.base.texts import counted
 from fusionslam.datasets.cloud_files import image_size, read_cloud, read_image
 from fusionslam.datasets.pose_files import (
     check_same_time,
@@ -23,11 +25,9 @@ from fusionslam.datasets.pose_files import (
 )
 from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError, one_line
-from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.arrays import Image, Matrix
 
 CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import PathLike, read_yaml, reading
 from fusionslam.errors import DataError, naming
 from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.files import PathLike, read_yaml, reading
 
 CAMERA_KEYS = ("projection", "rectified_from_points", "size")
 ON_ROBOT = "robot_from_points"

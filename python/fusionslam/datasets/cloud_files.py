@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import PathLike, atomic_path, check_pixels, reading
+from fusionslam.base.texts import PER_FRAME
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.help_texts import PER_FRAME
 from fusionslam.sensors.frame import Cloud, require_cloud
-from fusionslam.storage.files import PathLike, atomic_path, check_pixels, reading
 
 logger = logging.getLogger(__name__)
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusionslam.storage.arrays import Floats, Matrix
-from fusionslam.storage.files import PathLike, atomic_path
+from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.base.files import PathLike, atomic_path
 
 _TAGS = {3: "SE2", 7: "SE3:QUAT"}
 # Errors of rotation are those of the vector of a quaternion: half of the angle.

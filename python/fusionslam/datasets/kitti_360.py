@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.base import Z_UP, Dataset, FileDataset
 from fusionslam.datasets.calibration import homogeneous, read_calibration, rectified_camera
 from fusionslam.datasets.kitti_odometry import ROBOT_FROM_VELODYNE
@@ -38,7 +39,6 @@ from fusionslam.datasets.streams import (
 from fusionslam.errors import DataError, naming
 from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.base.files import reading
 from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.calibration import homogeneous, read_calibration, rectified_camera
 from fusionslam.datasets.kitti_odometry import POSE_FRAME, ROBOT_FROM_VELODYNE, find_streams
@@ -33,8 +35,6 @@ from fusionslam.datasets.streams import (
 from fusionslam.errors import DataError, naming
 from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.arrays import Floats, Matrix
-from fusionslam.storage.files import reading
 
 IMU_FRAME = "GPS/IMU"
 OXTS = Path("oxts", "data")

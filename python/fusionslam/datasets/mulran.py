@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.cloud_files import read_bin
 from fusionslam.datasets.pose_files import read_matrices
 from fusionslam.datasets.stamped_scans import StampedScans
 from fusionslam.datasets.streams import find_existing
-from fusionslam.storage.arrays import Matrix
 
 TRUTH = "global_pose.csv"
 _YAW = np.radians(179.6654)

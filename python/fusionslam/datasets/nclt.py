@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.files import PathLike
 from fusionslam.datasets.base import Z_UP
 from fusionslam.datasets.cloud_files import read_records
 from fusionslam.datasets.pose_files import read_table
@@ -18,8 +20,6 @@ from fusionslam.datasets.stamped_scans import StampedScans
 from fusionslam.datasets.streams import find_existing
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.files import PathLike
 
 MICROSECOND_NS = 1000
 RECORD = np.dtype([("xyz", "<u2", (3,)), ("intensity", "u1"), ("laser", "u1")])

@@ -16,11 +16,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import read_numbers
+from fusionslam.base.files import PathLike, atomic_path, reading
 from fusionslam.datasets.streams import PERIOD_NS, find_existing, regular_stamps
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.arrays import read_numbers
-from fusionslam.storage.files import PathLike, atomic_path, reading
 
 logger = logging.getLogger(__name__)
 

@@ -17,6 +17,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import array_names, load_arrays
+from fusionslam.base.arrays import Floats
+from fusionslam.base.texts import counted
 from fusionslam.config import Section, option
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.datasets.streams import Request, check_scans, check_self_contained
@@ -24,11 +27,8 @@ from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import transform_points
 from fusionslam.geometry.trajectory import ground_poses
-from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.synchronizer import SyncConfig
-from fusionslam.storage.archive import array_names, load_arrays
-from fusionslam.storage.arrays import Floats
 
 KIND = "ranges"
 SHAPES = ("visual", "collision")

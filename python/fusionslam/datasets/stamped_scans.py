@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.base import Dataset, FileDataset
 from fusionslam.datasets.pose_files import (
     POSE_GAP_NS,
@@ -28,7 +29,6 @@ from fusionslam.datasets.streams import (
 )
 from fusionslam.errors import DataError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Matrix
 
 _LATEST_NS = np.iinfo(np.int64).max
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import cloud_resolution
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, explain_choice, merged, split_preset
 from fusionslam.descriptors.config import DescriptorConfig, core_class
 from fusionslam.descriptors.own import VARIABLE, check_name_length, find_own, is_own, let_count

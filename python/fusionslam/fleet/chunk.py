@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CAMERA_FROM_ROBOT_AXES
 from fusionslam.errors import DataError, FusionSlamError
@@ -31,8 +33,6 @@ from fusionslam.geometry.keyframes import is_keyframe
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.pipelines.place_maps import odometry_of
 from fusionslam.registration import PreparedCloud, SearchImage
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.scene_set import pack_bytes
 
 FORMAT = "fusionslam.fleet_chunk.1"

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from fusionslam import _core
+from fusionslam.base.archive import load_json, save_json
 from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import DescriptorConfig, with_preset
 from fusionslam.errors import ConfigError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig
-from fusionslam.storage.archive import load_json, save_json
 
 FORMAT = "fusionslam.fleet.1"
 FILE = "fleet.json"

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusionslam.base.progress import Progress
 from fusionslam.errors import DataError
 from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.localization import FleetLocalization
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.places import PlaceFilter, Places, join_places
 from fusionslam.fleet.work import Plan
-from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 

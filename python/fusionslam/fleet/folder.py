@@ -8,6 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from fusionslam.base.archive import load_json, save_json
+from fusionslam.base.progress import Progress
+from fusionslam.base.write_lock import lock_folder
 from fusionslam.descriptors import find_descriptor, length_of
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.chunk import Chunk, ChunkStore, chunk_path, places_of
@@ -28,9 +31,6 @@ from fusionslam.fleet.work import (
     describe_recordings,
 )
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.storage.archive import load_json, save_json
-from fusionslam.storage.progress import Progress
-from fusionslam.storage.write_lock import lock_folder
 
 logger = logging.getLogger(__name__)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.datasets.pose_files import interpolate_poses
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.map_content import robot_poses
-from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 
 @dataclass(frozen=True)

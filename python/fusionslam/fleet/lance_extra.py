@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from fusionslam.base.files import cannot_write, why_not
 from fusionslam.errors import DataError, FusionSlamError, needing
-from fusionslam.storage.files import cannot_write, why_not
 
 TABLE = "places"
 _SUFFIX = ".lance"

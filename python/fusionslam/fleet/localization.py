@@ -10,6 +10,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats32, Matrix
+from fusionslam.base.progress import Progress
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.fleet.chunk import PlaceCloud
@@ -22,8 +24,6 @@ from fusionslam.loop_closure.observation import Observation
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.arrays import Floats32, Matrix
-from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 

@@ -15,6 +15,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Floats32, Integers
+from fusionslam.base.files import PathLike
+from fusionslam.base.write_lock import WriteLock, lock_folder
 from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet import lance_extra, vector_index
@@ -35,9 +38,6 @@ from fusionslam.fleet.places import ABOUT, Candidate, PlaceFilter, Places, quote
 from fusionslam.fleet.row_search import Search, exactly, nearest_rows, read_rows, scan
 from fusionslam.fleet.segment import FOLDER, Segment
 from fusionslam.fleet.vector_index import IndexReport, Kind, Lookup, Progress, read_report
-from fusionslam.storage.arrays import Floats, Floats32, Integers
-from fusionslam.storage.files import PathLike
-from fusionslam.storage.write_lock import WriteLock, lock_folder
 
 __all__ = ["DatabaseSettings", "IndexReport", "PlaceDatabase", "Positions", "Session", "Version"]
 

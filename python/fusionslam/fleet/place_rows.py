@@ -11,13 +11,13 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import dump_sealed, parse_sealed
+from fusionslam.base.arrays import Floats, Floats32, Matrix, read_numbers
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.descriptors.computation import find_descriptor
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fleet.lance_extra import damaged, other_format
 from fusionslam.fleet.places import ABOUT, Candidate, Places
-from fusionslam.storage.archive import dump_sealed, parse_sealed
-from fusionslam.storage.arrays import Floats, Floats32, Matrix, read_numbers
 
 VERSION = 3
 """Of the format."""

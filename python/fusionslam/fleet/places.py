@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
+from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
 
 ABOUT = ("session", "robot", "site", "region")
 """What is known of a place's recording: its name, who drove, and where."""

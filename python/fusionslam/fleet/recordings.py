@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.archive import format_of
 from fusionslam.datasets import KINDS, Dataset
 from fusionslam.datasets.base import FileDataset
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.config import FILE
 from fusionslam.fleet.places import ABOUT
 from fusionslam.pipelines.recording import Recording
-from fusionslam.storage.archive import format_of
 from fusionslam.views.scene_set import is_scene_set
 
 LEVELS = ("region", "site", "robot")

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fusionslam import DescriptorIndex
+from fusionslam.base.arrays import Floats32, Integers, Mask
 from fusionslam.fleet.place_rows import CHECKSUM, METRIC, SHOWN, check_rows, vectors_of
 from fusionslam.fleet.segment import Segment
-from fusionslam.storage.arrays import Floats32, Integers, Mask
 
 _BATCH = 32  # queries at a time
 _BLOCK = 8_192  # rows read at a time

@@ -8,6 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.csv_files import write_csv
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.datasets import read_cloud
 from fusionslam.datasets.cloud_files import CLOUD_SUFFIXES
 from fusionslam.errors import ConfigError, FusionSlamError
@@ -16,9 +19,6 @@ from fusionslam.fleet.places import PlaceFilter
 from fusionslam.pipelines.place_maps import POSE_NAMES, pose_texts
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.csv_files import write_csv
-from fusionslam.storage.progress import Step, label_progress
 
 T = TypeVar("T")
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats32, Integers, Mask
+from fusionslam.base.files import atomic_path, cannot_write, why_not
 from fusionslam.errors import DataError, needing
-from fusionslam.storage.arrays import Floats32, Integers, Mask
-from fusionslam.storage.files import atomic_path, cannot_write, why_not
 
 FOLDER = "segments"
 _VECTORS = ".npy"

@@ -5,6 +5,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from fusionslam.base.files import make_folder
+from fusionslam.base.write_lock import lock_folder
 from fusionslam.config import Section, merged
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CloudDataset
@@ -27,8 +29,6 @@ from fusionslam.registration import (
     has_lengths,
     without_lengths,
 )
-from fusionslam.storage.files import make_folder
-from fusionslam.storage.write_lock import lock_folder
 
 _SHOWN = 3
 """Recordings that a message names."""

@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from fusionslam.base.archive import load_json, save_json
+from fusionslam.base.files import atomic_path, scratch_folder
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.recordings import FleetRecording
@@ -18,9 +21,6 @@ from fusionslam.fleet.work import PlannedRecording
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
 from fusionslam.pipelines.place_maps import MapOdometry, build_map, check_odometry, odometry_of
-from fusionslam.storage.archive import load_json, save_json
-from fusionslam.storage.files import atomic_path, scratch_folder
-from fusionslam.storage.progress import Step, label_progress
 
 logger = logging.getLogger(__name__)
 

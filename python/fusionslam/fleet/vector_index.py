@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fusionslam.base.archive import dump_sealed, parse_sealed
+from fusionslam.base.arrays import Floats, Floats32, Integers
 from fusionslam.errors import DataError
 from fusionslam.fleet.place_rows import vectors_of
 from fusionslam.fleet.row_search import (
@@ -32,8 +34,6 @@ from fusionslam.fleet.segment import (
     size_of,
     write_segment,
 )
-from fusionslam.storage.archive import dump_sealed, parse_sealed
-from fusionslam.storage.arrays import Floats, Floats32, Integers
 
 logger = logging.getLogger(__name__)
 

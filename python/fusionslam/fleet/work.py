@@ -12,6 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from fusionslam.base.archive import load_json, save_json
+from fusionslam.base.files import atomic_path
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.fleet.chunk import (
     Chunk,
@@ -24,10 +28,6 @@ from fusionslam.fleet.chunk import (
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.engines import Engine
 from fusionslam.fleet.recordings import FleetRecording, Found, digest_input
-from fusionslam.storage.archive import load_json, save_json
-from fusionslam.storage.files import atomic_path
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """When a robot has moved so far that what it sees is worth keeping."""
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.geometry.se3 import motion_size
-from fusionslam.storage.arrays import Matrix
 
 
 def is_keyframe(step: Matrix, distance: float, turn: float) -> bool:

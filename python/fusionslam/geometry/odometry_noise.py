@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.trajectory import Trajectory, ground_poses
-from fusionslam.storage.arrays import Floats
 
 
 class OdometryConfig(Section):

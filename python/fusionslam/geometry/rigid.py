@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
-from fusionslam.storage.arrays import Floats, read_numbers
 
 _ROTATION_TOLERANCE = 1e-2  # of matrices that were written as text with three digits
 _FARTHEST_MOUNTED_M = 100.0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.storage.arrays import Floats
+from fusionslam.base.arrays import Floats
 
 Pose = Sequence[float] | Floats
 """x, y and heading."""

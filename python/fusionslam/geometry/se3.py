@@ -7,7 +7,7 @@ A small motion is x, y, z in metres, then a rotation about x, y, z in radians.
 
 import numpy as np
 
-from fusionslam.storage.arrays import Floats
+from fusionslam.base.arrays import Floats
 
 
 def inverse(poses: Floats) -> Floats:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import PathLike, atomic_path, reading
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import PathLike, atomic_path, reading
 
 _COLUMNS = ("t", "x", "y", "yaw")
 _EXPECTED = "a trajectory: a line 't,x,y,yaw', then seconds, metres, metres, radians"

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fusionslam.base.arrays import Points
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.learning.pointnet import Classifier, PointNet, transform_penalty
 from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet
 from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.learning.training_loop import OptimiserConfig, seed_torch
-from fusionslam.storage.arrays import Points
 from fusionslam.views.second_stage.architecture import HeadConfig, PointNetConfig
 from fusionslam.views.second_stage.inputs import AugmentConfig, augment, scale_to_sphere
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Points
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.learning.pair_comparison import features_of
@@ -18,7 +19,6 @@ from fusionslam.learning.places import PairConfig, Places, make_pairs, same_plac
 from fusionslam.learning.pointnet import PointNet, transform_penalty
 from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.learning.training_loop import OptimiserConfig, seed_torch
-from fusionslam.storage.arrays import Points
 from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input, resample
 from fusionslam.views.second_stage.scores import area_under_curve

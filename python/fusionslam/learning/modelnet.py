@@ -16,11 +16,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import parse_array
+from fusionslam.base.files import EXPANSION, MOST_EXPANDED, check_expansion, reading
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.learning.procedural_shapes import sample_points
 from fusionslam.learning.shape_sets import ShapeSet
-from fusionslam.storage.archive import parse_array
-from fusionslam.storage.files import EXPANSION, MOST_EXPANDED, check_expansion, reading
 
 Part = Literal["train", "test"]
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.files import atomic_path
 from fusionslam.errors import FusionSlamError
 from fusionslam.learning.pointnet import Comparison, PointNet
 from fusionslam.learning.torch_extra import nn
-from fusionslam.storage.files import atomic_path
 from fusionslam.views.second_stage.network_files import About
 
 # Old enough for ONNX runtimes of 2022.

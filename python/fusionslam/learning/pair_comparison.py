@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats32
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.learning.places import PairConfig, Places, make_pairs
 from fusionslam.learning.pointnet import Comparison, PointNet
 from fusionslam.learning.torch_extra import nn, torch
 from fusionslam.learning.training_loop import OptimiserConfig, seed_torch
-from fusionslam.storage.arrays import Floats32
 from fusionslam.views.second_stage.architecture import ComparisonConfig
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.scores import area_under_curve

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats, Integers
 from fusionslam.views.scene_set import CloudArray
 
 Sights = tuple[str, Sequence[Cloud], Floats | None]

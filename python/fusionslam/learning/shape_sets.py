@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Mask
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.learning.procedural_shapes import SHAPES, sample_points
-from fusionslam.storage.arrays import Mask
 
 
 @dataclass(frozen=True, eq=False)

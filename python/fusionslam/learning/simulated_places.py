@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.progress import Progress, reported
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import ground_poses
@@ -23,8 +25,6 @@ from fusionslam.sim.lidar import LidarMount, scan
 from fusionslam.sim.robot import RobotConfig, base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.simulator import map_of
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.progress import Progress, reported
 
 
 class SimulatedPlacesConfig(Section):

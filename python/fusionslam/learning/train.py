@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.archive import save_json
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.learning.classification import ShapesTask, ShapesTrainingConfig
@@ -28,7 +29,6 @@ from fusionslam.learning.torch_extra import torch
 from fusionslam.learning.training_data import SimulatedConfig
 from fusionslam.learning.training_loop import Progress, Trained, train
 from fusionslam.learning.weight_files import load_pointnet, save_weights
-from fusionslam.storage.archive import save_json
 from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.network_files import (
     DIGESTS,

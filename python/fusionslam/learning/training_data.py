@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.progress import Progress
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.learning.modelnet import read_modelnet, read_voxels
 from fusionslam.learning.places import Places, Sights
 from fusionslam.learning.shape_sets import ProceduralConfig, ShapeSet, generate_shapes, join_sets
 from fusionslam.learning.simulated_places import SimulatedPlacesConfig, simulate_places
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.progress import Progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
 
 FORMAT = "fusionslam.places.1"

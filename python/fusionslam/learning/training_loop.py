@@ -15,11 +15,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from fusionslam.base.archive import join_parts, load_archive, part_of, save_archive
+from fusionslam.base.files import atomic_path, reading
 from fusionslam.config import Section, flatten, option
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.storage.archive import join_parts, load_archive, part_of, save_archive
-from fusionslam.storage.files import atomic_path, reading
 
 FORMAT = "fusionslam.training.2"
 CHECKPOINT = "checkpoint.pt"

@@ -5,10 +5,10 @@
 import os
 from pathlib import Path
 
+from fusionslam.base.files import atomic_path, reading
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.learning.pointnet import PointNet
 from fusionslam.learning.torch_extra import nn, torch
-from fusionslam.storage.files import atomic_path, reading
 from fusionslam.views.second_stage.architecture import PointNetConfig
 from fusionslam.views.second_stage.network_files import About, check_digest, read_about
 

@@ -4,8 +4,8 @@
 
 from pathlib import Path
 
-from fusionslam import help_texts
-from fusionslam.argument_types import checked
+from fusionslam.base import texts
+from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, option
 from fusionslam.descriptors import DescriptorConfig, with_preset
 from fusionslam.errors import ConfigError
@@ -16,8 +16,8 @@ _THRESHOLDS = Path(__file__).with_name("thresholds.yaml")
 class LoopConfig(Section):
     """Which frames are compared, and what makes a loop of two."""
 
-    threshold: float | None = option(None, help_texts.THRESHOLD, ge=0, allow_inf_nan=False)
-    window: int = option(50, help_texts.LOOP_WINDOW, unit="frames", ge=0)
+    threshold: float | None = option(None, texts.THRESHOLD, ge=0, allow_inf_nan=False)
+    window: int = option(50, texts.LOOP_WINDOW, unit="frames", ge=0)
     window_seconds: float = option(
         0.0, "candidates are older than this; 0 is off", unit="s", ge=0, allow_inf_nan=False
     )

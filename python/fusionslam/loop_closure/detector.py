@@ -16,7 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.texts import counted
 from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -27,7 +30,6 @@ from fusionslam.descriptors import (
 )
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
-from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig, default_threshold, fitted_threshold
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import FrameMemory, Kept
@@ -51,8 +53,6 @@ from fusionslam.registration import (
 )
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import ScanMotion
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 

@@ -5,8 +5,8 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.registration.result import Refusal
-from fusionslam.storage.arrays import Matrix
 
 
 @dataclass(frozen=True)

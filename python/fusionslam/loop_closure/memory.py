@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import DescriptorIndex
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.growing_array import Rows
 from fusionslam.errors import DataError
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.observation import Observation, Vectors
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.registration import PreparedCloud, RegistrationConfig, SearchImage
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.growing_array import Rows
 from fusionslam.views.scene_set import pack_bytes, unpack_bytes
 
 logger = logging.getLogger(__name__)

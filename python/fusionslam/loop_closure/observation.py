@@ -10,7 +10,8 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Matrix
 from fusionslam.config import merged
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -27,7 +28,6 @@ from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import Span, span_of
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.loop import Loop, Rejected, may_be_right
 from fusionslam.registration import (
@@ -22,7 +23,6 @@ from fusionslam.registration import (
     register,
     search_poses,
 )
-from fusionslam.storage.arrays import Matrix
 
 T = TypeVar("T")
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import voxel_downsample
+from fusionslam.base.arrays import Matrix
 from fusionslam.loop_closure.memory import Kept
 from fusionslam.mapping.map_file import MapFile, StoredCloud
 from fusionslam.registration import SearchImage
 from fusionslam.registration.clouds import pack_arrays, pack_points, unpack_points, unpacking
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Matrix
 
 
 def pack_cloud(cloud: Cloud, voxel: float) -> bytes:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusionslam._core import DriftConfig, drift_covariance
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.config import Section, core_section, option
 from fusionslam.mapping.edge import check_pose
 from fusionslam.registration.config import RegistrationConfig
-from fusionslam.storage.arrays import Floats, Matrix
 
 if TYPE_CHECKING:
     DriftSection = Section

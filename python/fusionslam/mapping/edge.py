@@ -8,11 +8,11 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Matrix, read_numbers
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se3 import carry_covariance, inverse, log
 from fusionslam.registration.result import Refusal
-from fusionslam.storage.arrays import Floats, Matrix, read_numbers
 
 Kind = Literal["odometry", "loop", "merge"]
 State = Literal["believed", "refused", "pending"]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import PathLike, atomic_path
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, FusionSlamError
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import PathLike, atomic_path
 
 
 class MapOrigin(Section):

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import PathLike
 from fusionslam.datasets.graph_files import edge_of_pose, node_of_pose, write_g2o
 from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.pose_graph import PoseGraph, Solution
-from fusionslam.storage.files import PathLike
 
 
 @checked

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Floats32, Matrix, Points
+from fusionslam.base.files import PathLike, atomic_path
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.storage.arrays import Floats, Floats32, Matrix, Points
-from fusionslam.storage.files import PathLike, atomic_path
 
 _MOST_CELLS = 400_000_000
 _HIT, _MISS, _CERTAIN = 17, -8, 100

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.errors import FusionSlamError, needing
 from fusionslam.mapping.edge import Edge
-from fusionslam.storage.arrays import Floats, Integers
 
 # GTSAM's small motions are rotations first.
 _THEIRS = np.array([3, 4, 5, 0, 1, 2])

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.config import Section, option
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.registration import Refusal, register
-from fusionslam.storage.arrays import Matrix
 
 
 class LocalizationConfig(Section):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.errors import ConfigError
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
@@ -15,7 +16,6 @@ from fusionslam.mapping.merges import FEWEST_MERGES
 from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.mapping.window import fuse_step
 from fusionslam.registration import Refusal
-from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _GROWTH = 1.1
 """Keyframes, of those solved last, at which new loops ask for the next solution of all."""

@@ -14,6 +14,16 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
+from fusionslam.base.files import PathLike, cannot_write, why_not
+from fusionslam.base.sqlite import (
+    PATIENCE_S,
+    BoundedConnection,
+    connect,
+    connect_read_only,
+    delete_empty_log,
+    reader,
+)
+from fusionslam.base.write_lock import WriteLock, locked_by_another
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.mapping.map_schema import (
     APPLICATION_ID,
@@ -26,16 +36,6 @@ from fusionslam.mapping.map_schema import (
     schema,
     seal,
 )
-from fusionslam.storage.files import PathLike, cannot_write, why_not
-from fusionslam.storage.sqlite import (
-    PATIENCE_S,
-    BoundedConnection,
-    connect,
-    connect_read_only,
-    delete_empty_log,
-    reader,
-)
-from fusionslam.storage.write_lock import WriteLock, locked_by_another
 
 _PAGE = 65536
 _MOST_LOGGED = 64 * _PAGE

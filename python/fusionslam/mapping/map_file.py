@@ -14,13 +14,13 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
 from fusionslam.errors import DataError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance
 from fusionslam.mapping.map_database import MapDatabase
 from fusionslam.mapping.map_settings import check_session_name
 from fusionslam.registration.result import Refusal
-from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
 
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fusionslam.base.progress import Progress
 from fusionslam.errors import ConfigError
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
@@ -17,7 +18,6 @@ from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.registration import PreparedCloud, Refusal
-from fusionslam.storage.progress import Progress
 
 MOST_APART = 2.0
 """Factor between the lengths of maps whose clouds are still compared."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.config import Section, merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError
@@ -15,7 +16,6 @@ from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import RegistrationConfig, without_lengths
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Matrix
 
 _SECTIONS: dict[str, tuple[str, type[Section]]] = {
     "loops": ("loop_closure", LoopConfig),

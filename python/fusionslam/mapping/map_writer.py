@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.machine import release_memory
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse
 from fusionslam.geometry.keyframes import is_keyframe
@@ -25,8 +27,6 @@ from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.registration import PreparedCloud, Refusal, register
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.scan_motion import ScanMotion
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.machine import release_memory
 
 _RELEASE = 10
 """Keyframes after which memory that is free is given back, which takes some milliseconds."""

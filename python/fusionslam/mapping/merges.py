@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.geometry.se3 import adjoint, inverse, log
 from fusionslam.mapping.edge import CHI2_99, Edge, reverse
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 FEWEST_MERGES = 3
 """Edges between two sessions that must agree with each other before these are joined."""

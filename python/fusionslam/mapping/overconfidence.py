@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping.edge import Edge, chi_squares, measurement_errors
 from fusionslam.mapping.gtsam_extra import Solver
-from fusionslam.storage.arrays import Floats, Integers
 
 MOST = 30.0
 """Factor beyond which loops that contradict odometry are rather false themselves."""

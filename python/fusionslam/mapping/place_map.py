@@ -15,13 +15,16 @@ from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
+from fusionslam.base.files import PathLike
+from fusionslam.base.progress import Progress
+from fusionslam.base.texts import counted
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
-from fusionslam.help_texts import counted
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.mapping.clouds import FileClouds, join_clouds, unpack_cloud
@@ -50,9 +53,6 @@ from fusionslam.mapping.map_writer import MapStep, MapWriter
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import ScanMotion
-from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix
-from fusionslam.storage.files import PathLike
-from fusionslam.storage.progress import Progress
 
 logger = logging.getLogger(__name__)
 

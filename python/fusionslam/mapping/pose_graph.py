@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from fusionslam._core import OdometryTree
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.mapping.edge import (
     CHI2_999,
@@ -30,7 +31,6 @@ from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
 from fusionslam.mapping.overconfidence import MOST, chi_ratio, fit_scale
 from fusionslam.mapping.window import Window, between_places
 from fusionslam.registration.result import Refusal
-from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _MOST_ROUNDS = 4  # of solving with the loops that fit
 _FEWEST_AGREEING = 10  # loops by which odometry is judged

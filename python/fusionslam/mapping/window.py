@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from fusionslam._core import OdometryTree
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.mapping.edge import CHI2_999, Edge, reverse
 from fusionslam.mapping.gtsam_extra import Solver
-from fusionslam.storage.arrays import Floats, Integers, Matrix
 
 _NEWEST, _OLDER = 10, 20
 """Loops that are solved together: the newest ones, and as many spread over the others."""

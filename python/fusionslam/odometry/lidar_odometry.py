@@ -23,13 +23,13 @@ from fusionslam._core import (
     remove_ground_segments,
     voxel_downsample,
 )
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix, Points, read_numbers
+from fusionslam.base.texts import counted
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ClockError, DataError, FusionSlamError, ShapeError, needing
 from fusionslam.geometry.se3 import motion_size
-from fusionslam.help_texts import counted
 from fusionslam.sensors.messages import NANOSECONDS, as_stamp
-from fusionslam.storage.arrays import Floats, Floats32, Integers, Matrix, Points, read_numbers
 
 FEWEST_POINTS = 100
 """Scans with fewer points are refused."""

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.fusion import FusionConfig, frame_from_points
-from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

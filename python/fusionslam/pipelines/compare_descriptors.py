@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.config import explain_choice, merged
 from fusionslam.datasets import match_poses
 from fusionslam.descriptors import PRESETS, USUAL, find_descriptor
@@ -51,7 +52,6 @@ from fusionslam.pipelines.results import Work, load_verified, runs_folder
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.pipelines.shared_verification import verify_each
 from fusionslam.pipelines.verified_loops import verify_recording
-from fusionslam.storage.progress import Step, label_progress
 
 logger = logging.getLogger(__name__)
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fusionslam.base.progress import Step
 from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.evaluation import (
@@ -25,7 +26,6 @@ from fusionslam.evaluation import (
 )
 from fusionslam.pipelines.drives import FRAMES, Drive, FrameName
 from fusionslam.pipelines.methods import METHODS, Method, Task, find_method
-from fusionslam.storage.progress import Step
 
 logger = logging.getLogger(__name__)
 

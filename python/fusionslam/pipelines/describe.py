@@ -19,7 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam import _core
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.machine import peak_memory
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress
+from fusionslam.base.texts import PER_FRAME
+from fusionslam.base.timer import Stopwatch
 from fusionslam.config import Section, merged, option
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -38,17 +44,11 @@ from fusionslam.descriptors.registry import POINT_DATA, Need
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import FusionConfig, fuse, load_sensors, require_up
-from fusionslam.help_texts import PER_FRAME
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.machine import peak_memory
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress
-from fusionslam.storage.timer import Stopwatch
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

@@ -12,6 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.cache import cached_path
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, Step, label_progress, reported
 from fusionslam.errors import DataError
 from fusionslam.pipelines.drives import Drive
 from fusionslam.ratslam.events import Motion
@@ -23,10 +27,6 @@ from fusionslam.ratslam.visual_odometry import (
 )
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.cache import cached_path
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, Step, label_progress, reported
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig
 
 logger = logging.getLogger(__name__)

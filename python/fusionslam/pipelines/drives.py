@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Image
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.config import merged
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.datasets.range_recording import (
@@ -36,8 +38,6 @@ from fusionslam.pipelines.recording import (
 from fusionslam.pipelines.scenes import record_scenes
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.storage.arrays import Floats, Image
-from fusionslam.storage.progress import Step, label_progress
 from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, reported
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
@@ -27,9 +30,6 @@ from fusionslam.sensors.messages import (
     Odometry,
     Scan,
 )
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, reported
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.files import atomic_path
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, reported
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
@@ -20,10 +24,6 @@ from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import Recording, name_frame, warn_of_mistakes
 from fusionslam.pipelines.results import Work, claim, refuse_input
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.files import atomic_path
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, reported
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

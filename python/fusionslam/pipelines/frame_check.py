@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, reported
+from fusionslam.base.texts import counted
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, one_line
 from fusionslam.fusion import DISTANT_M, ScanCheck, check_scan
-from fusionslam.help_texts import counted
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, reported
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

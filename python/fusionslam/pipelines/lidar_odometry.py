@@ -10,6 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.base.files import PathLike
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, reported
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
 from fusionslam.errors import DataError
@@ -17,10 +21,6 @@ from fusionslam.odometry import Deviation, LidarOdometry, LidarOdometryConfig
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.arrays import Floats, Matrix
-from fusionslam.storage.files import PathLike
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, reported
 
 logger = logging.getLogger(__name__)
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.csv_files import write_csv
+from fusionslam.base.texts import counted, listed
 from fusionslam.config import merged
 from fusionslam.descriptors import PRESETS, DescriptorConfig, in_file_names
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.fusion import FusionConfig
-from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import Loop, LoopConfig, LoopDetector
 from fusionslam.loop_closure.config import fitted_threshold
-from fusionslam.storage.csv_files import write_csv
 
 _FEWEST = 20
 """Fewer frames show one place: with a shorter window each would be its neighbour's loop."""

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
@@ -21,7 +22,6 @@ from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sensors.messages import Odometry
-from fusionslam.storage.progress import Step, label_progress
 
 OdometryName = Literal["topic", "lidar", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)

@@ -12,21 +12,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.files import delay_interrupts
+from fusionslam.base.progress import Step as Progress
+from fusionslam.base.progress import label_progress, reported
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.evaluation.maps.run import NO_NODE, REFUSED, RatSlamRun
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.help_texts import counted
 from fusionslam.pipelines.drives import Drive, open_drive
 from fusionslam.pipelines.map_events import RunEvents, Unreadable, events_of, expected_drift
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.ratslam.view_sources import SourceOptions, build_view_source
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
-from fusionslam.storage.files import delay_interrupts
-from fusionslam.storage.progress import Step as Progress
-from fusionslam.storage.progress import label_progress, reported
 from fusionslam.views.match import NO_VIEW
 
 logger = logging.getLogger(__name__)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.progress import Progress, Step, label_progress
 from fusionslam.config import explain_choice, merged, split_preset
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, find_descriptor
 from fusionslam.errors import ConfigError, DataError
@@ -22,7 +23,6 @@ from fusionslam.pipelines.drive_images import template_views
 from fusionslam.pipelines.drives import Drive, FrameName, move_clouds
 from fusionslam.pipelines.views import OdometryKind, odometry_of, run_views
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.storage.progress import Progress, Step, label_progress
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import RECOGNISERS, ViewMatcherConfig
 from fusionslam.views.visual_templates import VisualTemplates, VisualTemplatesConfig

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import inverse
-from fusionslam.storage.arrays import Floats, Matrix
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

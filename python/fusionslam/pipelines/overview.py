@@ -13,11 +13,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import format_of, load_archive, load_json
+from fusionslam.base.texts import counted
 from fusionslam.config import flatten
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
 from fusionslam.errors import DataError, one_line
 from fusionslam.evaluation import DescriptorRun
-from fusionslam.help_texts import counted
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.pipelines.describe import PipelineConfig, run_files
@@ -26,7 +27,6 @@ from fusionslam.pipelines.frame_check import FrameCheck, check_frames, check_row
 from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.pipelines.results import FILE, Work, load_verified, runs_folder
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.archive import format_of, load_archive, load_json
 from fusionslam.views.scene_set import is_scene_set
 
 if TYPE_CHECKING:

@@ -12,6 +12,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Floats, Integers, Matrix
+from fusionslam.base.files import PathLike, atomic_path
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, Step, label_progress
 from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.cloud_files import write_cloud
@@ -31,10 +35,6 @@ from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.registration import Refusal
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Floats, Integers, Matrix
-from fusionslam.storage.files import PathLike, atomic_path
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, Step, label_progress
 
 logger = logging.getLogger(__name__)
 

@@ -9,13 +9,13 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fusionslam.base.archive import load_json, save_json
+from fusionslam.base.files import is_map_file
 from fusionslam.datasets.bags.reader import bag_kind
 from fusionslam.datasets.range_recording import is_recording
 from fusionslam.descriptors import in_file_names
 from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
-from fusionslam.storage.archive import load_json, save_json
-from fusionslam.storage.files import is_map_file
 
 if TYPE_CHECKING:
     from fusionslam.evaluation import VerifiedRun

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusionslam import _core
+from fusionslam.base.progress import Step, label_progress
 from fusionslam.config import flatten
 from fusionslam.descriptors import find_descriptor, own_files
 from fusionslam.errors import DataError
@@ -26,7 +27,6 @@ from fusionslam.pipelines.describe import (
 )
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, claim, delete_page
-from fusionslam.storage.progress import Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

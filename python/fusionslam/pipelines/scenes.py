@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, reported
 from fusionslam.datasets.range_recording import RangeRecording, RecordingConfig
 from fusionslam.descriptors import (
     DescriptorConfig,
@@ -24,9 +27,6 @@ from fusionslam.geometry.se2 import places_of
 from fusionslam.pipelines.frame_check import readable_frames
 from fusionslam.pipelines.recording import SceneRecording, name_frame, warn_of_odometry
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.scene_set import CloudArray, SceneSet
 
 if TYPE_CHECKING:

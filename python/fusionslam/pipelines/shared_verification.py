@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fusionslam.base.arrays import Integers
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, Step, label_progress
 from fusionslam.config import merged
 from fusionslam.descriptors import find_descriptor
 from fusionslam.evaluation import DescriptorRun, VerifiedRun
@@ -40,9 +43,6 @@ from fusionslam.pipelines.verified_loops import (
     run_of,
 )
 from fusionslam.registration import PreparedCloud, RegistrationConfig, has_lengths
-from fusionslam.storage.arrays import Integers
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import yaml
 
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import atomic_path
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, needing
 from fusionslam.evaluation import ViewJudge, ViewReport
 from fusionslam.pipelines.views import views_of
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import atomic_path
 from fusionslam.views.comparison import View
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, scene_config, similarity_config

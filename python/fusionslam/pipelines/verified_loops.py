@@ -13,6 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.csv_files import write_csv
+from fusionslam.base.parallel import ordered_results
+from fusionslam.base.progress import Progress, Step, label_progress
+from fusionslam.base.texts import counted, listed
 from fusionslam.config import flatten
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import edge_of_pose
@@ -21,7 +26,6 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.evaluation.loops.verified_run import REJECTED
 from fusionslam.fusion import FusionConfig, load_sensors
-from fusionslam.help_texts import counted, listed
 from fusionslam.loop_closure import LoopDetector, Observation
 from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.loop_closure.verification import Verified
@@ -33,10 +37,6 @@ from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
 from fusionslam.pipelines.reusable_runs import differences, has_all_frames, is_outdated
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.csv_files import write_csv
-from fusionslam.storage.parallel import ordered_results
-from fusionslam.storage.progress import Progress, Step, label_progress
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

@@ -12,6 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import atomic_path
+from fusionslam.base.progress import Progress, reported
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, needs_up
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation import ViewJudge, ViewRun
@@ -19,9 +22,6 @@ from fusionslam.evaluation.views.curve import THRESHOLDS, ViewCurve, sweep_views
 from fusionslam.geometry.odometry_noise import DRIFT, add_odometry_errors
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import atomic_path
-from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.comparison import Comparison, View
 from fusionslam.views.match import NO_VIEW, ViewMatch, ViewStats
 from fusionslam.views.matcher import ViewMatcher

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fusionslam._core import PoseSheet
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.arrays import Floats
 
 HEADINGS = 36
 """Layers of the sheet: headings ten degrees apart."""

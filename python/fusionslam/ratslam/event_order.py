@@ -6,7 +6,7 @@ import heapq
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.ratslam.events import Event, is_looking, stamp_of
 from fusionslam.sensors.messages import NANOSECONDS

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from fusionslam._core import ActionKind
 from fusionslam._core import ExperienceMap as CoreMap
 from fusionslam._core import ExperienceMapConfig as CoreMapConfig
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats
+from fusionslam.base.texts import counted
 from fusionslam.config import Section, core_section, merged
 from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_calibration import LoopCheck
-from fusionslam.help_texts import counted
-from fusionslam.storage.arrays import Floats
 
 STATE_VERSION = 1
 

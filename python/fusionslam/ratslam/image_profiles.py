@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.storage.arrays import Floats
+from fusionslam.base.arrays import Floats
 from fusionslam.views.visual_templates import LUMINANCE
 
 # Contrast of a profile, 0 .. 1, below which it is only noise.

@@ -17,15 +17,15 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import save_json
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import atomic_path
 from fusionslam.datasets import graph_files
 from fusionslam.datasets.graph_files import GraphEdge, GraphNode
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.ratslam.map_snapshot import MapRecord
-from fusionslam.storage.archive import save_json
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import atomic_path
 
 PathLike = str | os.PathLike[str]
 

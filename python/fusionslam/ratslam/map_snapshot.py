@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam.slam import RatSlam
-from fusionslam.storage.arrays import Floats, Integers
 
 
 @checked

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import check_types
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se2 import wrap
 from fusionslam.ratslam.events import Event, Motion
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
-from fusionslam.storage.archive import check_types
 
 Ground = tuple[float, float, float]
 """x, y in metres and heading in radians."""

@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.files import delay_interrupts
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.geometry.trajectory import ground_poses
@@ -31,8 +33,6 @@ from fusionslam.ratslam.map_snapshot import LiveMap
 from fusionslam.ratslam.odometry import Ground, odometry_of
 from fusionslam.ratslam.slam import RatSlam, RatSlamConfig, Step
 from fusionslam.sensors.messages import NANOSECONDS, Odometry
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.files import delay_interrupts
 
 logger = logging.getLogger(__name__)
 

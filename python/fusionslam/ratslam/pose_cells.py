@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats
+from fusionslam.base.growing_array import Rows
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.ratslam.attractor import (
@@ -33,8 +35,6 @@ from fusionslam.ratslam.attractor import (
     wrap,
 )
 from fusionslam.ratslam.experience_map import Action
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.growing_array import Rows
 
 INJECT = {"robust": 0.15, "openratslam": 0.05}
 """Energy of a view by preset: openratslam as in the reference run; with robust, five views in a

@@ -22,7 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, join_parts, load_archive, part_of, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import PathLike
+from fusionslam.base.timer import Stopwatch
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -54,9 +57,6 @@ from fusionslam.ratslam.odometry import (
 )
 from fusionslam.ratslam.pose_cells import PoseCells, PoseCellsConfig
 from fusionslam.ratslam.view_sources import KINDS, MatcherSource, ViewSource
-from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
-from fusionslam.storage.files import PathLike
-from fusionslam.storage.timer import Stopwatch
 from fusionslam.views.match import NO_VIEW
 
 FORMAT = "fusionslam.ratslam.1"

@@ -19,7 +19,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import PathLike
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError
@@ -31,8 +33,6 @@ from fusionslam.ratslam.external_views import GivenViews
 from fusionslam.ratslam.odometry import Limits, Odometry2D, odometry_from, step_between
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.files import PathLike
 from fusionslam.views.match import NO_VIEW
 from fusionslam.views.matcher import ViewMatcher
 from fusionslam.views.recognisers import ViewMatcherConfig, describe_method, find_recogniser

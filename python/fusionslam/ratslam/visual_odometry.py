@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.ratslam.image_profiles import (
@@ -29,7 +30,6 @@ from fusionslam.ratslam.image_profiles import (
 )
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import NANOSECONDS
-from fusionslam.storage.arrays import Floats
 from fusionslam.views.visual_templates import check_image, size_text
 
 logger = logging.getLogger(__name__)

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import DataError
-from fusionslam.storage.arrays import Floats, Matrix, Points
 
 Spectra = NDArray[np.complex64]
 

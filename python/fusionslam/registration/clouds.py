@@ -19,7 +19,9 @@ from fusionslam._core import (
     remove_ground_segments,
     voxel_downsample,
 )
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import load_arrays
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Floats32, Image, Integers, Mask, Points
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
@@ -30,8 +32,6 @@ from fusionslam.registration.map_extra import (
 )
 from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import load_arrays
-from fusionslam.storage.arrays import Floats, Floats32, Image, Integers, Mask, Points
 from fusionslam.views.scenes import Scene
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
-from fusionslam.storage.arrays import Floats, Image
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Image
 
 FEWEST_COLORS = 20
 """Fewer pairs of points tell nothing about a pose."""

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix, Points
 from fusionslam.errors import FusionSlamError
-from fusionslam.storage.arrays import Matrix, Points
 
 FEWEST_POINTS = 20
 """Below, covariances of points are no more than guesses."""

@@ -8,13 +8,13 @@ The alignment finds x, y and yaw; z, roll and pitch are those of a floor, with s
 import numpy as np
 
 from fusionslam._core import RangeImage, align_scenes
+from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.uncertainty import weak_directions
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats, Matrix, Points
 from fusionslam.views.alignment_comparison import FEWEST_CELLS
 from fusionslam.views.scenes import Scene, build_scene
 

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from fusionslam._core import count_overlap
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Matrix, Points, read_numbers
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se3 import carry_covariance, inverse
@@ -40,7 +41,6 @@ from fusionslam.registration.probability import SmallView, pose_probability
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.uncertainty import motion_covariance, pose_covariance, weak_directions
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats, Matrix, Points, read_numbers
 
 _HIDDEN_WEIGHT = 0.25
 """Of points that the other sensor cannot have seen: right poses have fewer of them."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.registration.colors import ColorDifference
-from fusionslam.storage.arrays import Floats, Matrix
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from fusionslam._core import voxel_downsample
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Points
 from fusionslam.errors import DataError
 from fusionslam.registration.clouds import ROOM_REACH, check_points
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Points
 
 _REACH_VOXEL = 0.5
 """Metres. One point each, so that what is near, with more points, does not count for more."""

@@ -4,8 +4,8 @@
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Points
 from fusionslam.registration.config import RegistrationConfig
-from fusionslam.storage.arrays import Floats, Points
 
 
 def weak_directions(information: Floats, ratio: float) -> Floats:

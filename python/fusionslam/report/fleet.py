@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fusionslam.base.files import PathLike
 from fusionslam.fleet.encounters import Encounter
 from fusionslam.fleet.folder import FleetFolder
 from fusionslam.fleet.place_database import PlaceDatabase, Positions
@@ -23,7 +24,6 @@ from fusionslam.report.page.images import draw_picture
 from fusionslam.report.page.tables import Column, Table, build_table, columns_of
 from fusionslam.report.place_maps.contents import read_drives
 from fusionslam.report.place_maps.figures import draw_trajectories
-from fusionslam.storage.files import PathLike
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

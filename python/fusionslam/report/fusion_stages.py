@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.files import atomic_path
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig, color_cloud, remove_ground
 from fusionslam.report.page.figures import new_figure, use_style
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from fusionslam._core import rectify_image
+from fusionslam.base.arrays import Image, Matrix
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.frame import Camera
 from fusionslam.sensors.messages import CameraInfo, Picture
-from fusionslam.storage.arrays import Image, Matrix
 
 # Relative tolerance: calibrations are printed with at least this precision.
 _SAME = 1e-6

@@ -14,11 +14,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Floats32, Points, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
 from fusionslam.sensors.messages import as_stamp
-from fusionslam.storage.arrays import Floats, Floats32, Points, read_numbers
 
 Bytes = NDArray[np.uint8]
 

@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
-from fusionslam.storage.arrays import Floats, Matrix
 
 _PAIR = ("left", "right")
 

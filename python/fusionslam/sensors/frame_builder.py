@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from functools import partial
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError, cause_of
 from fusionslam.sensors.frame import CloudFrame, Frame

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Image
 from fusionslam.sensors.frame import Camera
-from fusionslam.storage.arrays import Floats, Image
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
-from fusionslam.storage.arrays import Floats, Matrix, Points
 
 NANOSECONDS = 1_000_000_000
 """Per second."""

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import FrameTransforms, Odometry
 from fusionslam.sensors.transforms import TransformTree
-from fusionslam.storage.arrays import Matrix
 
 # Default names of the robot's frame and of the odometry frame.
 ROBOT_FRAMES = ("base_footprint", "base_link")

@@ -7,9 +7,9 @@ from collections import deque
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Matrix, read_numbers
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Floats, Matrix, read_numbers
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import model_validator
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError
 from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds, as_stamp

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.config import nearest_name
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
-from fusionslam.storage.arrays import Matrix
 
 
 class TransformError(DataError):

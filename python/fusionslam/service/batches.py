@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats32
 from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.service.places import ServedPlaces
 from fusionslam.service.workers import Workers
-from fusionslam.storage.arrays import Floats32
 
 _MOST = 32
 """Vectors that are searched together; more take hardly less work each, and others wait longer."""

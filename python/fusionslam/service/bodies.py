@@ -16,6 +16,7 @@ import numpy as np
 from fastapi import Request
 from pydantic_core import from_json
 
+from fusionslam.base.arrays import Floats32
 from fusionslam.config import explain_choice
 from fusionslam.datasets.cloud_files import read_cloud
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, one_line
@@ -23,7 +24,6 @@ from fusionslam.fleet.place_rows import check_vectors
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.config import ServiceConfig
 from fusionslam.service.problems import RequestError
-from fusionslam.storage.arrays import Floats32
 
 CLOUD_FORMATS = ("ply", "pcd", "npy", "bin")
 VECTORS = "vectors"

@@ -8,11 +8,11 @@ from typing import Self
 import numpy as np
 from pydantic import BaseModel
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.fleet.joint_map import JointMap
 from fusionslam.fleet.localization import FleetLocalization
 from fusionslam.fleet.place_database import Positions
 from fusionslam.fleet.places import Candidate
-from fusionslam.storage.arrays import Matrix
 
 Rows = list[list[float]]
 """A matrix, row by row."""

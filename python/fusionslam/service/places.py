@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from fusionslam.base.arrays import Floats32
 from fusionslam.errors import FusionSlamError
 from fusionslam.fleet.chunk import CHUNKS, ChunkStore, PlaceCloud
 from fusionslam.fleet.config import FILE, FleetSettings
@@ -22,7 +23,6 @@ from fusionslam.fleet.places import Candidate, PlaceFilter
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.joint_maps import JointMaps
 from fusionslam.service.problems import RequestError
-from fusionslam.storage.arrays import Floats32
 
 logger = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
 from typing import TypeVar
 
+from fusionslam.base.parallel import available_cores
 from fusionslam.service.problems import RequestError
-from fusionslam.storage.parallel import available_cores
 
 T = TypeVar("T")
 

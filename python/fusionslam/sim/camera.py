@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from fusionslam.base.arrays import Floats, Floats32
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.rigid import rotation
 from fusionslam.sensors.messages import CameraInfo
 from fusionslam.sim.lidar import Caster, Vector
-from fusionslam.storage.arrays import Floats, Floats32
 
 # Columns: the axes of the optical frame in a frame with x forward, y left, z up.
 _OPTICAL = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float64)

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from fusionslam.storage.arrays import Image
+from fusionslam.base.arrays import Image
 
 SIDE = 512
 _HERE = (0.0,)

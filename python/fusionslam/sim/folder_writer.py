@@ -15,6 +15,8 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import atomic_path
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
@@ -25,8 +27,6 @@ from fusionslam.sim.camera import CameraMount, LensConfig, projection
 from fusionslam.sim.lidar import LidarMount
 from fusionslam.sim.robot import TRUTH_TOPIC, RobotConfig, base_from
 from fusionslam.sim.simulator import Task
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
 

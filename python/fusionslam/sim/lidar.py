@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from fusionslam.base.arrays import Floats, Floats32
 from fusionslam.config import Section, option
 from fusionslam.sim.scene import Hits
-from fusionslam.storage.arrays import Floats, Floats32
 
 Vector = tuple[float, float, float]
 Field = Literal["intensity", "ring", "time", "object"]

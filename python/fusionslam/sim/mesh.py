@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusionslam.storage.arrays import Floats32
+from fusionslam.base.arrays import Floats32
 
 Rgb = tuple[float, float, float]
 

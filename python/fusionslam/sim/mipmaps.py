@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fusionslam.storage.arrays import Floats32
+from fusionslam.base.arrays import Floats32
 
 _WHITE = np.full((1, 1, 4), 255, np.uint8)
 

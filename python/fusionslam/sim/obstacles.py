@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Floats32, Mask
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
@@ -16,7 +17,6 @@ from fusionslam.sim.lidar import Vector
 from fusionslam.sim.mesh import Mesh, Paint, box, join_meshes
 from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.scene import Hits, RayCaster, Scene
-from fusionslam.storage.arrays import Floats, Floats32, Mask
 
 _STEP_S = 0.1
 _TRIES = 200

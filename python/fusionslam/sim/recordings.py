@@ -9,6 +9,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+from fusionslam.base.cache import cache_folder
+from fusionslam.base.progress import Progress
 from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.datasets.bags import open_writer
 from fusionslam.errors import ConfigError, DataError
@@ -35,8 +37,6 @@ from fusionslam.sim.simulator import (
 )
 from fusionslam.sim.town.kitti_recorder import SimConfig, embedded_drive, record
 from fusionslam.sim.world import World, hash_world
-from fusionslam.storage.cache import cache_folder
-from fusionslam.storage.progress import Progress
 
 FOLDER = "folder"
 """The kind of output that is a folder instead of a bag."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Image
 from fusionslam.config import merged
 from fusionslam.geometry.trajectory import Trajectory, read_trajectory
 from fusionslam.sensors.frame import Camera
@@ -18,7 +19,6 @@ from fusionslam.sim.robot import base_from_camera, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.world import hash_world
 from fusionslam.sim.worlds import load_world
-from fusionslam.storage.arrays import Floats, Image
 
 RATE_HZ = 10.0
 """Images rendered per second: the rate of the original's runs."""

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import model_validator
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, option, suggest, with_file
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.odometry_noise import OdometryConfig
@@ -20,7 +21,6 @@ from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sim.camera import CameraMount, parent_from_camera
 from fusionslam.sim.lidar import LidarMount, Vector
 from fusionslam.sim.motion.path_following import DriveLimits
-from fusionslam.storage.arrays import Floats
 
 _ROBOTS = Path(__file__).with_name("robots")
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats32
 from fusionslam.errors import FusionSlamError
 from fusionslam.sim.mesh import Mesh
 from fusionslam.sim.mipmaps import MipMaps
-from fusionslam.storage.arrays import Floats32
 
 # Rays coloured at a time: chunks that fit the processor's cache take a fifth less time.
 _PIECE = 1 << 14

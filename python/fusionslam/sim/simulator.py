@@ -10,6 +10,8 @@ from functools import partial
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.parallel import ordered_results
 from fusionslam.config import Section, merged, option
 from fusionslam.geometry.odometry_noise import OdometryConfig, OdometryTrack, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
@@ -40,8 +42,6 @@ from fusionslam.sim.robot import (
 )
 from fusionslam.sim.scene import RayCaster, Scene
 from fusionslam.sim.world import World
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.parallel import ordered_results
 
 # Most events in flight per thread: events rendered ahead stay in memory.
 _AHEAD = 8

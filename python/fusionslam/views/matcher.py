@@ -12,16 +12,16 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, join_parts, load_archive, part_of, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.files import PathLike
+from fusionslam.base.texts import counted
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import ROBOT_FUSION, FusionConfig, fuse
-from fusionslam.help_texts import counted
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
-from fusionslam.storage.arrays import Matrix
-from fusionslam.storage.files import PathLike
 from fusionslam.views.alignment_comparison import AlignmentComparison
 from fusionslam.views.comparison import Candidate, Comparison, Item, View
 from fusionslam.views.match import NO_VIEW, Revision, Slot, ViewMatch, ViewStats

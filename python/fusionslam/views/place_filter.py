@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind, ExperienceMap, ExperienceMapConfig
+from fusionslam.base.archive import join_parts, part_of
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.odometry_calibration import LoopCheck, OdometryCalibration
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.geometry.se2 import compose, places_of, relative_to, wrap, wrapped
-from fusionslam.storage.archive import join_parts, part_of
-from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.comparison import Candidate
 from fusionslam.views.match import NO_VIEW
 from fusionslam.views.place_hypotheses import (

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
 from fusionslam.geometry.se2 import Pose, compose, find_near
-from fusionslam.storage.arrays import Floats
 
 _AGREE_M, _AGREE_RAD = 0.5, 0.3
 """Candidates whose poses of the robot are this near each other say the same."""

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import format_of, join_parts, load_archive, part_of, save_archive
+from fusionslam.base.progress import Progress, reported
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import format_of, join_parts, load_archive, part_of, save_archive
-from fusionslam.storage.progress import Progress, reported
 from fusionslam.views.scenes import Scene, SceneConfig, scene_of_cloud
 
 FORMAT = "fusionslam.scene_set.1"

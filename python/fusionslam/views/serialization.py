@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import load_arrays, save_arrays
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.storage.archive import load_arrays, save_arrays
 from fusionslam.views.comparison import Comparison, View
 
 FORMAT = b"fusionslam.view.1\n"

@@ -15,12 +15,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from fusionslam.base.archive import load_archive, save_archive
+from fusionslam.base.arrays import Floats32
+from fusionslam.base.files import PathLike
+from fusionslam.base.growing_array import Rows
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.storage.archive import load_archive, save_archive
-from fusionslam.storage.arrays import Floats32
-from fusionslam.storage.files import PathLike
-from fusionslam.storage.growing_array import Rows
 
 FORMAT = "fusionslam.visual_templates.1"
 LUMINANCE = np.array((0.299, 0.587, 0.114))

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats32, Integers
 from fusionslam.fleet.place_database import DatabaseSettings
 from fusionslam.fleet.places import Places
 from fusionslam.fleet.segment import write_segment
-from fusionslam.storage.arrays import Floats32, Integers
 
 LENGTH = 16
 SETTINGS = DatabaseSettings("m2dp", LENGTH, config={"source": "cloud"})

@@ -14,6 +14,7 @@ import pytest
 from clouds import Points, scan_blocks
 from fleets import InProcess
 from fusionslam import DescriptorConfig, FusionConfig, LoopConfig
+from fusionslam.base.arrays import Floats32, Matrix
 from fusionslam.datasets import write_cloud
 from fusionslam.fleet.config import FleetConfig, FleetSettings
 from fusionslam.fleet.folder import FleetFolder
@@ -29,7 +30,6 @@ from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.config import ServiceConfig
-from fusionslam.storage.arrays import Floats32, Matrix
 
 SITES = {"depot": 12, "yard": 13}
 """Numbers of made places by site."""

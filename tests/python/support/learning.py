@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from artefacts import artefact
+from fusionslam.base.arrays import Floats
 from fusionslam.learning.places import Places, Sights
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats
 from fusionslam.views.scene_set import CloudArray
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 

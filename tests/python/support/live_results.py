@@ -10,6 +10,7 @@ import numpy as np
 
 from artefacts import artefact
 from cli import succeeds
+from fusionslam.base.arrays import Floats
 from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.bags.messages import stamp_of, value_of
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -20,7 +21,6 @@ from fusionslam.ratslam.map_export import link_offsets
 from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.messages import NANOSECONDS, Odometry, Scan
-from fusionslam.storage.arrays import Floats
 from ros_master import PlayedBag
 
 POINTS = ("--topic", "points=/velodyne_points")

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fusionslam.base.archive import DIGEST
 from fusionslam.errors import DataError
-from fusionslam.storage.archive import DIGEST
 
 
 def change_archive(

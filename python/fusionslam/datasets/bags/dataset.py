@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.texts import counted
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import Matched, match, open_indexed_bag, with_poses
@@ -21,7 +22,6 @@ from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming, one_line
-from fusionslam.help_texts import counted
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair, rectify
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fusionslam._core import demosaic
+from fusionslam.base.files import check_pixels
 from fusionslam.errors import DataError
-from fusionslam.storage.files import check_pixels
 
 Pixels = NDArray[np.uint8]
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.datasets.bags.reader import Bag, RawMessage
 from fusionslam.datasets.bags.topics import TRANSFORM_TYPES, info_role
@@ -22,7 +23,6 @@ from fusionslam.errors import DataError, cause_of
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message, Odometry
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError, TransformTree
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags.image_messages import (
     check_compressed_image,
     check_image,
@@ -32,7 +33,6 @@ from fusionslam.sensors.messages import (
     Picture,
     Scan,
 )
-from fusionslam.storage.arrays import Matrix
 
 Make = Callable[..., Any]
 """Builds a ROS message: ``make("std_msgs/msg/Header", stamp=..., frame_id=...)``."""

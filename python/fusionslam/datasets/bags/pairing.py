@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags.calibration import apply_calibration
 from fusionslam.datasets.bags.indexed_bag import STAMPS, IndexedBag, index_bag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
@@ -26,7 +27,6 @@ from fusionslam.sensors.synchronizer import (
     stereo_synchronizer,
 )
 from fusionslam.sensors.transforms import TransformError
-from fusionslam.storage.arrays import Matrix
 
 logger = logging.getLogger(__name__)
 

@@ -13,12 +13,12 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import check_regular, is_map_file, reading
 from fusionslam.datasets.bags.messages import check_data, is_known, plain_type, value_of
 from fusionslam.datasets.bags.stores import need_rosbags, type_store
 from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import Event, Message
-from fusionslam.storage.files import check_regular, is_map_file, reading
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal
 
+from fusionslam.base.files import EXPANSION, MOST_EXPANDED, check_expansion
 from fusionslam.errors import DataError
-from fusionslam.storage.files import EXPANSION, MOST_EXPANDED, check_expansion
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

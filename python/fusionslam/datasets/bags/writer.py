@@ -10,14 +10,14 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import cannot_write, delay_interrupts, scratch_folder
 from fusionslam.datasets.bags.image_messages import STORED
 from fusionslam.datasets.bags.messages import MessageBuilder, is_static, ros_type
 from fusionslam.datasets.bags.reader import open_bag
 from fusionslam.datasets.bags.stores import KINDS, make_in, need_rosbags, type_store
 from fusionslam.errors import ConfigError, DataError, naming
 from fusionslam.sensors.messages import NANOSECONDS, Event, FrameTransforms
-from fusionslam.storage.files import cannot_write, delay_interrupts, scratch_folder
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos

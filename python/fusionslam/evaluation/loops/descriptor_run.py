@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, join_parts, load_archive, part_of, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.texts import counted
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.nearest_matches import validate_descriptors
-from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
 
 FORMAT = "fusionslam.descriptor_run.2"
 _TEXTS = ("source", "descriptor", "dataset", "peak_memory_bytes", "config", "skipped", "recorded")

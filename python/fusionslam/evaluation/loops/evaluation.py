@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Mask
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.judge import evaluate_matches
@@ -32,7 +33,6 @@ from fusionslam.evaluation.loops.published import (
 )
 from fusionslam.evaluation.loops.revisits import DIRECTIONS, visits
 from fusionslam.evaluation.loops.verified_run import LoopRun, VerifiedRun
-from fusionslam.storage.arrays import Mask
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Mask
 from fusionslam.evaluation.loops.nearest_matches import (
     Matches,
     check_causal,
@@ -31,7 +32,6 @@ from fusionslam.evaluation.loops.protocols import (
     find_protocol,
     validate_config,
 )
-from fusionslam.storage.arrays import Floats, Mask
 
 
 @checked

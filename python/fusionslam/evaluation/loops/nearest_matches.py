@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
-from fusionslam.storage.arrays import read_numbers
 
 
 @checked

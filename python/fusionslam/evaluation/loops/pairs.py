@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation.loops.nearest_matches import (
     metres_between,
@@ -25,7 +26,6 @@ from fusionslam.evaluation.loops.protocols import (
     find_protocol,
     validate_config,
 )
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 SEED = 0
 """Of the generator that draws pairs of different places."""

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, load_json, save_json
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.base.texts import counted
 from fusionslam.evaluation.loops.protocols import PROTOCOLS
-from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, load_json, save_json
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from fusionslam import help_texts
-from fusionslam.argument_types import checked
+from fusionslam.base import texts
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Mask
 from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.errors import ConfigError
-from fusionslam.storage.arrays import Mask
 
 
 @dataclass(frozen=True)
@@ -208,9 +208,9 @@ class EvaluationConfig(Section):
         "ssc",
         "scancontext",
         "solid",
-    ] = option("revisit", help_texts.PROTOCOL)
-    radius: float = option(10.0, help_texts.RADIUS, unit="m", gt=0, allow_inf_nan=False)
-    window: int = option(50, help_texts.EVALUATION_WINDOW, unit="frames", ge=0)
+    ] = option("revisit", texts.PROTOCOL)
+    radius: float = option(10.0, texts.RADIUS, unit="m", gt=0, allow_inf_nan=False)
+    window: int = option(50, texts.EVALUATION_WINDOW, unit="frames", ge=0)
 
     @model_validator(mode="after")
     def _take_from_protocol(self) -> "EvaluationConfig":

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 
 CITATION = (
     "Perdomo 2019, c-M2DP: KITTI odometry, radius 10 m, window 50 frames, protocol perdomo2019; "

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import read_numbers
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.loops.protocols import DEFAULTS
-from fusionslam.storage.arrays import read_numbers
 
 DIRECTIONS = ("same", "opposite", "crossing")
 

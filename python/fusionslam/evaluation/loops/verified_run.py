@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, join_parts, load_archive, part_of, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.loops.descriptor_run import DescriptorRun
 from fusionslam.evaluation.loops.nearest_matches import Matches, check_rigid
-from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, join_parts, load_archive, part_of, save_archive
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 FORMAT = "fusionslam.verified_run.1"
 REJECTED = np.dtype(

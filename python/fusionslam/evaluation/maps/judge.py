@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Mask, read_numbers
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.maps.report import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -18,8 +20,6 @@ from fusionslam.evaluation.views.rules import (
 )
 from fusionslam.geometry.rigid import fit_motion, fit_rigid
 from fusionslam.geometry.se2 import wrapped
-from fusionslam.help_texts import counted
-from fusionslam.storage.arrays import Floats, Integers, Mask, read_numbers
 
 _PAIRS = 1 << 19
 """Pairs of looks compared at a time: some tens of megabytes."""

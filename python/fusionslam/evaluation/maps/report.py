@@ -6,12 +6,12 @@ import os
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, load_json, save_json
+from fusionslam.base.argument_types import checked
+from fusionslam.base.texts import counted
 from fusionslam.evaluation.views.report import percent, share
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.geometry.rigid import RigidMotion
-from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, load_json, save_json
 
 TRUTH = "truth"
 """Name of odometry that equals the ground truth."""

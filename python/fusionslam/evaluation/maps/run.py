@@ -9,12 +9,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import check_types, load_archive, save_archive
+from fusionslam.base.arrays import Floats, Integers
+from fusionslam.base.files import PathLike
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import compose
-from fusionslam.help_texts import counted
-from fusionslam.storage.archive import check_types, load_archive, save_archive
-from fusionslam.storage.arrays import Floats, Integers
-from fusionslam.storage.files import PathLike
 
 Activity = NDArray[np.float32]
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import load_json, save_json
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation.views.judge import ViewJudge, validate_ids
 from fusionslam.evaluation.views.report import percent
-from fusionslam.storage.archive import load_json, save_json
-from fusionslam.storage.arrays import Floats, Integers, read_numbers
 
 FORMAT = "fusionslam.view_curve.1"
 THRESHOLDS: tuple[float, ...] = tuple(step / 100 for step in range(101))

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Mask, read_numbers
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule, view_rule
-from fusionslam.storage.arrays import Floats, Integers, Mask, read_numbers
 
 _BLOCK = 1 << 20
 """Pairs of poses compared at a time: a few tens of megabytes."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 from fusionslam.evaluation.views.judge import (
     TrueScans,
     validate_ids,

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 
 VIEW_CITATION = (
     "Stastny 2022, tables 5.2 to 5.5: clouds in world coordinates with perfect odometry, angles "

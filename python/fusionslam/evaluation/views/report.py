@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.base.texts import counted
 from fusionslam.evaluation.views.rules import ViewRule
-from fusionslam.help_texts import counted
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 
 @checked

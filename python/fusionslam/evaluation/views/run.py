@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import check_types, load_archive, save_archive
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats, read_numbers
 from fusionslam.errors import ShapeError
 from fusionslam.evaluation.views.curve import ViewCurve
 from fusionslam.evaluation.views.judge import (
@@ -22,8 +24,6 @@ from fusionslam.evaluation.views.judge import (
 from fusionslam.evaluation.views.report import ViewReport
 from fusionslam.evaluation.views.rules import ViewRule
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import check_types, load_archive, save_archive
-from fusionslam.storage.arrays import Floats, read_numbers
 
 FORMAT = "fusionslam.view_run.1"
 _PER_SCAN = ("similarities", "build_seconds", "match_seconds", "known", "others")

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Floats
 from fusionslam.datasets.bags.image_messages import compressed_parts
 from fusionslam.report.live.foxglove_sdk import messages as fox
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransforms, Picture, Scan
-from fusionslam.storage.arrays import Floats
 
 _UNCOLOURED = 160
 _LATEST_S = 2**32 - 1

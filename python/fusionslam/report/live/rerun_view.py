@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fusionslam.base.files import atomic_path
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, needing
 from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.report.live.run_view import COLOURS, OF_THE_MAP, RunView, image_of
-from fusionslam.storage.files import atomic_path
 
 if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
 from fusionslam.geometry.rigid import RigidMotion
 from fusionslam.pipelines.maps import true_poses
@@ -16,7 +17,6 @@ from fusionslam.ratslam.slam import RatSlam, Step
 from fusionslam.ratslam.view_sources import TemplateSource
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import Picture
-from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from fusionslam.geometry.trajectory import Trajectory

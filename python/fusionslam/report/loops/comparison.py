@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from fusionslam.base.csv_files import write_csv
 from fusionslam.evaluation import DescriptorRun, Evaluation, VerifiedRun
 from fusionslam.report.loops.labels import run_label, source_name
 from fusionslam.report.page.figures import CURVE_COLORS, new_figure, use_style
@@ -28,7 +29,6 @@ from fusionslam.report.page.tables import (
     columns_of,
     table_of,
 )
-from fusionslam.storage.csv_files import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.evaluation import CITATION, Evaluation, VerifiedRun
 from fusionslam.evaluation.loops.judge import pose_differences
 from fusionslam.evaluation.loops.nearest_matches import metres_between
 from fusionslam.report.loops.outcomes import judge_queries, nearest_of
-from fusionslam.storage.arrays import Floats
 
 MATCH_COLUMNS = (
     "source",

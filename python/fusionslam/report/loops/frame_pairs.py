@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Image, Points
 from fusionslam.evaluation import LoopRun, VerifiedRun
 from fusionslam.report.loops.outcomes import Pair
 from fusionslam.report.page.figures import CURVE_COLORS, new_figure, widest_axes
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Image, Points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Mask
 from fusionslam.evaluation import DescriptorRun, Evaluation, LoopRun, PrecisionRecall, VerifiedRun
 from fusionslam.evaluation.loops.nearest_matches import metres_between, pairwise_distances
-from fusionslam.storage.arrays import Mask
 
 _OPPOSITE_DEG = 135.0
 _MOST_WRONG = 3

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.csv_files import write_csv
+from fusionslam.base.texts import counted
 from fusionslam.datasets.pose_files import write_poses_tum
 from fusionslam.evaluation import (
     CITATION,
@@ -25,7 +27,6 @@ from fusionslam.evaluation import (
 )
 from fusionslam.evaluation.loops.evaluation import check_judged
 from fusionslam.evaluation.loops.protocols import DEFAULTS
-from fusionslam.help_texts import counted
 from fusionslam.report.loops.comparison import (
     comparison_table,
     draw_costs,
@@ -61,7 +62,6 @@ from fusionslam.report.page.html import (
 )
 from fusionslam.report.page.images import Picture, forgive, keep
 from fusionslam.report.place_maps import MapLead
-from fusionslam.storage.csv_files import write_csv
 
 MAP_PAGE = "map.html"
 """Page of the map of the same drive, beside the report."""

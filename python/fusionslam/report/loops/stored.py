@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Points
+from fusionslam.base.machine import machine, versions
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.evaluation import Evaluation, VerifiedRun
@@ -30,8 +32,6 @@ from fusionslam.report.loops.page import MAP_PAGE, write_report
 from fusionslam.report.page.html import write_figures
 from fusionslam.report.place_maps import MapLead, lead_of
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.storage.arrays import Points
-from fusionslam.storage.machine import machine, versions
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

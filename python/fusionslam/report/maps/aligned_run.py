@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusionslam._core import ActionKind
+from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.geometry.se2 import wrapped
 from fusionslam.report.page.figures import PATH
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.arrays import Floats
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.help_texts import counted
 from fusionslam.ratslam.experience_map import Route, quickest_route
 from fusionslam.report.maps.aligned_run import Scene, find_denied, scene_of
 from fusionslam.report.page.figures import (
@@ -27,7 +28,6 @@ from fusionslam.report.page.figures import (
     new_figure,
     use_style,
 )
-from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
-from fusionslam.help_texts import counted
 from fusionslam.ratslam.experience_map import quickest_route
 from fusionslam.report.maps.aligned_run import Scene, find_denied, new_views, scene_of
 from fusionslam.report.maps.map_figures import draw_map, draw_route, side_by_side

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fusionslam._core import ActionKind
+from fusionslam.base.arrays import Floats
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.report.maps.aligned_run import DrawnTime, Scene, align_poses, new_views
 from fusionslam.report.maps.tables import STAGES, percentile
@@ -20,7 +21,6 @@ from fusionslam.report.page.figures import (
     WRONG,
     new_figure,
 )
-from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import ActionKind
+from fusionslam.base.arrays import Floats
 from fusionslam.config import flatten, unit_of, walk
 from fusionslam.evaluation import MapReport, PoseErrors
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -24,7 +25,6 @@ from fusionslam.report.maps.aligned_run import (
     new_views,
 )
 from fusionslam.report.page.tables import DASH, Column, Table, build_table, columns_of
-from fusionslam.storage.arrays import Floats
 
 MOST = 100
 """Largest number of rows in a table of single events."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.errors import FusionSlamError
-from fusionslam.storage.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

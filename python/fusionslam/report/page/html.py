@@ -11,11 +11,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fusionslam.base.archive import save_json
+from fusionslam.base.files import atomic_path
+from fusionslam.base.machine import machine, versions
+from fusionslam.base.texts import counted
 from fusionslam.errors import DataError, FusionSlamError
-from fusionslam.help_texts import counted
-from fusionslam.storage.archive import save_json
-from fusionslam.storage.files import atomic_path
-from fusionslam.storage.machine import machine, versions
 
 T = TypeVar("T")
 K = TypeVar("K")

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from PIL import Image
 
+from fusionslam.base.files import atomic_path
 from fusionslam.errors import DataError
-from fusionslam.storage.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam._core import OdometryTree
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.evaluation import trajectory_error
 from fusionslam.geometry.rigid import fit_motion
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.mapping import Edge, PlaceMap
-from fusionslam.storage.arrays import Floats, Integers
 
 _MEDIAN = 5.348
 """Of chi square with six degrees of freedom."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.help_texts import counted
+from fusionslam.base.arrays import Floats
+from fusionslam.base.texts import counted
 from fusionslam.mapping import Edge
 from fusionslam.mapping.grids import OccupancyGrid
 from fusionslam.report.page.figures import (
@@ -22,7 +23,6 @@ from fusionslam.report.page.figures import (
 )
 from fusionslam.report.place_maps.contents import Drive, LoopFit
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

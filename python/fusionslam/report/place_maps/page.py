@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.files import PathLike
 from fusionslam.errors import DataError
 from fusionslam.mapping import Edge, PlaceMap
 from fusionslam.report.page.figures import LOOP_COLORS, TRACK_COLORS, use_style
@@ -24,8 +26,6 @@ from fusionslam.report.place_maps.figures import (
 )
 from fusionslam.report.place_maps.view_3d import draw_view_3d
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.files import PathLike
 
 MOST = 200
 """Largest number of refused loops in the table."""

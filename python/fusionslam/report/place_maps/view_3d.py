@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
 from fusionslam.report.page.figures import CURVE_COLORS
 from fusionslam.report.place_maps.figures import color_heights
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Floats
 
 MOST_POINTS = 300_000
 """Points that are shown, so that the view has about 8 MB and turns smoothly."""

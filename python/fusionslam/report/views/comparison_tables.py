@@ -7,12 +7,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from fusionslam.base.archive import save_json
+from fusionslam.base.files import atomic_path
 from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, rerun_views
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES
 from fusionslam.report.page.tables import Table, build_table, columns_of
-from fusionslam.storage.archive import save_json
-from fusionslam.storage.files import atomic_path
 
 FORMAT = "fusionslam.view_bench.1"
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.evaluation import JudgedView
 from fusionslam.report.page.images import write_photo

@@ -10,7 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.argument_types import checked
+from fusionslam.base.archive import load_json
+from fusionslam.base.argument_types import checked
+from fusionslam.base.csv_files import write_csv
+from fusionslam.base.files import atomic_path
+from fusionslam.base.texts import counted
 from fusionslam.config import merged, unit_of, walk
 from fusionslam.errors import DataError
 from fusionslam.evaluation import (
@@ -23,7 +27,6 @@ from fusionslam.evaluation import (
 )
 from fusionslam.evaluation.views.report import percent
 from fusionslam.evaluation.views.rules import view_rule
-from fusionslam.help_texts import counted
 from fusionslam.report.page.figures import use_style
 from fusionslam.report.page.html import (
     about_report,
@@ -48,9 +51,6 @@ from fusionslam.report.views.plots import (
 from fusionslam.report.views.previews import MOST, list_needed_rows, previews_of, stamp_key
 from fusionslam.report.views.tables import accuracy_table, cost_table, rerun_table, sweep_table
 from fusionslam.report.views.thumbnails import side_by_side
-from fusionslam.storage.archive import load_json
-from fusionslam.storage.csv_files import write_csv
-from fusionslam.storage.files import atomic_path
 
 RUNS = "views"
 """Folder of the stored runs, beside the page."""

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.archive import load_archive, save_archive
 from fusionslam.evaluation import ViewReport, ViewRun
 from fusionslam.report.page.images import forgive
 from fusionslam.report.views.thumbnails import Scale, cloud_preview, image_preview, scale_of
-from fusionslam.storage.archive import load_archive, save_archive
 
 FORMAT = "fusionslam.previews.1"
 MOST = 600

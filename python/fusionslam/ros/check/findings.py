@@ -8,13 +8,13 @@ from statistics import median_low
 
 import numpy as np
 
+from fusionslam.base.texts import counted
 from fusionslam.datasets.bags.indexed_bag import Series
 from fusionslam.datasets.bags.messages import is_static
 from fusionslam.datasets.bags.pairing import NO_PAIRS
 from fusionslam.datasets.bags.topics import ROLES, TRANSFORM_TYPES
 from fusionslam.doctor import Finding
 from fusionslam.errors import DataError, cause_of, one_line
-from fusionslam.help_texts import counted
 from fusionslam.ros.check.evidence import Evidence
 from fusionslam.ros.check.graph import CLOCK
 from fusionslam.ros.topic_choice import needed_roles

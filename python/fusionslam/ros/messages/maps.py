@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
 from fusionslam.mapping import Localization
 from fusionslam.mapping.grids import OccupancyGrid
 from fusionslam.ratslam.map_export import link_offsets
@@ -32,7 +33,6 @@ from fusionslam.ros.messages.types import (
     pose_with_covariance,
 )
 from fusionslam.sensors.messages import NANOSECONDS
-from fusionslam.storage.arrays import Floats
 
 _SPHERES, _LINES = 7, 5
 _NODE_M, _LINE_M = 0.12, 0.03

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.ros.messages.library import OWN, make, ros_time
-from fusionslam.storage.arrays import Matrix
 
 VIEW_DESCRIPTION = f"{OWN}/LVDescription"
 VIEW_TEMPLATE = f"{OWN}/ViewTemplate"

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from fusionslam.base.files import atomic_path
 from fusionslam.config import option
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.errors import DataError
@@ -31,7 +32,6 @@ from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture
 from fusionslam.sensors.pose_buffer import Ground, PoseQueue
-from fusionslam.storage.files import atomic_path
 
 logger = logging.getLogger(__name__)
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.config import Section, option
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError, ShapeError
@@ -37,7 +38,6 @@ from fusionslam.ros.nodes.frame_node import FrameNode, FramesConfig
 from fusionslam.ros.runtime.node import Outlet, Service, Timer
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Scan
-from fusionslam.storage.arrays import Matrix
 
 CLOUDS, GRIDS, WAY, POSE = "~cloud", "~grid", "~path", "~pose"
 TF = "/tf"

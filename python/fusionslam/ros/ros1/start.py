@@ -10,13 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from fusionslam.base.files import make_folder
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.ros.nodes import node_class
 from fusionslam.ros.ros1.environment import need_ros
 from fusionslam.ros.runtime.node import Node
 from fusionslam.ros.runtime.problem_log import RosHandler
 from fusionslam.ros.runtime.runner import NodeRunner, exit_on_errors
-from fusionslam.storage.files import make_folder
 
 _NO_FOLDER = os.path.join(os.devnull, "none")
 

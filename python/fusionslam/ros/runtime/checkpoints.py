@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from fusionslam.base.files import make_folder
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.ros.runtime.problem_log import ProblemLog
-from fusionslam.storage.files import make_folder
 
 logger = logging.getLogger(__name__)
 

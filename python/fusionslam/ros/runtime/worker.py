@@ -11,13 +11,13 @@ from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
+from fusionslam.base.timer import Stopwatch
 from fusionslam.datasets.bags.messages import is_known, stamp_of, value_of
 from fusionslam.errors import DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.ros.messages.library import ros_time, shown_type
 from fusionslam.ros.runtime.message_queue import SECOND_PUBLISHER, TOO_MANY, Arrival, MessageQueue
 from fusionslam.ros.runtime.node import Delivery, Input, Node
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message
-from fusionslam.storage.timer import Stopwatch
 
 logger = logging.getLogger(__name__)
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from fastapi import APIRouter, Request
 
+from fusionslam.base.arrays import Floats32
 from fusionslam.sensors.frame import Cloud
 from fusionslam.service.bodies import (
     CLOUD_FORMATS,
@@ -33,7 +34,6 @@ from fusionslam.service.routes.parameters import (
     take_only,
 )
 from fusionslam.service.state import ADMITTED, Client, Shared, State
-from fusionslam.storage.arrays import Floats32
 
 T = TypeVar("T")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Image
 from fusionslam.sim.canvas import SIDE, Canvas, follow, paint_textures, read_table
 from fusionslam.sim.mesh import Paint, Rgb, Texture
-from fusionslam.storage.arrays import Floats, Image
 
 # A sheet of pictures or numbers holds CELLS x CELLS, numbered from the lower left, row by row.
 CELLS = 4

@@ -4,10 +4,10 @@
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap
-from fusionslam.storage.arrays import Floats
 
 
 def check_trajectory(trajectory: Trajectory, grid: OccupancyMap, radius_m: float) -> None:

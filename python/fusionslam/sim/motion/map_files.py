@@ -15,10 +15,10 @@ from pydantic import (
     field_validator,
 )
 
+from fusionslam.base.files import PathLike, atomic_path, read_yaml, reading
 from fusionslam.datasets.cloud_files import read_image
 from fusionslam.errors import DataError, reason_of
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
-from fusionslam.storage.files import PathLike, atomic_path, read_yaml, reading
 
 _OCCUPIED, _REACHABLE, _OTHER = 0, 254, 205
 _EXPECTED = "a map of ROS map_server (YAML with image, resolution, origin)"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fusionslam.base.arrays import Floats, Mask
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.sim.motion.rasterize import find_touched_cells
 from fusionslam.sim.scene import Scene
-from fusionslam.storage.arrays import Floats, Mask
 
 # Margin around the obstacles, so that a robot can drive around a world without walls.
 _MARGIN_M = 1.0

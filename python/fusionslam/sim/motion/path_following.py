@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, option
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.motion.smoothing import lengths
-from fusionslam.storage.arrays import Floats
 
 Places = Callable[[Floats], Floats]
 

@@ -8,6 +8,7 @@ from itertools import cycle
 import numpy as np
 from pydantic import model_validator
 
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
@@ -15,7 +16,6 @@ from fusionslam.sim.motion.occupancy import OccupancyMap
 from fusionslam.sim.motion.path_following import DriveLimits, drive
 from fusionslam.sim.motion.routes import RouteFinder, round_trip, spread_cells, tour_cost
 from fusionslam.sim.motion.smoothing import lengths, smooth_path
-from fusionslam.storage.arrays import Floats, Integers
 
 # Smoothing shortens paths: the planned length is this factor times the driven length.
 _RESERVE = 1.2

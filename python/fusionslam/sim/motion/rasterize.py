@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.storage.arrays import Floats
+from fusionslam.base.arrays import Floats
 
 Cells = NDArray[np.int64]
 

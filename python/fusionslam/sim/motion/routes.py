@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Integers
 from fusionslam.errors import DataError
 from fusionslam.sim.motion.occupancy import OccupancyMap
-from fusionslam.storage.arrays import Floats, Integers
 
 Place = tuple[float, float]
 

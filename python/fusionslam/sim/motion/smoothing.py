@@ -4,8 +4,8 @@
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.sim.motion.occupancy import OccupancyMap
-from fusionslam.storage.arrays import Floats
 
 STEP_M = 0.05
 # Rounds of averaging neighbours: corners are rounded over half a metre.

@@ -10,11 +10,11 @@ from typing import Literal
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, option
 from fusionslam.geometry.rigid import rotation
 from fusionslam.sim.camera import LensConfig, parent_from_camera
 from fusionslam.sim.lidar import LidarConfig, Vector
-from fusionslam.storage.arrays import Floats
 
 RING = {"left": 0.0, "side_left": 90.0, "rear": 180.0, "side_right": -90.0}
 """Yaw of the four cameras in degrees; "left" looks ahead, as the main camera of any recording."""

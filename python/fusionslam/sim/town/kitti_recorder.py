@@ -20,6 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import model_validator
 
+from fusionslam.base.arrays import Floats
+from fusionslam.base.cache import cache_folder
+from fusionslam.base.files import reading
+from fusionslam.base.parallel import available_cores, ordered_results
+from fusionslam.base.progress import Progress
 from fusionslam.config import Section, option
 from fusionslam.datasets import write_cloud
 from fusionslam.errors import DataError
@@ -32,11 +37,6 @@ from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town.car import RING, CarConfig, car_from_lidar, car_from_ring_camera
 from fusionslam.sim.town.layout import TownConfig, make_town
 from fusionslam.sim.town.route import Drive, DriveConfig, make_drive
-from fusionslam.storage.arrays import Floats
-from fusionslam.storage.cache import cache_folder
-from fusionslam.storage.files import reading
-from fusionslam.storage.parallel import available_cores, ordered_results
-from fusionslam.storage.progress import Progress
 
 # Part of the cache key: increment when the same configuration gives different bytes.
 FORMAT = 1

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, option
 from fusionslam.geometry.rigid import rotation
 from fusionslam.sim.motion.smoothing import interpolate_path, lengths
-from fusionslam.storage.arrays import Floats
 
 Crossing = tuple[int, int]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.sim.mesh import (
     Mesh,
     Rgb,
@@ -17,7 +18,6 @@ from fusionslam.sim.mesh import (
     tube,
 )
 from fusionslam.sim.town.textures import Look
-from fusionslam.storage.arrays import Floats
 
 CAR_TINTS: tuple[Rgb, ...] = (
     (0.85, 0.86, 0.87),

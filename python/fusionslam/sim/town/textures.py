@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from fusionslam.base.arrays import Image
 from fusionslam.sim.canvas import Canvas, follow, paint_textures, read_table
 from fusionslam.sim.mesh import Rgb, Texture
-from fusionslam.storage.arrays import Image
 
 FLOOR_M = 3.0
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats
 from fusionslam.sim.worlds.meshes import read_mesh
 from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.sdf_values import Color, numbers_of
 from fusionslam.sim.worlds.surfaces import Look, Piece, triangles_of
-from fusionslam.storage.arrays import Floats
 
 # A sphere of 1280 triangles is 1.2 mm off at a radius of 0.3 m, a cylinder of 64 sides no more.
 _BALL_SUBDIVISIONS = 3

@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.files import check_expansion, reading
 from fusionslam.errors import DataError
 from fusionslam.sim.scene import INDOOR_LIGHT, Scene
 from fusionslam.sim.world import scene_of
@@ -32,7 +33,6 @@ from fusionslam.sim.worlds.surfaces import (
     rgb_of,
     triangles_of,
 )
-from fusionslam.storage.files import check_expansion, reading
 
 _HEADER = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
 from fusionslam.sim.worlds.resource_paths import Library
 from fusionslam.sim.worlds.sdf_values import pose_of
-from fusionslam.storage.arrays import Matrix
 
 log = logging.getLogger(__name__)
 

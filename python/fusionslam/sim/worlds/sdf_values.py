@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.sim.worlds.resource_paths import Unresolved
-from fusionslam.storage.arrays import Matrix
 
 Color = tuple[float, float, float]
 

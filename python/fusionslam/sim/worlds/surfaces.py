@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from fusionslam.base.files import check_pixels
 from fusionslam.errors import DataError
 from fusionslam.sim.mesh import Mesh
-from fusionslam.storage.files import check_pixels
 
 # Larger images are halved until they fit: no camera comes close enough to see their finest texels,
 # and one of 8192 x 8192 alone takes 700 MB with its mipmaps.

@@ -5,10 +5,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Points
 from fusionslam.config import Section, option
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se2 import transform_points
-from fusionslam.storage.arrays import Points
 from fusionslam.views.second_stage.architecture import PointNetConfig
 
 

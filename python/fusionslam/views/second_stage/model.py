@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.files import reading
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.files import reading
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 from fusionslam.views.second_stage.inputs import network_input
 from fusionslam.views.second_stage.network_files import (

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from fusionslam.base.archive import load_json
+from fusionslam.base.files import reading
 from fusionslam.config import Section
 from fusionslam.errors import DataError
-from fusionslam.storage.archive import load_json
-from fusionslam.storage.files import reading
 from fusionslam.views.second_stage.architecture import ComparisonConfig, PointNetConfig
 
 FORMAT = "fusionslam.network.1"

@@ -5,8 +5,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fusionslam.base.arrays import Floats, Mask
 from fusionslam.errors import DataError
-from fusionslam.storage.arrays import Floats, Mask
 
 
 def area_under_curve(scores: ArrayLike, same: ArrayLike) -> float:

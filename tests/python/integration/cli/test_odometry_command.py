@@ -11,9 +11,9 @@ import pytest
 from artefacts import artefact, copy_artefact
 from cli import error_of, run, succeeds
 from fusionslam import datasets
+from fusionslam.base.arrays import Matrix
 from fusionslam.evaluation import RatSlamRun
 from fusionslam.pipelines.lidar_odometry import LidarTrack, track_lidar
-from fusionslam.storage.arrays import Matrix
 from refusals import refuses
 
 pytest.importorskip("kiss_icp", reason="the library of odometry by LiDAR is an extra")

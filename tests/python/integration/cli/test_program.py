@@ -18,10 +18,10 @@ from typer.testing import CliRunner
 import fusionslam
 from cli import error_of, fails, run, succeeds
 from expected_output import commands_of
+from fusionslam.base.texts import counted
 from fusionslam.cli import app
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import progress_lines
-from fusionslam.help_texts import counted
 from rows import rows
 from scenes import LAPS, drive, write_recording
 

@@ -11,12 +11,12 @@ import pytest
 from artefacts import artefact
 from bags import drive, write_bag
 from cli import error_of, fails, last_line, run, succeeds
+from fusionslam.base.archive import save_archive
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.pipelines.maps import RunRecorder
 from fusionslam.ratslam import GivenView, Look, Motion, OnlineRatSlam, RatSlam
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.archive import save_archive
 from recordings import write_drive
 from rows import rows
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from error_codes import has_code
+from fusionslam.base import files
 from fusionslam.config import with_file, with_settings
 from fusionslam.datasets import read_cloud, read_image
 from fusionslam.datasets.calibration import read_calib_yaml
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.describe import PipelineConfig
-from fusionslam.storage import files
 from rows import rows
 
 

@@ -26,6 +26,7 @@ from fleets import (
     plan_of,
 )
 from fleets import describe_with_database as describe
+from fusionslam.base.write_lock import lock_folder
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet import folder as folders
 from fusionslam.fleet.chunk import Chunk
@@ -36,7 +37,6 @@ from fusionslam.fleet.places import PlaceFilter
 from fusionslam.fleet.recordings import find_recordings
 from fusionslam.fleet.work import PLAN, Failure, Plan, load_failures
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.write_lock import lock_folder
 from fuzz.crafted_files import KEYS
 from refusals import refuses
 from rows import rows

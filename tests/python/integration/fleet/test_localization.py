@@ -17,6 +17,7 @@ from clouds import scan_blocks
 from error_codes import has_code
 from fleets import MONDAY, WEDNESDAY, chunk_files
 from fusionslam import Cloud, Frame, FusionConfig
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets import write_cloud
 from fusionslam.errors import ConfigError, FusionSlamError
 from fusionslam.fleet.config import FleetConfig
@@ -28,7 +29,6 @@ from fusionslam.fleet.recordings import Labels, find_recordings
 from fusionslam.fleet.scans import COLUMNS, list_scans, localize_scans, write_candidates
 from fusionslam.fleet.settings import settle_settings
 from fusionslam.pipelines.describe import PipelineConfig
-from fusionslam.storage.arrays import Matrix
 from rows import rows
 from streets import WAY, at
 

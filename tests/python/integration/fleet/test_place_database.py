@@ -19,12 +19,12 @@ from sklearn.neighbors import NearestNeighbors
 
 from error_codes import has_code
 from fleet_places import LENGTH, SETTINGS, made_places, made_vectors
+from fusionslam.base.archive import dump_sealed
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.place_rows import LONGEST
 from fusionslam.fleet.places import PlaceFilter
-from fusionslam.storage.archive import dump_sealed
 from rows import grouped, rows
 
 lancedb = pytest.importorskip("lancedb", reason="the table of places is an extra")

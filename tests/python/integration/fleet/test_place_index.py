@@ -23,6 +23,8 @@ from fleet_places import (
     made_segment,
     made_vectors,
 )
+from fusionslam.base.archive import dump_sealed
+from fusionslam.base.arrays import Floats32
 from fusionslam.errors import DataError
 from fusionslam.fleet import vector_index
 from fusionslam.fleet.place_database import PlaceDatabase
@@ -30,8 +32,6 @@ from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.row_search import Search
 from fusionslam.fleet.segment import Segment, delete_segments, digest_of, size_of
 from fusionslam.fleet.vector_index import IndexReport, Kind, write_report
-from fusionslam.storage.archive import dump_sealed
-from fusionslam.storage.arrays import Floats32
 from fuzz.crafted_files import HEADERS, with_header
 from rows import rows
 

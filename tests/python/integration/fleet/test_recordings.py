@@ -14,6 +14,7 @@ from bags import drive as drive_events
 from bags import write_bag
 from error_codes import has_code
 from fleets import LABELS, MONDAY, TUESDAY, WEDNESDAY, describe_fleet, settings_for, write_drive
+from fusionslam.base.write_lock import lock_folder
 from fusionslam.errors import ConfigError
 from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
 from fusionslam.fleet.places import ABOUT
@@ -21,7 +22,6 @@ from fusionslam.fleet.recordings import FleetRecording, Labels, find_recordings
 from fusionslam.fleet.settings import settle_settings
 from fusionslam.fleet.work import load_failures
 from fusionslam.pipelines.describe import PipelineConfig
-from fusionslam.storage.write_lock import lock_folder
 from kitti import write_sequence
 from permissions import bound_by_permissions
 from recordings import write_drive as write_ranges

@@ -14,6 +14,7 @@ from artefacts import artefact, copy_artefact
 from error_codes import has_code
 from fleet_service import map_pose_at, write_joint_map
 from fleets import plan_of, write_drive
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fleet.config import FleetSettings
 from fusionslam.fleet.joint_map import JoinedDrive, JointMap
@@ -28,7 +29,6 @@ from fusionslam.fleet.site_maps import (
 from fusionslam.fleet.work import PlannedRecording
 from fusionslam.mapping import PlaceMap
 from fusionslam.mapping.config import MapConfig
-from fusionslam.storage.arrays import Floats
 from rows import rows
 from streets import RETURN, WAY
 

@@ -60,7 +60,7 @@ def test_a_save_that_is_cut_off_leaves_the_old_file(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("fusionslam.storage.archive.json.dumps", cut_off)
+        patch.setattr("fusionslam.base.archive.json.dumps", cut_off)
         with pytest.raises(KeyboardInterrupt):
             before.save(folder)
     after = LoopDetector.load(folder)

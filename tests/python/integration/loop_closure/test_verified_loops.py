@@ -23,12 +23,12 @@ from fusionslam import (
     LoopConfig,
     LoopDetector,
 )
+from fusionslam.base.arrays import Matrix
 from fusionslam.loop_closure import detector as detector_module
 from fusionslam.loop_closure import verification
 from fusionslam.loop_closure.verification import SequenceGate
 from fusionslam.registration import Refusal, Registration, RegistrationConfig
 from fusionslam.sensors.frame import Frame
-from fusionslam.storage.arrays import Matrix
 from rows import rows
 from streets import WAY, at
 from worlds import AHEAD, room, scan, seen_from

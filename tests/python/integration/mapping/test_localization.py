@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
+from fusionslam.base.arrays import Matrix
 from fusionslam.loop_closure import Observation
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping import localization
@@ -20,7 +21,6 @@ from fusionslam.mapping.localization import (
     Localizer,
 )
 from fusionslam.registration import PreparedCloud
-from fusionslam.storage.arrays import Matrix
 from rows import rows
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")

@@ -12,13 +12,13 @@ from benchmarks.accuracy.place_maps import DRIFT, SCALE, add_drift, fixes_table
 from benchmarks.accuracy.pose_graphs import ate, fit_motion
 from benchmarks.accuracy.rooms import turn_back
 from fusionslam import Cloud
+from fusionslam.base.arrays import Floats
 from fusionslam.evaluation import VerifiedRun
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.mapping import Edge
 from fusionslam.mapping.map_merging import Merge
 from fusionslam.registration import Refusal
-from fusionslam.storage.arrays import Floats
 
 
 def test_a_way_is_driven_back_at_the_same_speeds_looking_ahead() -> None:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import StoredKeyframe
-from fusionslam.storage.arrays import Floats
 from streets import at
 
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")

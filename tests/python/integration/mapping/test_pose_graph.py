@@ -11,10 +11,10 @@ import pytest
 from benchmarks.accuracy.pose_graphs import add_loop, ate, believed, build, make_drive
 from error_codes import has_code
 from fusionslam import PoseGraph
+from fusionslam.base.arrays import Floats
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.se3 import exp, inverse
-from fusionslam.storage.arrays import Floats
 from refusals import refuses
 from rows import rows
 

@@ -14,13 +14,13 @@ import pytest
 from artefacts import artefact
 from clouds import read_scan
 from error_codes import has_code
+from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.odometry import LidarOdometry
 from fusionslam.sim import SimulationConfig, robot_named, simulate
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.motion.planner import PlanConfig
 from fusionslam.sim.robot import base_from
-from fusionslam.storage.arrays import Floats, Matrix, Points
 from rows import rows
 
 pytest.importorskip("kiss_icp", reason="the library of odometry by LiDAR is an extra")

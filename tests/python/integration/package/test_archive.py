@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from error_codes import has_code
-from fusionslam.errors import DataError
-from fusionslam.storage import files
-from fusionslam.storage.archive import (
+from fusionslam.base import files
+from fusionslam.base.archive import (
     array_names,
     format_of,
     load_archive,
@@ -25,6 +24,7 @@ from fusionslam.storage.archive import (
     save_archive,
     save_json,
 )
+from fusionslam.errors import DataError
 from rows import rows
 from stored import change_archive, change_json
 

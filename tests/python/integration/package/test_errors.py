@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from fusionslam.base.files import reading
 from fusionslam.errors import (
     ClockError,
     ConfigError,
@@ -20,7 +21,6 @@ from fusionslam.errors import (
     naming,
     needing,
 )
-from fusionslam.storage.files import reading
 from rows import rows
 
 

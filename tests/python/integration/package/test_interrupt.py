@@ -11,7 +11,7 @@ import pytest
 
 import fusionslam
 from fusionslam import views
-from fusionslam.storage.files import delay_interrupts
+from fusionslam.base.files import delay_interrupts
 from rows import rows
 from scenes import random_scene
 

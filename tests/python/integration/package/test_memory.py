@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fusionslam.storage.machine import release_memory
+from fusionslam.base.machine import release_memory
 
 
 def resident_mb() -> float:

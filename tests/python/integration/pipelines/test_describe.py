@@ -13,6 +13,7 @@ import pytest
 import fusionslam
 from error_codes import has_code
 from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset, open_dataset
+from fusionslam.base.parallel import in_order
 from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
 from fusionslam.descriptors import DESCRIPTORS
@@ -20,7 +21,6 @@ from fusionslam.evaluation import DescriptorRun, evaluate
 from fusionslam.pipelines.describe import CHUNK, describable, load_runs, run_path
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.reusable_runs import describe_recording
-from fusionslam.storage.parallel import in_order
 from kitti import write_sequence
 from rows import rows
 from stored import change_archive

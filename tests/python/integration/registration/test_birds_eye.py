@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
+from fusionslam.base.arrays import Floats, Points
 from fusionslam.registration import (
     PreparedCloud,
     RegistrationConfig,
     compare_images,
     search_poses,
 )
-from fusionslam.storage.arrays import Floats, Points
 from rows import rows
 from streets import at
 

@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.accuracy.euroc_loops import Flight, differences
 from clouds import read_scan
+from fusionslam.base.arrays import Matrix, Points
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths, register
-from fusionslam.storage.arrays import Matrix, Points
 from rows import rows
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")

@@ -26,9 +26,9 @@ from benchmarks.accuracy.registration_probability import (
     predict,
 )
 from clouds import painted_blocks, scan_blocks
+from fusionslam.base.arrays import Points
 from fusionslam.registration import ColorDifference, PreparedCloud, register
 from fusionslam.registration.probability import SmallView, pose_probability
-from fusionslam.storage.arrays import Points
 from rows import rows
 from streets import at
 

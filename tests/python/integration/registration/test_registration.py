@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from error_codes import has_code
 from fusionslam import Cloud
+from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.registration import (
     PreparedCloud,
@@ -27,7 +28,6 @@ from fusionslam.registration import (
     register,
 )
 from fusionslam.registration.map_extra import search_pose
-from fusionslam.storage.arrays import Floats, Matrix, Points
 from rows import rows
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")

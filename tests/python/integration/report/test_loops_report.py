@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from descriptor_runs import camera_laps, descriptor_run, poses_at
 from error_codes import has_code
+from fusionslam.base.arrays import Points
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.evaluation import (
     DescriptorRun,
@@ -38,7 +39,6 @@ from fusionslam.report.loops.stored import write_stored_report
 from fusionslam.report.loops.tables import summary_table
 from fusionslam.report.page.figures import widest_axes
 from fusionslam.sensors.frame import Cloud
-from fusionslam.storage.arrays import Points
 from pages import Page, read_page
 from rows import rows
 from verified import verified_run

@@ -15,6 +15,7 @@ from PIL import Image
 from artefacts import artefact, copy_artefact
 from error_codes import has_code
 from fusionslam import Cloud, DataError
+from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp
 from fusionslam.mapping import DriftModel, Edge, PlaceMap
 from fusionslam.registration import Refusal
@@ -22,7 +23,6 @@ from fusionslam.report.place_maps import read_drives, write_map_page
 from fusionslam.report.place_maps.contents import drift_factor, fit_loops
 from fusionslam.report.place_maps.figures import draw_cloud, draw_trajectories
 from fusionslam.report.place_maps.page import refused_table, state_table
-from fusionslam.storage.arrays import Floats
 from pages import Page
 from project import PROJECT
 from streets import OPTIONS, RETURN, WAY, frames

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import bags
 import fusionslam
+from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError
 from fusionslam.geometry.se2 import places_of
@@ -40,7 +41,6 @@ from fusionslam.sensors.messages import (
 )
 from fusionslam.sensors.pose_buffer import PoseBuffer
 from fusionslam.sensors.synchronizer import CLOCK_JUMP, SyncConfig
-from fusionslam.storage.arrays import Matrix
 from rows import rows
 
 S = 1_000_000_000

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.errors import ConfigError, ShapeError
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.pipelines.views import run_views
-from fusionslam.storage.arrays import Floats, Matrix
 from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from refusals import refuses

@@ -22,13 +22,13 @@ from rosbags.rosbag2 import writer as rosbag2_writer
 from bags import SECOND, START, SUFFIXES, drive, odometry, picture, same, without, write_bag
 from cli import succeeds
 from error_codes import has_code
+from fusionslam.base import files
 from fusionslam.datasets import open_bag, open_dataset, open_writer
 from fusionslam.datasets.bags import stores
 from fusionslam.datasets.bags.dataset import BagDataset
 from fusionslam.datasets.bags.stores import bound_decompression
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
-from fusionslam.storage import files
 from rows import rows
 
 Logs = pytest.LogCaptureFixture

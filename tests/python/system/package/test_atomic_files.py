@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from error_codes import has_code
+from fusionslam.base import files
+from fusionslam.base.files import atomic_path, scratch_folder
 from fusionslam.errors import DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
-from fusionslam.storage import files
-from fusionslam.storage.files import atomic_path, scratch_folder
 from fuzz import killed_writers
 from fuzz.killed_writers import REPLACING, KillCount, Writer, kill_writer
 from kitti import write_sequence

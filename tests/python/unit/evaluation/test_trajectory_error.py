@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from fusionslam.base.arrays import Floats
 from fusionslam.evaluation import trajectory_error
 from fusionslam.geometry.rigid import fit_motion
 from fusionslam.geometry.se3 import exp
-from fusionslam.storage.arrays import Floats
 
 MOTION = exp(np.array([3.0, -2, 1, 0.1, -0.2, 2]))
 

@@ -14,8 +14,8 @@ from camera_rings import RING, camera_at, picture, points_around, ring, world_co
 from clouds import PROJECTION, scene
 from error_codes import has_code
 from fusionslam import Camera, ConfigError, DataError, Frame, FusionConfig, ShapeError
+from fusionslam.base.texts import PER_FRAME
 from fusionslam.fusion import color_cameras, main_camera
-from fusionslam.help_texts import PER_FRAME
 from rows import rows
 
 GAINS = np.array([[1.0, 1.0, 1.0], [0.8, 0.9, 1.0], [1.2, 1.1, 1.0], [0.9, 1.0, 1.25]])

@@ -16,13 +16,13 @@ import fusionslam
 from clouds import PROJECTION, ground_and_things, homogeneous, scene
 from error_codes import has_code
 from fusionslam import Camera, DataError, Frame, FusionConfig, ShapeError
+from fusionslam.base.arrays import Matrix
+from fusionslam.base.texts import PER_FRAME
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.fusion import plane_of, require_up, segments_of
-from fusionslam.help_texts import PER_FRAME
 from fusionslam.pipelines.export_folder import write_clouds
 from fusionslam.pipelines.recording import Recording
-from fusionslam.storage.arrays import Matrix
 from kitti import write_sequence
 from rows import rows
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fusionslam._core import OdometryTree
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.se3 import adjoint, exp, inverse, log
 from fusionslam.mapping import DriftModel
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
 from fusionslam.ratslam.map_export import link_offsets
-from fusionslam.storage.arrays import Floats
 from rows import rows
 
 

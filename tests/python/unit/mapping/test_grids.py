@@ -13,6 +13,7 @@ import yaml
 from PIL import Image
 
 from fusionslam import Cloud, ConfigError, DataError
+from fusionslam.base.arrays import Matrix
 from fusionslam.mapping import clouds
 from fusionslam.mapping.clouds import join_clouds
 from fusionslam.mapping.geojson import MapOrigin, geographic, write_geojson
@@ -23,7 +24,6 @@ from fusionslam.mapping.grids import (
     draw_heights,
     draw_occupancy,
 )
-from fusionslam.storage.arrays import Matrix
 from rows import rows
 
 CONFIG = GridConfig(resolution=0.1, max_range=8.0)

@@ -11,11 +11,11 @@ import pytest
 
 import fusionslam
 from fusionslam import evaluation, mapping, ratslam, registration, report, views
-from fusionslam.argument_types import checked
+from fusionslam.base.argument_types import checked
+from fusionslam.base.files import PathLike
 from fusionslam.datasets import open_bag, open_dataset, write_poses_kitti, write_poses_tum
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.ratslam.experience_map import quickest_route
-from fusionslam.storage.files import PathLike
 from refusals import refuses
 from rows import rows
 

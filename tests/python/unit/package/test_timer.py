@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from fusionslam.storage.timer import Stopwatch
+from fusionslam.base.timer import Stopwatch
 
 
 def test_the_durations_of_each_part_are_added_up() -> None:

@@ -12,8 +12,8 @@ from drives import same, unchanged, weighted_errors
 from fusionslam import DataError
 from fusionslam._core import ExperienceMap as CoreMap
 from fusionslam._core import ExperienceMapConfig
+from fusionslam.base.arrays import Floats
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap
-from fusionslam.storage.arrays import Floats
 from rows import rows
 
 NODE, EDGE = ActionKind.CREATE_NODE, ActionKind.CREATE_EDGE

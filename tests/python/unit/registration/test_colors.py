@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from clouds import painted_blocks, scan_blocks
 from fusionslam import Cloud
+from fusionslam.base.arrays import Image
 from fusionslam.registration import (
     PreparedCloud,
     Registration,
     register,
 )
 from fusionslam.registration.colors import compare_colors
-from fusionslam.storage.arrays import Image
 from rows import rows
 from streets import at
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from fusionslam.base.arrays import Floats32, Points
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.registration import count_overlap, nearest_ranges
-from fusionslam.storage.arrays import Floats32, Points
 from rows import rows
 from streets import at
 

@@ -12,9 +12,9 @@ import pytest
 
 from error_codes import has_code
 from fusionslam import Cloud
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
 from fusionslam.registration import PreparedCloud, Registration, RegistrationConfig, register
-from fusionslam.storage.arrays import Floats
 from fusionslam.views import align_scenes, build_scene
 from rows import rows
 from streets import at

@@ -7,9 +7,9 @@ import pytest
 
 from clouds import scan_blocks
 from fusionslam import Cloud
+from fusionslam.base.arrays import Points
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.registration import RegistrationConfig, fit_lengths, measure_reach, register
-from fusionslam.storage.arrays import Points
 from rows import rows
 from streets import at
 

@@ -4,8 +4,8 @@
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats, Points
 from fusionslam.registration.uncertainty import motion_covariance
-from fusionslam.storage.arrays import Floats, Points
 from rows import rows
 
 NOTHING: Points = np.zeros((0, 3), np.float32)

@@ -5,10 +5,10 @@
 import numpy as np
 import pytest
 
+from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.scan_motion import ScanMotion, Span, span_of
-from fusionslam.storage.arrays import Floats
 from rows import rows
 
 SPEED: Floats = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 1.2])

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
-from fusionslam.storage.arrays import Floats
 from fusionslam.views.place_hypotheses import NO_NODE, Evidence, PlaceHypotheses
 from rows import rows
 

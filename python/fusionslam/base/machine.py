@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
-from fusionslam.storage.parallel import available_cores
+from fusionslam.base.parallel import available_cores
 
 
 def versions() -> dict[str, str]:

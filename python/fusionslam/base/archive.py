@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from fusionslam.base.files import PathLike, atomic_path, check_expansion, reading
 from fusionslam.errors import DataError, reason_of
-from fusionslam.storage.files import PathLike, atomic_path, check_expansion, reading
 
 T = TypeVar("T")
 

@@ -6,8 +6,8 @@ import fcntl
 import os
 from pathlib import Path
 
+from fusionslam.base.files import cannot_write, why_not
 from fusionslam.errors import DataError
-from fusionslam.storage.files import cannot_write, why_not
 
 
 class WriteLock:

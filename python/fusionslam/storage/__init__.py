@@ -1,3 +1,0 @@
-# SPDX-FileCopyrightText: 2026 The fusionslam authors
-# SPDX-License-Identifier: Apache-2.0
-"""Base utilities: atomic files, caches, threads and facts about the machine."""
