@@ -147,7 +147,9 @@ def walk(data: Path, words: Sequence[str]) -> list[str]:
             arguments = [word.format(data=data, out=out) for word in words]
             silent = io.StringIO()
             with contextlib.redirect_stdout(silent), contextlib.redirect_stderr(silent):
-                app(arguments, standalone_mode=False)
+                code = app(arguments, standalone_mode=False)
+            if code:
+                raise SystemExit(f"{' '.join(arguments)} ends with {code}: {silent.getvalue()}")
 
     files: dict[str, None] = {}
 
