@@ -3,19 +3,24 @@
 """The checks of ``fusionslam doctor``."""
 
 import ast
+import inspect
 import os
 import re
 import runpy
 import shutil
 import subprocess
 import sys
+import textwrap
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 import fusionslam
+from expected_output import commands_of
 from fusionslam import ConfigError, _core
+from fusionslam.cli import app
 from fusionslam.doctor import EXTRAS, Finding, examine
 from fusionslam.errors import FusionSlamError
 from fusionslam.ros.ros1 import environment
@@ -154,15 +159,16 @@ def test_without_the_core_other_commands_point_to_doctor_in_one_line(
 
 
 def test_the_uses_of_extras_are_those_of_the_commands() -> None:
-    for path in (PACKAGE / "cli").rglob("*.py"):
-        name = " ".join(path.relative_to(PACKAGE / "cli").with_suffix("").parts)
-        use = (
-            name.replace("maps ", "map ")
-            .replace("recordings", "worlds")
-            .replace("_", " ")
-            .replace("calib ", "calib-")
-        )
-        for call in ast.walk(ast.parse(path.read_text())):
+    found = set()
+    for name, command in commands_of(get_command(app)).items():
+        if command.callback is None:  # a group
+            continue
+        source = textwrap.dedent(inspect.getsource(inspect.unwrap(command.callback)))
+        for call in ast.walk(ast.parse(source)):
             if isinstance(call, ast.Call) and ast.unparse(call.func) == "needs_extra":
-                for extra in (each.value for each in call.args if isinstance(each, ast.Constant)):
-                    assert any(use in each for each in EXTRAS[extra].uses), (path, extra)
+                extras = [each.value for each in call.args if isinstance(each, ast.Constant)]
+                found |= {(name, extra) for extra in extras}
+    assert {extra for _, extra in found} >= {"map", "report", "sim", "tune", "live", "odometry"}
+    for name, extra in found:
+        uses = EXTRAS[extra].uses
+        assert any(f"{name} ".startswith(f"{use} ") or name in use for use in uses), (name, extra)
