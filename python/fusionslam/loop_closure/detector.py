@@ -9,6 +9,7 @@ import os
 import threading
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -215,7 +216,28 @@ class LoopDetector:
             DataError: a cloud that cannot be described; nothing is stored.
             ShapeError: neither a frame nor a cloud.
         """
-        return self._verify(self._store_seen(frame_or_cloud, stamp_ns, odometry))
+        return self._add(frame_or_cloud, stamp_ns, odometry)
+
+    def _add(
+        self,
+        frame_or_cloud: Frame | Cloud,
+        stamp_ns: int | None,
+        odometry: Matrix | None,
+        submitted: int | None = None,
+    ) -> Loop | None:
+        """Describe, store and verify a frame; not the last if too many were submitted after it."""
+        # The first frame fixes lengths and the radius of all: others wait for it.
+        with nullcontext() if len(self._memory) else self._lock:
+            seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
+            pending = self._store(seen)
+        if len(self._motion.turned) >= _SCANS_UNTIL_WARNING:
+            self._motion.warn("the recording")
+        if submitted is None or self._submitted - submitted <= _MOST_WAITING:
+            return self._verify(pending)
+        with self._lock:
+            self.unverified += 1
+            self.nearest, self.rejected = None, []
+        return None
 
     def submit(
         self,
@@ -237,24 +259,8 @@ class LoopDetector:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(1, thread_name_prefix="fusionslam-loops")
             self._submitted += 1
-            seen = (self._submitted, frame_or_cloud, stamp_ns, odometry)
-            return self._pool.submit(self._add_recent, *seen)
-
-    def _add_recent(
-        self,
-        number: int,
-        frame_or_cloud: Frame | Cloud,
-        stamp_ns: int | None,
-        odometry: Matrix | None,
-    ) -> Loop | None:
-        """Add a submitted frame; it is not verified if too many were submitted after it."""
-        pending = self._store_seen(frame_or_cloud, stamp_ns, odometry)
-        if self._submitted - number > _MOST_WAITING:
-            with self._lock:
-                self.unverified += 1
-                self.nearest, self.rejected = None, []
-            return None
-        return self._verify(pending)
+            number = self._submitted
+            return self._pool.submit(self._add, frame_or_cloud, stamp_ns, odometry, number)
 
     def observe(
         self,
@@ -270,19 +276,6 @@ class LoopDetector:
         return self._observer.observe(
             frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry, is_first=not len(self._memory)
         )
-
-    def _store_seen(
-        self, frame_or_cloud: Frame | Cloud, stamp_ns: int | None, odometry: Matrix | None
-    ) -> "_Pending":
-        with self._lock:
-            if not len(self._memory):  # the first frame fixes lengths and the radius of all
-                seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
-                return self._store(seen)
-        seen = self.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry)
-        pending = self._store(seen)
-        if len(self._motion.turned) >= _SCANS_UNTIL_WARNING:
-            self._motion.warn("the recording")
-        return pending
 
     @checked
     def add_observation(
@@ -330,8 +323,13 @@ class LoopDetector:
         """Store a frame; return what is left to be proven of it."""
         own = seen.vectors[self.descriptor]
         with self._lock:
-            if not len(self._memory):
-                self._check_length(own)
+            if not len(self._memory):  # the index would accept any length first
+                length = self._length or length_of(self.descriptor, self.describe_config)
+                if np.shape(own) != (length,):
+                    given = "None" if own is None else f"shape {np.shape(own)}"
+                    raise ShapeError(
+                        f"descriptor: {given}, expected float32 ({length},) of {self.descriptor}"
+                    )
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
             number = self._added
@@ -452,16 +450,6 @@ class LoopDetector:
         metrics: dict[str, str] = {self.descriptor: find_descriptor(self.descriptor).metric}
         metrics |= {name_voter(name): find_descriptor(name).metric for name in self.voters}
         return FrameMemory(metrics, self.config, self.registration_config, self._kept)
-
-    def _check_length(self, descriptor: Any) -> None:
-        """Raise ShapeError for a wrong length; the index would accept any length first."""
-        length = self._length or length_of(self.descriptor, self.describe_config)
-        shape = np.shape(descriptor)
-        if shape != (length,):
-            found = "None" if descriptor is None else f"shape {shape}"
-            raise ShapeError(
-                f"descriptor: {found}, expected float32 ({length},) of {self.descriptor}"
-            )
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Save the configuration and all that is stored to a folder, as one file.
