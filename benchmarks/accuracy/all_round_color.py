@@ -22,7 +22,7 @@ from fusionslam import DescriptorConfig, FusionConfig, PipelineConfig, describe_
 from fusionslam.base.cache import cache_folder
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun
-from fusionslam.pipelines.describe import run_path
+from fusionslam.pipelines.results import run_path
 from fusionslam.sim import CarConfig, SimConfig, TownConfig, record
 
 PAGE = ROOT / "docs" / "stages" / "descriptors.md"

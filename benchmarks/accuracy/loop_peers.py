@@ -43,7 +43,7 @@ from fusionslam.evaluation import (
     evaluate_verified,
 )
 from fusionslam.loop_closure.loop import may_be_right
-from fusionslam.pipelines.cloud_frames import body_from_clouds
+from fusionslam.pipelines.recording import body_from_clouds
 
 FOLDER = ROOT / "benchmarks" / "peers" / "loop_closers"
 PLAIN = "scan_context"

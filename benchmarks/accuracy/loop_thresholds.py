@@ -34,7 +34,7 @@ from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.evaluation import DescriptorRun, PrecisionRecall, evaluate, precision_recall
 from fusionslam.loop_closure import default_threshold
 from fusionslam.pipelines.compare_descriptors import TARGET_PRECISION
-from fusionslam.pipelines.describe import run_path
+from fusionslam.pipelines.results import run_path
 
 PAGE = ROOT / "docs" / "stages" / "loop_closure.md"
 THRESHOLDS = ROOT / "python" / "fusionslam" / "loop_closure" / "thresholds.yaml"

@@ -81,7 +81,8 @@ def describe(
 
     An interrupted call resumes where it stopped.
     """
-    from fusionslam.pipelines.describe import for_source, run_path
+    from fusionslam.pipelines.describe import for_source
+    from fusionslam.pipelines.results import run_path
 
     chosen = pipeline_config()
     names = opt.parse_names(descriptors, chosen.descriptors.preset)

@@ -70,8 +70,7 @@ def report(
     Frames are pictured if the recording is still there.
     """
     from fusionslam.pipelines.compare_descriptors import evaluate_stored
-    from fusionslam.pipelines.describe import run_files
-    from fusionslam.pipelines.results import load_verified, runs_folder
+    from fusionslam.pipelines.results import load_verified, run_files, runs_folder
     from fusionslam.report import has_view_runs, write_stored_view_report
     from fusionslam.report.loops.stored import write_stored_report
 

@@ -4,6 +4,6 @@
 
 recording and drives open DATA. describe, loops, compare_descriptors, export_folder and export_bag
 work on coloured clouds; scenes, views, methods, compare_views and tuning on views; maps,
-map_events and drive_images on maps. overview, bag_overview and first_frame look at a recording;
+map_events and drive_images on maps. overview, bag_overview and frame_check look at a recording;
 results and reusable_runs keep a folder of results.
 """

@@ -16,7 +16,7 @@ from fusionslam.datasets.bags.pairing import open_indexed_bag
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES, further_cameras
 from fusionslam.errors import DataError, one_line
-from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
+from fusionslam.pipelines.frame_check import FirstCloud, first_cloud
 
 if TYPE_CHECKING:
     from fusionslam.datasets.base import Dataset

@@ -39,16 +39,16 @@ from fusionslam.evaluation.loops.protocols import (
 )
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.observation import can_verify
-from fusionslam.pipelines.describe import (
-    PipelineConfig,
-    describable,
-    for_source,
-    load_runs,
-    run_files,
-)
+from fusionslam.pipelines.describe import PipelineConfig, describable, for_source
 from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording, warn_of_odometry
-from fusionslam.pipelines.results import Work, load_verified, runs_folder
+from fusionslam.pipelines.results import (
+    Work,
+    load_runs,
+    load_verified,
+    run_files,
+    runs_folder,
+)
 from fusionslam.pipelines.reusable_runs import describe_recording
 from fusionslam.pipelines.shared_verification import verify_each
 from fusionslam.pipelines.verified_loops import verify_recording

@@ -47,6 +47,7 @@ from fusionslam.fusion import FusionConfig, fuse, load_sensors, require_up
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.pipelines.frame_check import check_bad_frames
 from fusionslam.pipelines.recording import name_frame
+from fusionslam.pipelines.results import run_path
 from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Frame
 
@@ -418,27 +419,6 @@ class _Work:
 
     def _config_of(self, name: str, frame: Frame) -> DescriptorConfig:
         return for_clouds(self.config.descriptors, name, self.config.fusion, frame)
-
-
-def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
-    """Return the path where ``describe_dataset`` stores a run: lidar-cm2dp-author.npz."""
-    return Path(folder) / f"{source}-{in_file_names(descriptor)}.npz"
-
-
-def load_runs(folder: str | os.PathLike[str]) -> list[DescriptorRun]:
-    """Load all runs in a folder. Raises DataError if there is none."""
-    paths = run_files(folder)
-    if not paths:
-        raise DataError(
-            f"{folder} holds no descriptor runs: make some with fusionslam describe",
-            code="no-runs",
-        )
-    return [DescriptorRun.load(path) for path in paths]
-
-
-def run_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the files of all descriptor runs in a folder, sorted by name."""
-    return sorted(Path(folder).glob("*-*.npz"))
 
 
 def _save_chunk(path: Path, frames: Sequence[_Described]) -> None:

@@ -20,9 +20,8 @@ from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
-from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.frame_check import readable_frames
-from fusionslam.pipelines.recording import Recording, name_frame, warn_of_mistakes
+from fusionslam.pipelines.recording import Recording, body_from_clouds, name_frame, warn_of_mistakes
 from fusionslam.pipelines.results import Work, claim, refuse_input
 
 if TYPE_CHECKING:

@@ -21,11 +21,16 @@ from fusionslam.errors import DataError, one_line
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
-from fusionslam.pipelines.describe import PipelineConfig, run_files
-from fusionslam.pipelines.first_frame import FirstCloud, first_cloud
-from fusionslam.pipelines.frame_check import FrameCheck, check_frames, check_rows
+from fusionslam.pipelines.describe import PipelineConfig
+from fusionslam.pipelines.frame_check import (
+    FirstCloud,
+    FrameCheck,
+    check_frames,
+    check_rows,
+    first_cloud,
+)
 from fusionslam.pipelines.recording import SceneRecording
-from fusionslam.pipelines.results import FILE, Work, load_verified, runs_folder
+from fusionslam.pipelines.results import FILE, Work, load_verified, run_files, runs_folder
 from fusionslam.sensors.frame import Camera
 from fusionslam.views.scene_set import is_scene_set
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
@@ -22,7 +23,7 @@ from fusionslam.datasets.streams import (
     check_self_contained,
 )
 from fusionslam.errors import DataError
-from fusionslam.fusion import SENSORS_OF, FusionConfig
+from fusionslam.fusion import SENSORS_OF, FusionConfig, frame_from_points
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sensors.scan_motion import ScanMotion, span_of
@@ -204,6 +205,28 @@ def warn_of_mistakes(dataset: Dataset, source: str) -> None:
                 motion.within(typical)
     motion.warn(dataset.name)
     warn_of_wrong_calibration(dataset, source)
+
+
+def body_from_clouds(dataset: Dataset, config: FusionConfig) -> Floats | None:
+    """Return the transforms from the frame of each cloud to the body of the poses.
+
+    The body is fixed to the robot; a scanner that turns on it moves in the body.
+
+    Returns:
+        float64 (N, 4, 4), one of each frame; None if ``dataset.body_from_points`` is not known.
+
+    Raises:
+        DataError: a frame does not know the pose of its cloud's frame.
+    """
+    if dataset.body_from_points is None:
+        return None
+    body_from_robot = dataset.body_from_robot if len(dataset) else np.eye(4)
+    moved = []
+    for frame in dataset:
+        place = frame.robot_from_points
+        scan = dataset.body_from_points if place is None else body_from_robot @ place
+        moved.append(scan @ np.linalg.inv(frame_from_points(frame, config.frame)))
+    return np.array(moved, np.float64).reshape(-1, 4, 4)
 
 
 class FrameError(DataError):

@@ -18,7 +18,7 @@ from fusionslam.errors import DataError
 from fusionslam.pipelines.recording import Recording
 
 if TYPE_CHECKING:
-    from fusionslam.evaluation import VerifiedRun
+    from fusionslam.evaluation import DescriptorRun, VerifiedRun
 
 FORMAT = "fusionslam.work.2"
 FILE = "run.json"
@@ -242,3 +242,26 @@ def runs_folder(folder: str | os.PathLike[str]) -> Path:
     """Return the folder of descriptor runs in a folder of results."""
     inner = Path(folder) / "descriptors"
     return inner if inner.is_dir() else Path(folder)
+
+
+def run_path(folder: str | os.PathLike[str], source: str, descriptor: str) -> Path:
+    """Return the path where ``describe_dataset`` stores a run: lidar-cm2dp-author.npz."""
+    return Path(folder) / f"{source}-{in_file_names(descriptor)}.npz"
+
+
+def load_runs(folder: str | os.PathLike[str]) -> "list[DescriptorRun]":
+    """Load all runs in a folder. Raises DataError if there is none."""
+    from fusionslam.evaluation import DescriptorRun
+
+    paths = run_files(folder)
+    if not paths:
+        raise DataError(
+            f"{folder} holds no descriptor runs: make some with fusionslam describe",
+            code="no-runs",
+        )
+    return [DescriptorRun.load(path) for path in paths]
+
+
+def run_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the files of all descriptor runs in a folder, sorted by name."""
+    return sorted(Path(folder).glob("*-*.npz"))

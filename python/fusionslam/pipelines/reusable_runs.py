@@ -23,10 +23,9 @@ from fusionslam.pipelines.describe import (
     describe_dataset,
     fix_radius,
     for_descriptor,
-    run_path,
 )
 from fusionslam.pipelines.recording import Recording
-from fusionslam.pipelines.results import Work, claim, delete_page
+from fusionslam.pipelines.results import Work, claim, delete_page, run_path
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset

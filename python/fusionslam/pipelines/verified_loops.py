@@ -29,10 +29,9 @@ from fusionslam.fusion import FusionConfig, load_sensors
 from fusionslam.loop_closure import LoopDetector, Observation
 from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.loop_closure.verification import Verified
-from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
-from fusionslam.pipelines.recording import Recording, name_frame
+from fusionslam.pipelines.recording import Recording, body_from_clouds, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
 from fusionslam.pipelines.reusable_runs import differences, has_all_frames, is_outdated
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths

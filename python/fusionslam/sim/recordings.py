@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record drives through worlds as bags or folders, including the embedded recordings."""
 
-import hashlib
-import json
 import os
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from fusionslam.base.cache import cache_folder
+from fusionslam.base.cache import cache_folder, cached_path
 from fusionslam.base.progress import Progress
 from fusionslam.config import Section, explain_choice, merged, option
 from fusionslam.datasets.bags import open_writer
@@ -264,5 +262,4 @@ def _values(config: RecordingConfig) -> dict[str, Any]:
 
 
 def _bag_path(name: str, identity: dict[str, Any]) -> Path:
-    text = json.dumps({"format": _FORMAT, **identity}, sort_keys=True)
-    return cache_folder() / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:12]}.bag"
+    return cached_path(name, {"format": _FORMAT, **identity}, ".bag")

@@ -15,7 +15,7 @@ from fusionslam.datasets.streams import Request
 from fusionslam.errors import DataError
 from fusionslam.fusion import SENSORS_OF
 from fusionslam.pipelines.bag_overview import Inspection
-from fusionslam.pipelines.first_frame import FirstCloud, try_frames
+from fusionslam.pipelines.frame_check import FirstCloud, try_frames
 from fusionslam.pipelines.overview import Overview, look_at_bag
 from fusionslam.ros.check.graph import Advice, Graph
 from fusionslam.ros.nodes.data_fusion import DataFusionConfig

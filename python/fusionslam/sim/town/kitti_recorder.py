@@ -8,7 +8,6 @@ With four cameras (``car.cameras``) it is a plain folder instead.
 ``sim.partial.json`` and is resumed with the missing frames.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -21,7 +20,7 @@ import numpy as np
 from pydantic import model_validator
 
 from fusionslam.base.arrays import Floats
-from fusionslam.base.cache import cache_folder
+from fusionslam.base.cache import cached_path
 from fusionslam.base.files import reading
 from fusionslam.base.parallel import available_cores, ordered_results
 from fusionslam.base.progress import Progress
@@ -245,8 +244,7 @@ def embedded_drive(*, jobs: int | None = None, progress: Progress | None = None)
 
 def embedded_folder() -> Path:
     """Folder of the embedded drive, whether it has been made or not."""
-    text = json.dumps(_identity(SimConfig()), sort_keys=True)
-    return cache_folder() / f"drive-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    return cached_path("drive", _identity(SimConfig()))
 
 
 def _identity(config: SimConfig) -> dict[str, object]:

@@ -25,10 +25,9 @@ from fusionslam.evaluation import DescriptorRun, evaluate
 from fusionslam.evaluation.loops import published
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.pipelines.compare_descriptors import evaluate_stored, stored_threshold
-from fusionslam.pipelines.describe import load_runs
 from fusionslam.pipelines.loops import find_loops
 from fusionslam.pipelines.recording import Recording
-from fusionslam.pipelines.results import Work, forget_demo
+from fusionslam.pipelines.results import Work, forget_demo, load_runs
 from rows import rows
 
 UNVERIFIED = ("--verify", "none", "--source", "lidar")

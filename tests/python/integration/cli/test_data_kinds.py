@@ -22,8 +22,7 @@ from fusionslam.loop_closure import LoopDetector
 from fusionslam.pipelines.drives import open_drive
 from fusionslam.pipelines.export_bag import write_cloud_bag
 from fusionslam.pipelines.export_folder import write_clouds
-from fusionslam.pipelines.first_frame import first_cloud
-from fusionslam.pipelines.frame_check import FrameCheck, check_frames
+from fusionslam.pipelines.frame_check import FrameCheck, check_frames, first_cloud
 from fusionslam.pipelines.overview import look_at
 from fusionslam.pipelines.recording import Recording
 from fusionslam.sensors.frame import Cloud

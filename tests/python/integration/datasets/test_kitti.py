@@ -15,7 +15,7 @@ from cli import error_of
 from error_codes import has_code
 from fusionslam.datasets import open_bag, open_dataset, write_poses_tum
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.pipelines.first_frame import first_cloud
+from fusionslam.pipelines.frame_check import first_cloud
 from fusionslam.pipelines.recording import Recording
 from kitti import (
     ODOMETRY_CALIB,

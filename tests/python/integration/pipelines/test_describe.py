@@ -18,8 +18,9 @@ from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
 from fusionslam.descriptors import DESCRIPTORS
 from fusionslam.evaluation import DescriptorRun, evaluate
-from fusionslam.pipelines.describe import CHUNK, describable, load_runs, run_path
+from fusionslam.pipelines.describe import CHUNK, describable
 from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.results import load_runs, run_path
 from fusionslam.pipelines.reusable_runs import describe_recording
 from kitti import write_sequence
 from rows import rows

@@ -18,9 +18,8 @@ from fusionslam.datasets import open_dataset
 from fusionslam.datasets.bags import open_bag
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import DataError
-from fusionslam.pipelines.cloud_frames import body_from_clouds
 from fusionslam.pipelines.export_bag import _Maker, write_cloud_bag
-from fusionslam.pipelines.recording import Recording
+from fusionslam.pipelines.recording import Recording, body_from_clouds
 from fusionslam.report.fusion_stages import _Eye, draw_stages, write_stages
 from fusionslam.sensors.messages import FrameTransforms, Odometry, Scan
 from kitti import write_sequence
