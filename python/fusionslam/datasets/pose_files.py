@@ -167,6 +167,13 @@ def read_times(path: PathLike) -> NDArray[np.int64]:
     return stamps
 
 
+def write_times(path: PathLike, stamps_ns: NDArray[np.int64]) -> None:
+    """Write int64 (N) nanoseconds as times.txt, with nine decimals. Raises DataError."""
+    with atomic_path(path) as temporary:
+        seconds = (Decimal(stamp).scaleb(-9) for stamp in stamps_ns.tolist())
+        temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
+
+
 @checked
 def read_timestamps(path: PathLike) -> NDArray[np.int64]:
     """Read int64 (N) nanoseconds since 1970 from KITTI raw's timestamps.txt, taken as UTC.

@@ -5,7 +5,6 @@
 import logging
 import os
 from dataclasses import replace
-from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from fusionslam.base.parallel import ordered_results
 from fusionslam.base.progress import Progress, reported
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
+from fusionslam.datasets.pose_files import write_times
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig, frame_from_points, fuse
 from fusionslam.pipelines.frame_check import readable_frames
@@ -134,9 +134,7 @@ def _refuse_foreign(root: Path) -> None:
 
 
 def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
-    with atomic_path(root / "times.txt") as temporary:
-        seconds = (Decimal(stamp).scaleb(-9) for stamp in dataset.stamps_ns.tolist())
-        temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
+    write_times(root / "times.txt", dataset.stamps_ns)
     # Where the folder is read, poses.txt counts as true and odometry.txt as the robot's motion,
     # which clouds in the frame of odometry do not have.
     true, drifting = _POSES

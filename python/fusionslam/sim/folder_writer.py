@@ -6,7 +6,6 @@ import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from fusionslam.base.arrays import Floats
 from fusionslam.base.files import atomic_path
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
+from fusionslam.datasets.pose_files import write_times
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
@@ -155,9 +155,8 @@ class FolderWriter:
         """
         if not self._stamps:
             raise DataError(f"{self._root}: no frame was recorded: no scan follows an image")
-        seconds = [f"{Decimal(stamp).scaleb(-9):f}\n" for stamp in self._stamps]
-        write_bytes(self._root / "times.txt", "".join(seconds).encode())
         stamps = np.array(self._stamps, dtype=np.int64)
+        write_times(self._root / "times.txt", stamps)
         write_poses_tum(self._root / "poses.txt", stamps, self._poses(stamps))
         # P of a right camera refers to the left camera's frame.
         cameras = {
