@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import yaml
@@ -26,7 +26,6 @@ from fusionslam.evaluation import (
     DescriptorRun,
     Evaluation,
     EvaluationConfig,
-    VerifiedRun,
     evaluate,
     evaluate_verified,
 )
@@ -49,13 +48,12 @@ from fusionslam.pipelines.results import (
     run_files,
     runs_folder,
 )
-from fusionslam.pipelines.reusable_runs import describe_recording
+from fusionslam.pipelines.reusable_runs import Run, describe_recording
 from fusionslam.pipelines.shared_verification import verify_each
 from fusionslam.pipelines.verified_loops import verify_recording
 
 logger = logging.getLogger(__name__)
 
-Run = TypeVar("Run", DescriptorRun, VerifiedRun)
 VERIFY = ("each", "one", "none")
 """Whose loops ``benchmark`` proves: those of each descriptor, of one with its voters, or none."""
 

@@ -45,7 +45,7 @@ from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
 from fusionslam.fusion import FusionConfig, fuse, load_sensors, require_up
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.pipelines.frame_check import check_bad_frames
+from fusionslam.pipelines.frame_check import check_bad_frames, warn_left_out
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.pipelines.results import run_path
 from fusionslam.registration import RegistrationConfig
@@ -300,7 +300,9 @@ class _Work:
         chunks = [_load_chunk(self._chunk_path(chunk)) for chunk in self._chunks()]
         keys = dict.fromkeys(key for chunk in chunks for key in chunk)
         joined = {key: np.concatenate([c[key] for c in chunks if key in c]) for key in keys}
-        skipped = self._find_skipped(joined)
+        numbers = self.dataset.numbers[joined["bad"]].tolist()
+        skipped = dict(zip(numbers, joined["reasons"].tolist(), strict=True))
+        warn_left_out(self.dataset, skipped)
         runs = {name: self._descriptor_run(name, joined, skipped) for name in self.names}
         for name, run in runs.items():
             run.save(run_path(self.folder, run.source, name))
@@ -373,20 +375,6 @@ class _Work:
             )
         seconds = {part: watch.total(part) for part in ("load", "fuse", *self.names)}
         return _Described(index, vectors, len(cloud), seconds)
-
-    def _find_skipped(self, joined: Arrays) -> dict[int, str]:
-        """Return the numbers of skipped frames with the reasons, and log them."""
-        numbers = self.dataset.numbers[joined["bad"]].tolist()
-        skipped = dict(zip(numbers, joined["reasons"].tolist(), strict=True))
-        if not len(joined["rows"]):
-            number, reason = next(iter(skipped.items()))
-            raise DataError(
-                f"{self.dataset.name}: no frame can be described; frame {number}: {reason}",
-                code="no-frame",
-            )
-        for number, reason in skipped.items():
-            logger.warning("%s, frame %d left out: %s", self.dataset.name, number, reason)
-        return skipped
 
     def _descriptor_run(self, name: str, joined: Arrays, skipped: dict[int, str]) -> DescriptorRun:
         rows, poses = joined["rows"], self.dataset.true_poses

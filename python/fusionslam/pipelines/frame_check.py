@@ -3,7 +3,7 @@
 """Check whether frames of a recording, or a robot's first ones, can be read and fused."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -106,6 +106,21 @@ def readable_frames(dataset: "Dataset", bad_frames: str = "error", *, jobs: int 
         for error in check.errors.values():
             logger.warning("%s, frame %d left out: %s", dataset.name, check.number, error)
     return dataset.only(good)
+
+
+def warn_left_out(dataset: "Dataset", skipped: Mapping[int, str]) -> None:
+    """Warn of frames that cannot be described: number -> reason.
+
+    Raises:
+        DataError: they are all frames (code "no-frame").
+    """
+    if len(skipped) == len(dataset):
+        number, reason = next(iter(skipped.items()))
+        raise DataError(
+            f"{dataset.name}: no frame can be described; frame {number}: {reason}", code="no-frame"
+        )
+    for number, reason in skipped.items():
+        logger.warning("%s, frame %d left out: %s", dataset.name, number, reason)
 
 
 def check_bad_frames(value: str) -> None:

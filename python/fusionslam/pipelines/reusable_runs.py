@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from fusionslam.base.progress import Step, label_progress
 from fusionslam.config import flatten
 from fusionslam.descriptors import find_descriptor, own_files
 from fusionslam.errors import DataError
-from fusionslam.evaluation import DescriptorRun, LoopRun
+from fusionslam.evaluation import DescriptorRun, LoopRun, VerifiedRun
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describe_dataset,
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
 
 logger = logging.getLogger(__name__)
+
+Run = TypeVar("Run", DescriptorRun, VerifiedRun)
 
 
 def describe_recording(
@@ -86,12 +88,13 @@ def describe_recording(
             progress=label_progress(step, f"describing clouds, source {source}"),
         )
         runs |= dict(zip(missing, made, strict=True))
+    return [with_true_poses(run, dataset) for run in runs.values() if run is not None]
+
+
+def with_true_poses(run: Run, dataset: "Dataset") -> Run:
+    """Return a stored run with the true poses that its frames have in the recording now."""
     poses = dataset.true_poses
-    return [
-        replace(run, poses=None if poses is None else poses[run.frames])
-        for run in runs.values()
-        if run is not None
-    ]
+    return replace(run, poses=None if poses is None else poses[run.frames])
 
 
 def _load_stored(

@@ -35,6 +35,7 @@ from fusionslam.loop_closure.verification import (
 from fusionslam.pipelines.describe import PipelineConfig
 from fusionslam.pipelines.recording import Recording, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
+from fusionslam.pipelines.reusable_runs import with_true_poses
 from fusionslam.pipelines.verified_loops import (
     FrameRecord,
     bodies_of,
@@ -97,10 +98,7 @@ def verify_each(
         for made in _verify_together(dataset, missing, configs, config, jobs, step):
             made.save(verified_path(folder, source, made.descriptors[0]))
             found[made.descriptors[0]] = made
-    poses = dataset.true_poses
-    return [
-        replace(found[run.name], poses=None if poses is None else poses[run.frames]) for run in runs
-    ]
+    return [with_true_poses(found[run.name], dataset) for run in runs]
 
 
 def _with_same_frames(runs: Sequence[DescriptorRun]) -> list[DescriptorRun]:

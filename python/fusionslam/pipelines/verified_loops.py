@@ -6,7 +6,6 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,10 +29,16 @@ from fusionslam.loop_closure import LoopDetector, Observation
 from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.loop_closure.verification import Verified
 from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
+from fusionslam.pipelines.frame_check import warn_left_out
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, body_from_clouds, name_frame
 from fusionslam.pipelines.results import Work, claim, delete_page, verified_path
-from fusionslam.pipelines.reusable_runs import differences, has_all_frames, is_outdated
+from fusionslam.pipelines.reusable_runs import (
+    differences,
+    has_all_frames,
+    is_outdated,
+    with_true_poses,
+)
 from fusionslam.registration import RegistrationConfig, has_lengths, without_lengths
 from fusionslam.sensors.frame import Frame
 
@@ -101,8 +106,7 @@ def verify_recording(
         progress = label_progress(step, f"proving loops, source {source}")
         stored = _verify(dataset, name, config, jobs, bad_frames, progress)
         stored.save(path)
-    poses = dataset.true_poses
-    return replace(stored, poses=None if poses is None else poses[stored.frames])
+    return with_true_poses(stored, dataset)
 
 
 def load_verified_run(
@@ -202,13 +206,7 @@ def _verify(
             found = Verified(detector.nearest, detector.rejected)
             records.append(FrameRecord(row, found, observation.points, seconds))
         progress(row + 1, len(dataset))
-    if not records:
-        number, reason = next(iter(skipped.items()))
-        raise DataError(
-            f"{dataset.name}: no frame can be described; frame {number}: {reason}", code="no-frame"
-        )
-    for number, reason in skipped.items():
-        logger.warning("%s, frame %d left out: %s", dataset.name, number, reason)
+    warn_left_out(dataset, skipped)
     return run_of(
         records,
         dataset,
