@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -37,6 +37,8 @@ from fusionslam.registration import Refusal
 from fusionslam.sensors.frame import Frame
 
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 MapOdometry = Literal["recorded", "lidar", "truth+noise"]
 _MOST_COMPARED = 50
@@ -169,22 +171,13 @@ def build_map(
     if last is None:
         warn_of_wrong_odometry(dataset, odometry)
         warn_of_wrong_calibration(dataset, site.settings.fusion.source)
-    with ordered_results(_reader(dataset), range(begin, len(dataset)), jobs) as frames:
-        for index, frame in enumerate(frames, start=begin):
-            try:
-                with name_frame(dataset, index, can_skip=True):
-                    if isinstance(frame, DataError):
-                        raise frame
-                    added = site.add(frame, odometry=None if odometry is None else odometry[index])
-                keyframes += added.keyframe is not None
-                loops += len(added.loops)
-            except DataError as error:
-                _raise_error_of_map(error)
-                if bad_frames != "skip":
-                    raise
-                skipped[int(dataset.numbers[index])] = str(error)
-            if progress is not None:
-                progress(index + 1, len(dataset))
+    walk = _use_frames(dataset, site.add, begin, odometry, bad_frames, jobs, progress)
+    for index, added in walk:
+        if isinstance(added, DataError):
+            skipped[int(dataset.numbers[index])] = str(added)
+        else:
+            keyframes += added.keyframe is not None
+            loops += len(added.loops)
     if keyframes:
         site.solve()
     return Built(len(dataset) - begin, keyframes, loops, skipped)
@@ -250,28 +243,49 @@ def localize_recording(
     Raises:
         DataError: a frame cannot be used, or the map is damaged (code "damaged").
     """
-    with ordered_results(_reader(dataset), range(len(dataset)), jobs) as frames:
-        for index, frame in enumerate(frames):
+    walk = _use_frames(dataset, site.localize, 0, odometry, bad_frames, jobs, progress)
+    for index, found in walk:
+        if isinstance(found, DataError):
+            found = Localization(None, reason=Refusal(found.code, 0, str(found)))
+        yield int(dataset.numbers[index]), int(dataset.stamps_ns[index]), found
+
+
+def _use_frames(
+    dataset: Dataset,
+    use: Callable[..., T],
+    begin: int,
+    odometry: Floats | None,
+    bad_frames: str,
+    jobs: int,
+    progress: Progress | None,
+) -> Iterator[tuple[int, T | DataError]]:
+    """Yield what is made of each frame, by its row; with "skip", or why it cannot be used."""
+
+    def read(index: int) -> Frame | DataError:
+        try:
+            frame = dataset[index]
+            _ = frame.points, frame.colors, [frame.images[name] for name in frame.images]
+        except DataError as error:
+            return error
+        return frame
+
+    made: T | DataError
+    with ordered_results(read, range(begin, len(dataset)), jobs) as frames:
+        for index, frame in enumerate(frames, start=begin):
             try:
                 with name_frame(dataset, index, can_skip=True):
                     if isinstance(frame, DataError):
                         raise frame
-                    moved = None if odometry is None else odometry[index]
-                    found = site.localize(frame, odometry=moved)
+                    made = use(frame, odometry=None if odometry is None else odometry[index])
             except DataError as error:
-                _raise_error_of_map(error)
+                if error.code in _MAP_CODES and isinstance(error.__cause__, DataError):
+                    raise error.__cause__ from None  # the frame is not to blame for the map's error
                 if bad_frames != "skip":
                     raise
-                found = Localization(None, reason=Refusal(error.code, 0, str(error)))
-            yield int(dataset.numbers[index]), int(dataset.stamps_ns[index]), found
+                made = error
+            yield index, made
             if progress is not None:
                 progress(index + 1, len(dataset))
-
-
-def _raise_error_of_map(error: DataError) -> None:
-    """Raise the map's error behind one that names a frame, which is not to blame for it."""
-    if error.code in _MAP_CODES and isinstance(error.__cause__, DataError):
-        raise error.__cause__ from None
 
 
 def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localization]]) -> None:
@@ -368,18 +382,6 @@ def trajectory_files(site: PlaceMap) -> dict[str, str]:
         free = next(file for file in chain([f"{similar}.tum"], numbered) if file not in files)
         files[free] = name
     return files
-
-
-def _reader(dataset: Dataset) -> Callable[[int], Frame | DataError]:
-    def read(index: int) -> Frame | DataError:
-        try:
-            frame = dataset[index]
-            _ = frame.points, frame.colors, [frame.images[name] for name in frame.images]
-        except DataError as error:
-            return error
-        return frame
-
-    return read
 
 
 def pose_texts(pose: Matrix) -> list[str]:
