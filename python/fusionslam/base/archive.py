@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from fusionslam.base.files import PathLike, atomic_path, check_expansion, reading
+from fusionslam.base.files import PathLike, atomic_path, check_expansion, reading, write_file
 from fusionslam.errors import DataError, reason_of
 
 T = TypeVar("T")
@@ -162,8 +162,7 @@ def save_json(
         ValueError: a number is not finite.
     """
     named = content if format is None else {"format": format, **content}
-    with atomic_path(path) as temporary:
-        temporary.write_text(dump_sealed(named, indent=indent) + "\n", encoding="utf-8")
+    write_file(path, dump_sealed(named, indent=indent) + "\n")
 
 
 def dump_sealed(content: Mapping[str, Any], *, indent: int | None = None) -> str:

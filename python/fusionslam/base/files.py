@@ -236,6 +236,12 @@ def atomic_path(path: PathLike, *, durable: bool = True) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_file(path: PathLike, content: str | bytes, *, durable: bool = True) -> None:
+    """Write a whole file, text as UTF-8. Arguments and errors as of ``atomic_path``."""
+    with atomic_path(path, durable=durable) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 @contextmanager
 def scratch_folder(target: Path) -> Iterator[Path]:
     """Yield a temporary folder on the disk of ``target``; it is deleted at the end of the block.

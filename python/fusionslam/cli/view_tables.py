@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.base.machine import machine, versions
 from fusionslam.base.progress import Step
 from fusionslam.base.texts import counted
@@ -110,8 +110,7 @@ def save_figures(path: Path, run: MatchRun, values: dict[str, Any], command: str
         "stats": {**asdict(run.stats), "bytes_per_view": run.stats.bytes_per_view},
         "views": values,
     }
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    write_file(path, json.dumps(content, indent=1))
 
 
 def write_bench(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.argument_types import checked
-from fusionslam.base.files import PathLike, atomic_path, check_pixels, reading
+from fusionslam.base.files import PathLike, check_pixels, reading, write_file
 from fusionslam.base.texts import PER_FRAME
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.sensors.frame import Cloud, require_cloud
@@ -263,8 +263,7 @@ def write_cloud(path: PathLike, cloud: Cloud) -> None:
     else:
         encode = _encode_pcd if suffix == ".pcd" else _encode_ply
         data = encode(points, cloud.colors)
-    with atomic_path(path, durable=False) as temporary:
-        temporary.write_bytes(data)
+    write_file(path, data, durable=False)
 
 
 def _encode_pcd(points: NDArray[np.float32], colors: NDArray[np.uint8] | None) -> bytes:

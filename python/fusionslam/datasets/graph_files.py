@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fusionslam.base.arrays import Floats, Matrix
-from fusionslam.base.files import PathLike, atomic_path
+from fusionslam.base.files import PathLike, write_file
 
 _TAGS = {3: "SE2", 7: "SE3:QUAT"}
 # Errors of rotation are those of the vector of a quaternion: half of the angle.
@@ -67,8 +67,7 @@ def write_g2o(
         upper = edge.information[np.triu_indices(len(edge.information))]
         numbers = f"{_text(edge.values)} {_text(upper)}"
         lines.append(f"EDGE_{_tag(edge.values)} {edge.a} {edge.b} {numbers}")
-    with atomic_path(path) as temporary:
-        temporary.write_text("".join(line + "\n" for line in lines), encoding="ascii")
+    write_file(path, "".join(line + "\n" for line in lines))
 
 
 def _values(pose: Matrix) -> Floats:

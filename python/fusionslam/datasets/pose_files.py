@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import read_numbers
-from fusionslam.base.files import PathLike, atomic_path, reading
+from fusionslam.base.files import PathLike, reading, write_file
 from fusionslam.datasets.streams import PERIOD_NS, find_existing, regular_stamps
 from fusionslam.errors import DataError, ShapeError
 
@@ -137,9 +137,8 @@ def write_poses_kitti(path: PathLike, poses: NDArray[np.float64]) -> None:
 def _write_rows(path: PathLike, rows: Iterable[Iterable[float]], starts: Iterable[str]) -> None:
     """Write each row's numbers, with all digits, behind the start of its line."""
     texts = (" ".join(f"{value:.17g}" for value in row) for row in rows)
-    with atomic_path(path) as temporary:
-        lines = (f"{start}{text}\n" for start, text in zip(starts, texts, strict=True))
-        temporary.write_text("".join(lines), encoding="ascii")
+    lines = (f"{start}{text}\n" for start, text in zip(starts, texts, strict=True))
+    write_file(path, "".join(lines))
 
 
 @checked
@@ -169,9 +168,8 @@ def read_times(path: PathLike) -> NDArray[np.int64]:
 
 def write_times(path: PathLike, stamps_ns: NDArray[np.int64]) -> None:
     """Write int64 (N) nanoseconds as times.txt, with nine decimals. Raises DataError."""
-    with atomic_path(path) as temporary:
-        seconds = (Decimal(stamp).scaleb(-9) for stamp in stamps_ns.tolist())
-        temporary.write_text("".join(f"{second:f}\n" for second in seconds), encoding="ascii")
+    seconds = (Decimal(stamp).scaleb(-9) for stamp in stamps_ns.tolist())
+    write_file(path, "".join(f"{second:f}\n" for second in seconds))
 
 
 @checked

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from fusionslam.base.archive import load_json, save_json
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.base.parallel import ordered_results
 from fusionslam.base.progress import Progress
 from fusionslam.errors import DataError, FusionSlamError
@@ -244,8 +244,7 @@ def load_failures(folder: Path) -> list[Failure]:
 
 def save_failures(folder: Path, failures: Sequence[Failure]) -> None:
     """Write ``failed.jsonl``, a line for each failure. Raises DataError if it cannot be."""
-    with atomic_path(folder / FAILED) as temporary:
-        temporary.write_text("".join(map(_line, failures)), encoding="utf-8")
+    write_file(folder / FAILED, "".join(map(_line, failures)))
 
 
 def add_failure(folder: Path, failure: Failure) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fusionslam.base.arrays import Floats
-from fusionslam.base.files import PathLike, atomic_path, reading
+from fusionslam.base.files import PathLike, reading, write_file
 from fusionslam.errors import DataError, ShapeError
 
 _COLUMNS = ("t", "x", "y", "yaw")
@@ -158,8 +158,7 @@ def write_trajectory(path: PathLike, trajectory: Trajectory) -> None:
     columns = (trajectory.seconds, trajectory.x, trajectory.y, trajectory.yaw)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     lines = [",".join(_COLUMNS), *(",".join(map(repr, row)) for row in rows)]
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="ascii")
+    write_file(path, "\n".join(lines) + "\n")
 
 
 def _row(path: Path, number: int, cells: list[str]) -> list[float]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.errors import FusionSlamError
 from fusionslam.learning.pointnet import Comparison, PointNet
 from fusionslam.learning.torch_extra import nn
@@ -128,8 +128,7 @@ class _Graph:
         model = make.make_model(graph, opset_imports=opset, ir_version=_IR)
         make.set_model_props(model, about.metadata())
         self._onnx.checker.check_model(model)
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(model.SerializeToString(deterministic=True))
+        write_file(path, model.SerializeToString(deterministic=True))
 
 
 def _folded(layers: nn.Sequential) -> list[tuple[Weights, Weights]]:

@@ -5,7 +5,7 @@
 import os
 from pathlib import Path
 
-from fusionslam.base.files import atomic_path, reading
+from fusionslam.base.files import reading, write_file
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.learning.pointnet import PointNet
 from fusionslam.learning.torch_extra import nn, torch
@@ -32,8 +32,7 @@ def save_weights(path: str | os.PathLike[str], network: nn.Module, about: About)
         for name, tensor in network.state_dict().items()
         if not name.endswith("num_batches_tracked")
     }
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(save(tensors, about.metadata()))
+    write_file(path, save(tensors, about.metadata()))
 
 
 def load_pointnet(path: str | os.PathLike[str]) -> tuple[PointNet, About]:

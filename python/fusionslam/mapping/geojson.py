@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats
-from fusionslam.base.files import PathLike, atomic_path
+from fusionslam.base.files import PathLike, write_file
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, FusionSlamError
 
@@ -96,8 +96,7 @@ def write_geojson(
         for name, (stamps, poses) in tracks.items()
     ]
     content = {"type": "FeatureCollection", "features": features}
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(content) + "\n")
 
 
 def _feature(name: str, stamps: NDArray[np.int64], places: Floats) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats, Floats32, Matrix, Points
-from fusionslam.base.files import PathLike, atomic_path
+from fusionslam.base.files import PathLike, atomic_path, write_file
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError
 
@@ -96,8 +96,7 @@ class OccupancyGrid:
             "occupied_thresh": 0.65,
             "free_thresh": 0.196,
         }
-        with atomic_path(about) as temporary:
-            temporary.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+        write_file(about, yaml.safe_dump(content, sort_keys=False))
         return [image, about]
 
 

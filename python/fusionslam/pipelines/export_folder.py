@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Matrix
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.base.parallel import ordered_results
 from fusionslam.base.progress import Progress, reported
 from fusionslam.datasets import write_cloud, write_poses_tum
@@ -145,8 +145,7 @@ def _write_texts(root: Path, dataset: "Dataset", config: FusionConfig) -> None:
             write_poses_tum(root / name, dataset.stamps_ns, poses)
     place = _place_on_robot(dataset, config)
     if place is not None:
-        with atomic_path(root / "calib.yaml") as temporary:
-            temporary.write_text(f"{ON_ROBOT}: {place.ravel().tolist()}\n", encoding="ascii")
+        write_file(root / "calib.yaml", f"{ON_ROBOT}: {place.ravel().tolist()}\n")
 
 
 def _place_on_robot(dataset: "Dataset", config: FusionConfig) -> Matrix | None:

@@ -19,7 +19,7 @@ import yaml
 
 from fusionslam.base.archive import load_archive, save_archive
 from fusionslam.base.arrays import Floats
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, DataError, needing
 from fusionslam.evaluation import ViewJudge, ViewReport
@@ -420,5 +420,4 @@ def write_tuning(
         values[name] = {entry["name"]: getattr(core, entry["name"]) for entry in options}
     values = {"preset": found.preset, "threshold": found.threshold, **values}
     text = yaml.safe_dump({"views": values}, sort_keys=False)
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join([*lines, text]), encoding="utf-8")
+    write_file(path, "\n".join([*lines, text]))

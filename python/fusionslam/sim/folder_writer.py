@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fusionslam.base.arrays import Floats
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import atomic_path, write_file
 from fusionslam.datasets import write_cloud, write_poses_tum
 from fusionslam.datasets.calibration import ON_ROBOT
 from fusionslam.datasets.pose_files import write_times
@@ -88,6 +88,7 @@ class FolderWriter:
         self._root = root
         self._lidar = first_lidar(robot)
         self._cameras = _chosen(robot)
+        self._sides = {camera.picture_topic(): side for side, camera in self._cameras.items()}
         self._robot = robot
         self._pictures: dict[str, Picture] = {}
         self._truth: list[Odometry] = []
@@ -100,10 +101,9 @@ class FolderWriter:
 
     def select_tasks(self, tasks: Iterable[Task]) -> Iterator[Task]:
         """The tasks whose messages the folder keeps: most images need not be rendered."""
-        sides = {camera.picture_topic() for camera in self._cameras.values()}
         pictures: dict[str, Task] = {}
         for task in tasks:
-            if task.topic in sides:
+            if task.topic in self._sides:
                 pictures[task.topic] = task
             elif task.topic == TRUTH_TOPIC:
                 yield task
@@ -120,9 +120,8 @@ class FolderWriter:
         """
         message = event.message
         if isinstance(message, Picture):
-            sides = {camera.picture_topic(): side for side, camera in self._cameras.items()}
-            if event.topic in sides:
-                self._pictures[sides[event.topic]] = message
+            if event.topic in self._sides:
+                self._pictures[self._sides[event.topic]] = message
         elif isinstance(message, Odometry) and event.topic == TRUTH_TOPIC:
             self._truth.append(message)
         elif (
@@ -168,7 +167,7 @@ class FolderWriter:
             for side, camera in self._cameras.items()
         }
         text = calibration_text(base_from(self._robot, self._lidar.frame_id), cameras)
-        write_bytes(self._root / "calib.yaml", text.encode())
+        write_file(self._root / "calib.yaml", text, durable=False)
 
     def _poses(self, stamps: NDArray[np.int64]) -> Floats:
         """world_from_lidar at time stamps, interpolated between the received true poses."""
@@ -243,9 +242,3 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an image, uint8 (H, W, 3). Raises DataError if the file cannot be written."""
     with atomic_path(path, durable=False) as temporary:
         Image.fromarray(image).save(temporary, format="PNG", compress_level=1)
-
-
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file. Raises DataError if it cannot be written."""
-    with atomic_path(path, durable=False) as temporary:
-        temporary.write_bytes(data)

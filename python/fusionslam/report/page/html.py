@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fusionslam.base.archive import save_json
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.base.machine import machine, versions
 from fusionslam.base.texts import counted
 from fusionslam.errors import DataError, FusionSlamError
@@ -97,8 +97,7 @@ def write_page(path: Path, template: str, about: Mapping[str, Any], **parts: Any
     is_name = template.endswith(".j2")
     page = pages.get_template(template) if is_name else pages.from_string(template)
     common = {"about": about, "notes": (), "config": json.dumps(about["config"], indent=2)}
-    with atomic_path(path) as temporary:
-        temporary.write_text(page.render(common | parts), encoding="utf-8")
+    write_file(path, page.render(common | parts))
     return path
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from PIL import Image
 
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import atomic_path, write_file
 from fusionslam.errors import DataError
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def keep(
     if figure is None:
         return None
     picture = draw_picture(name, figure, caption, photo=photo)
-    _write(folder / picture.name, picture.data)
+    write_file(folder / picture.name, picture.data)
     if vector:
         for kind, date in (("svg", "Date"), ("pdf", "CreationDate")):
             with atomic_path((folder / picture.name).with_suffix(f".{kind}")) as temporary:
@@ -89,18 +89,18 @@ def draw_picture(name: str, figure: "Figure", caption: str = "", *, photo: bool 
 def keep_photo(folder: Path, name: str, image: Image.Image, caption: str) -> Picture:
     """Write a rendered picture as JPEG, and return it. Arguments as for ``keep``."""
     picture = Picture(_picture_file(f"{name}.jpg"), caption, encode_jpeg(image))
-    _write(folder / picture.name, picture.data)
+    write_file(folder / picture.name, picture.data)
     return picture
 
 
 def write_png(path: str | os.PathLike[str], figure: "Figure") -> None:
     """Render a drawing and write it as PNG, whole or not at all. Raises DataError."""
-    _write(path, _encode_png(_render(figure)))
+    write_file(path, _encode_png(_render(figure)))
 
 
 def write_photo(path: str | os.PathLike[str], image: Image.Image) -> None:
     """Write a rendered picture as JPEG, whole or not at all. Raises DataError."""
-    _write(path, encode_jpeg(image))
+    write_file(path, encode_jpeg(image))
 
 
 def encode_jpeg(image: Image.Image, quality: int = 80) -> bytes:
@@ -128,11 +128,6 @@ def forgive(reader: Callable[..., T] | None, missed: dict[str, None]) -> Callabl
 
 def _picture_file(name: str) -> str:
     return re.sub(r"[^\w.-]+", "-", name)
-
-
-def _write(path: str | os.PathLike[str], data: bytes) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
 
 
 def _render(figure: "Figure") -> Image.Image:

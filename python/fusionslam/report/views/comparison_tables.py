@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fusionslam.base.archive import save_json
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.evaluation import RERUN_CITATION, VIEW_CITATION, rerun_views
 from fusionslam.pipelines.compare_views import ViewResult
 from fusionslam.pipelines.drives import FRAMES
@@ -92,10 +92,7 @@ def write_view_bench(
         results, dropped: as for ``markdown``.
         about: command, versions and machine.
     """
-    with atomic_path(folder / "views.md") as temporary:
-        temporary.write_text(
-            "# Ways to recognise views\n\n" + markdown(results, dropped), encoding="utf-8"
-        )
+    write_file(folder / "views.md", "# Ways to recognise views\n\n" + markdown(results, dropped))
     content = {
         **about,
         "scans_left_out": dict(dropped),

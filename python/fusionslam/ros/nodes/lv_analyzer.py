@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from fusionslam.base.files import atomic_path
+from fusionslam.base.files import write_file
 from fusionslam.config import option
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.errors import DataError
@@ -107,8 +107,7 @@ class ViewAnalyzer(Node[ViewAnalyzerConfig]):
         report = self._running.report()
         logger.info("%s", report)
         if self.config.output:
-            with atomic_path(self._folder / "views.json") as temporary:
-                temporary.write_text(json.dumps(report.metrics(), indent=1), encoding="utf-8")
+            write_file(self._folder / "views.json", json.dumps(report.metrics(), indent=1))
 
     def report(self) -> Mapping[str, int]:
         """Count views judged, and views without a ground-truth pose."""

@@ -15,7 +15,7 @@ from pydantic import (
     field_validator,
 )
 
-from fusionslam.base.files import PathLike, atomic_path, read_yaml, reading
+from fusionslam.base.files import PathLike, atomic_path, read_yaml, reading, write_file
 from fusionslam.datasets.cloud_files import read_image
 from fusionslam.errors import DataError, reason_of
 from fusionslam.sim.motion.occupancy import OccupancyMap, largest_part
@@ -72,9 +72,7 @@ def write_map(path: PathLike, grid: OccupancyMap) -> None:
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-    with atomic_path(path) as temporary:
-        text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
-        temporary.write_text(text, encoding="utf-8")
+    write_file(path, yaml.safe_dump(values, sort_keys=False, default_flow_style=None))
 
 
 def _refuse_bool(value: Any) -> Any:

@@ -21,7 +21,7 @@ from pydantic import model_validator
 
 from fusionslam.base.arrays import Floats
 from fusionslam.base.cache import cached_path
-from fusionslam.base.files import reading
+from fusionslam.base.files import reading, write_file
 from fusionslam.base.parallel import available_cores, ordered_results
 from fusionslam.base.progress import Progress
 from fusionslam.config import Section, option
@@ -30,7 +30,7 @@ from fusionslam.errors import DataError
 from fusionslam.evaluation.loops.revisits import visits
 from fusionslam.sensors.frame import Cloud
 from fusionslam.sim.camera import LensConfig, parent_from_camera, photograph, projection
-from fusionslam.sim.folder_writer import calibration_text, write_bytes, write_png
+from fusionslam.sim.folder_writer import calibration_text, write_png
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.town.car import RING, CarConfig, car_from_lidar, car_from_ring_camera
@@ -217,7 +217,7 @@ def record(
         return root
     layout = (_folder_layout if config.car.cameras == "four" else _kitti_layout)(config.car, drive)
     for name, text in layout.texts.items():
-        write_bytes(root / name, text.encode())
+        write_file(root / name, text, durable=False)
     for done in _Recorder(config, drive, layout, root).write_frames(jobs):
         if progress is not None:
             progress(done, len(drive.poses))
@@ -278,4 +278,4 @@ def _claim(root: Path, config: SimConfig) -> bool:
 
 
 def _write_json(path: Path, value: dict[str, object]) -> None:
-    write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
+    write_file(path, json.dumps(value, indent=1) + "\n", durable=False)
