@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a matcher over a whole scene set, scan after scan, and sweep its threshold."""
 
-import csv
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats
-from fusionslam.base.files import atomic_path
+from fusionslam.base.csv_files import write_csv
 from fusionslam.base.progress import Progress, reported
 from fusionslam.descriptors import DESCRIPTORS, DescriptorConfig, needs_up
 from fusionslam.errors import ConfigError, DataError, ShapeError
@@ -102,16 +102,14 @@ class MatchRun:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a CSV with one line per scan and the numbers of the scans. Raises DataError."""
-        with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            numbers = self.scenes.numbers
-            for index, match in enumerate(self.matches):
-                pose = [f"{value:.6g}" for value in match.relative_pose or ()] or ["", "", ""]
-                matched = "" if match.matched is None else numbers[match.matched]
-                scan = [numbers[index], self.scenes.stamps_ns[index], match.id]
-                found = [f"{match.similarity:.9g}", int(match.is_new), matched]
-                writer.writerow([*scan, *found, *pose, match.reason])
+        numbers, rows = self.scenes.numbers, []
+        for index, match in enumerate(self.matches):
+            pose = [f"{value:.6g}" for value in match.relative_pose or ()] or ["", "", ""]
+            matched = "" if match.matched is None else numbers[match.matched]
+            scan = [numbers[index], self.scenes.stamps_ns[index], match.id]
+            found = [f"{match.similarity:.9g}", int(match.is_new), matched]
+            rows.append([*scan, *found, *pose, match.reason])
+        write_csv(Path(path), COLUMNS, rows)
 
 
 def _split_belief(match: ViewMatch) -> tuple[float, float]:
