@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fusionslam.base.arrays import Matrix, Points
-from fusionslam.errors import FusionSlamError
+from fusionslam.errors import FusionSlamError, needing
 
 FEWEST_POINTS = 20
 """Below, covariances of points are no more than guesses."""
@@ -26,20 +26,16 @@ FEWEST_FEATURES = 10
 
 def _load(module: str, package: str) -> Any:
     try:
-        return import_module(module)
-    except ImportError as error:
-        if module == "kiss_matcher" and sys.version_info >= (3, 13):
-            raise FusionSlamError(
-                "registration without a guess needs KISS-Matcher, which has no package for Python "
-                "3.13 and later: give a guess",
-                code="no-package",
-                fields=("kiss-matcher",),
-            ) from error
+        with needing("map", f"registration needs {package}"):
+            return import_module(module)
+    except FusionSlamError as error:
+        if module != "kiss_matcher" or sys.version_info < (3, 13):
+            raise
         raise FusionSlamError(
-            f"registration needs {package}, which is not installed ({error}): "
-            "pip install 'fusionslam[map]'",
-            code="missing-extra",
-            fields=("map",),
+            "registration without a guess needs KISS-Matcher, which has no package for Python "
+            "3.13 and later: give a guess",
+            code="no-package",
+            fields=("kiss-matcher",),
         ) from error
 
 
