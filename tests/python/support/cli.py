@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Running the command line in tests."""
 
+import csv
+import itertools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from typer import Typer
 from typer.testing import CliRunner, Result
@@ -27,6 +31,23 @@ TINY_TOWN = (
     "sim.car.camera.focal_px=92",
     "sim.car.camera.centre_px=[79,23.5]",
 )
+
+
+def settings(*texts: str) -> list[str]:
+    """Each of these after its own ``--set``."""
+    return [word for text in texts for word in ("--set", text)]
+
+
+def interrupted_at(call: int, work: Callable[..., Any] = lambda *_, **__: None) -> Any:
+    """A function, with Ctrl-C in place of one of its calls, of which the first is number 0."""
+    calls = itertools.count()
+
+    def counted(*arguments: Any, **named: Any) -> Any:
+        if next(calls) == call:
+            raise KeyboardInterrupt
+        return work(*arguments, **named)
+
+    return counted
 
 
 def run(*arguments: object, command: Typer = app) -> Result:
@@ -56,6 +77,18 @@ def error_of(code: int, *arguments: object) -> FusionSlamError:
     error = result.exception.__context__.__cause__
     assert isinstance(error, FusionSlamError)
     return error
+
+
+def refusal(code: int, *arguments: object) -> tuple[str, ...]:
+    """Code and fields of the error of a failing command."""
+    error = error_of(code, *arguments)
+    return error.code, *error.fields
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def last_line(result: Result) -> str:

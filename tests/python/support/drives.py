@@ -44,19 +44,17 @@ def circles(laps: float, radius: float = RADIUS) -> Trajectory:
     return Trajectory(seconds, radius * np.sin(yaw), radius * (1 - np.cos(yaw)), yaw)
 
 
+def said(stamp_ns: int, pose: Any, **speeds: Any) -> Odometry:
+    """Odometry of a base in its own frame."""
+    return Odometry(stamp_ns=stamp_ns, frame_id="odom", child_frame_id="base", pose=pose, **speeds)
+
+
 def odometry(
     way: Trajectory, errors: OdometryConfig = DRIFT, rate_hz: float = 30.0
 ) -> list[Odometry]:
     track = simulate_odometry(way, errors, rate_hz)
     return [
-        Odometry(
-            stamp_ns=int(stamp_ns),
-            frame_id="odom",
-            child_frame_id="base",
-            pose=pose,
-            linear=linear,
-            angular=angular,
-        )
+        said(int(stamp_ns), pose, linear=linear, angular=angular)
         for stamp_ns, pose, linear, angular in zip(*track, strict=True)
     ]
 
@@ -82,6 +80,10 @@ def in_order(*series: Iterable[Event]) -> list[Event]:
     """By stamp; of equal ones the earlier series first."""
     events = [event for one in series for event in one]
     return sorted(events, key=lambda event: event.stamp_ns)
+
+
+def grey_image(value: int) -> NDArray[np.uint8]:
+    return np.full((100, 120), value, np.uint8)
 
 
 def circle_events(laps: float = 2.0, errors: OdometryConfig = DRIFT) -> list[Event]:
@@ -348,16 +350,8 @@ class LittleCourse:
         for i, (v, w) in enumerate(self.add_drift().speeds[start:end]):
             heading = poses[i, 2] + w / RATE
             poses[i + 1] = (*(poses[i, :2] + v / RATE * _direction(heading)), heading)
-        zero = np.zeros(3)
         moves = [
-            Odometry(
-                stamp_ns=number * SECOND // RATE,
-                frame_id="odom",
-                child_frame_id="base",
-                pose=pose,
-                linear=zero,
-                angular=zero,
-            )
+            said(number * SECOND // RATE, pose)
             for number, pose in enumerate(ground_poses(*poses.T), start)
         ]
         both: list[Message] = [*moves, *looks]

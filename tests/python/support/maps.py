@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small runs of RatSLAM whose maps are known."""
 
+import gzip
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,12 @@ import numpy as np
 from fusionslam.evaluation.maps.run import LINK, REFUSED, RatSlamRun
 
 SECOND = 10**9
+
+
+def reference_table(path: Path) -> Any:
+    """A table of the reference run of OpenRatSLAM."""
+    with gzip.open(path, "rt") as file:
+        return np.genfromtxt(file, delimiter=",", names=True)
 
 
 def matrix(values: Any, width: int) -> Any:

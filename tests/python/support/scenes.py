@@ -116,6 +116,13 @@ def differing(one: SceneSet, other: SceneSet) -> list[str]:
 LAPS = (0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5, 2, 0)
 
 
+THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
+LOOKS = (0, 1, 2, 3, 1, 2, 4)
+"""What the places along a corridor look like: two of them twice."""
+APART = 4.0
+"""Metres between places."""
+
+
 def write_recording(path: Path, places: Sequence[int], poses: bool = True) -> NDArray[np.float32]:
     """The clouds of places, with floor, in the layout of .npz recordings; returns all points."""
     seen = drive(places)

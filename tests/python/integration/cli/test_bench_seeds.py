@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """bench over worlds of several seeds, and whose loops it proves."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cli import NO_WINDOW, error_of, succeeds
+from cli import NO_WINDOW, error_of, succeeds, table
 from error_codes import has_code
 from fusionslam.errors import ConfigError
 from fusionslam.sim import recordings
@@ -39,8 +38,8 @@ def test_bench_over_seeds_prints_and_writes_mean_and_range(made: list[int], tmp_
     assert made == [1, 2]
     assert "m2dp author" in result.stdout and "m2dp paper" in result.stdout
     assert str(tmp_path / "comparison.html") in result.stdout
-    table = csv.DictReader((tmp_path / "comparison.csv").open())
-    assert [(row["recording"], row["descriptor"]) for row in table] == [
+    rows = table(tmp_path / "comparison.csv")
+    assert [(row["recording"], row["descriptor"]) for row in rows] == [
         (world, name) for world in ("town 1", "town 2") for name in ("m2dp:author", "m2dp:paper")
     ]
     figures = json.loads((tmp_path / "seed-2" / "metrics.json").read_text())

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: what each command writes."""
 
-import csv
 import json
 import re
 from dataclasses import replace
@@ -17,7 +16,10 @@ from cli import (
     error_of,
     fusionslam_descriptors,
     last_line,
+    refusal,
+    settings,
     succeeds,
+    table,
 )
 from fusionslam import LoopConfig, LoopDetector, describe_dataset
 from fusionslam.datasets import open_dataset, write_poses_tum
@@ -37,12 +39,6 @@ UNVERIFIED = ("--verify", "none", "--source", "lidar")
 def described(kitti: Path, tmp_path_factory: pytest.TempPathFactory) -> DescriptorRun:
     (run,) = describe_dataset(open_dataset(kitti), ["m2dp"], tmp_path_factory.mktemp("run"))
     return run
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file."""
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.mark.slow
@@ -130,8 +126,8 @@ def test_a_window_is_advised_only_where_it_gives_candidates(
 
 def test_the_threshold_of_a_bench_is_that_of_its_precision(kitti: Path, tmp_path: Path) -> None:
     stored, out = tmp_path / "stored", tmp_path / "out"
-    settings = (*NO_WINDOW, "--set", "evaluation.radius=5")
-    succeeds("describe", kitti, "-d", "m2dp,m2dp:paper", "-o", stored, *settings)
+    near = (*NO_WINDOW, "--set", "evaluation.radius=5")
+    succeeds("describe", kitti, "-d", "m2dp,m2dp:paper", "-o", stored, *near)
     words = ("loops", kitti, "-o", out, "--threshold", stored, *NO_WINDOW)
     for name in ("m2dp", "m2dp:paper"):
         (run,) = [each for each in load_runs(stored) if each.name == name]
@@ -141,10 +137,8 @@ def test_the_threshold_of_a_bench_is_that_of_its_precision(kitti: Path, tmp_path
         succeeds(*words, "-d", name)
         queries = [int(row["query"]) for row in table(out / "loops.csv")]
         assert queries == np.flatnonzero(right).tolist()
-    error = error_of(1, *words, "-d", "cm2dp")
-    assert (error.code, error.fields) == ("no-runs", (str(stored), "lidar", "cm2dp"))
-    error = error_of(2, *words, "--threshold", "near")
-    assert (error.code, error.fields) == ("choice", ("--threshold", "near"))
+    assert refusal(1, *words, "-d", "cm2dp") == ("no-runs", str(stored), "lidar", "cm2dp")
+    assert refusal(2, *words, "--threshold", "near") == ("choice", "--threshold", "near")
     # A window that is longer than the drive leaves no revisits.
     succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path / "short")
     words = ("loops", kitti, "-d", "m2dp", "-o", tmp_path / "new", "--threshold")
@@ -159,10 +153,10 @@ def test_a_radius_that_makes_every_frame_a_revisit_is_warned_of_once(
     kitti: Path, tmp_path: Path, radius: int, count: int
 ) -> None:
     # On the way there, 200 m, the nearest candidate of a frame is 60 m away.
-    settings = (*UNVERIFIED, *NO_WINDOW, "--set", f"evaluation.radius={radius}")
+    judged = (*UNVERIFIED, *NO_WINDOW, "--set", f"evaluation.radius={radius}")
     loops = ("loops", kitti, "-d", "m2dp", "--threshold", tmp_path, "-o", tmp_path / "loops")
     for words in (
-        ("bench", kitti, "-d", "m2dp,m2dp:paper", "-o", tmp_path, *settings, "--no-report"),
+        ("bench", kitti, "-d", "m2dp,m2dp:paper", "-o", tmp_path, *judged, "--no-report"),
         ("eval", tmp_path),
         (*loops, *NO_WINDOW),
     ):
@@ -249,8 +243,7 @@ def test_eval_judges_by_the_protocol_and_radius_given(kitti: Path, tmp_path: Pat
     (judged,) = json.loads((tmp_path / "metrics.json").read_text())["runs"]
     chosen = judged["protocols"]["revisit"]
     assert (chosen["window"], chosen["radius"]) == (3, 4)
-    error = error_of(2, "eval", tmp_path, "--set", "fusion.voxel=1")
-    assert (error.code, error.fields) == ("unknown-key", ("fusion",))
+    assert refusal(2, "eval", tmp_path, "--set", "fusion.voxel=1") == ("unknown-key", "fusion")
 
 
 def test_eval_takes_other_true_poses_by_frame_number(recording: Path, tmp_path: Path) -> None:
@@ -271,8 +264,7 @@ def test_eval_keeps_its_figures_where_poses_cannot_be_used(kitti: Path, tmp_path
     before = (out / "metrics.json").read_bytes()
     truth = (kitti.parent.parent / "poses/03.txt").read_text().splitlines()
     given.write_text("\n".join([*truth, truth[-1]]))
-    error = error_of(1, "eval", out, "--gt", given)
-    assert (error.code, error.fields) == ("other-drive", (str(given), "21", "20"))
+    assert refusal(1, "eval", out, "--gt", given) == ("other-drive", str(given), "21", "20")
     # Poses of a car that never comes back: as many, but nothing to judge.
     for metres, count in ((100, 0), (2000, 1)):
         given.write_text("".join(f"1 0 0 0 0 1 0 0 0 0 1 {metres * n}\n" for n in range(20)))
@@ -346,7 +338,7 @@ def test_bench_judges_by_the_protocol_of_another_paper(
 @pytest.mark.nightly
 def test_the_quick_demo_judges_revisits_of_the_town(tmp_path: Path) -> None:
     pytest.importorskip("embreex")
-    sensors = [word for setting in TINY_TOWN if "sim.car" in setting for word in ("--set", setting)]
+    sensors = settings(*(setting for setting in TINY_TOWN if "sim.car" in setting))
     out = succeeds("demo", "--quick", "-o", tmp_path, "--no-report", *sensors).stdout
     assert int(re.search(r"(\d+) revisits", out)[1]) > 20
     simulated = json.loads((tmp_path / "drive/sim.json").read_text())["config"]
@@ -377,19 +369,16 @@ def test_the_demo_drives_a_robot_through_an_indoor_world_once(
 
 def test_the_demo_does_not_replace_results_of_a_real_recording(kitti: Path, tmp_path: Path) -> None:
     pytest.importorskip("embreex")
-    out = tmp_path / "out"
-    settings = [word for setting in TINY_TOWN for word in ("--set", setting)]
+    out, tiny = tmp_path / "out", settings(*TINY_TOWN)
     succeeds("describe", kitti, "-d", "m2dp", "-o", out)
     before = {path: path.read_bytes() for path in out.iterdir()}
-    error = error_of(1, "demo", "-o", out, *settings)
-    assert error.code == "other-results" and error.fields == (str(out), "KITTI odometry 03")
+    assert refusal(1, "demo", "-o", out, *tiny) == ("other-results", str(out), "KITTI odometry 03")
     assert {path: path.read_bytes() for path in out.iterdir()} == before
     # Without run.json nothing tells whose the run is but the run itself.
     (out / "run.json").unlink()
     (out / "descriptors").mkdir()
     kept = (out / "lidar-m2dp.npz").rename(out / "descriptors/lidar-m2dp.npz")
-    error = error_of(1, "demo", "-o", out, *settings)
-    assert error.code == "other-results" and error.fields == (str(kept), "KITTI odometry 03")
+    assert refusal(1, "demo", "-o", out, *tiny) == ("other-results", str(kept), "KITTI odometry 03")
     assert kept.read_bytes() == before[out / "lidar-m2dp.npz"]
 
 
@@ -417,8 +406,7 @@ def test_a_missing_extra_is_named_with_the_line_that_installs_it(
     words: tuple[str, ...], module: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fusionslam.cli.failures.find_spec", lambda name: name != module or None)
-    error = error_of(1, *words)
-    assert error.code == "missing-extra" and error.fields == (extra,)
+    assert refusal(1, *words) == ("missing-extra", extra)
 
 
 def test_a_cache_that_cannot_be_written_is_named(

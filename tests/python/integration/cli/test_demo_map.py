@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from cli import TINY_TOWN, error_of, last_line, succeeds
+from cli import TINY_TOWN, error_of, last_line, settings, succeeds
 from fusionslam import PlaceMap
 from streets import OPTIONS, WAY, frames
 
 pytest.importorskip("embreex", reason="the demo simulates a drive")
 pytest.importorskip("matplotlib", reason="pages are an extra")
 
-SETTINGS = [word for setting in TINY_TOWN for word in ("--set", setting)]
+SETTINGS = settings(*TINY_TOWN)
 
 
 @pytest.mark.slow

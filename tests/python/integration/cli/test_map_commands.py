@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands map build, show, localize, export and check on a made street."""
 
-import csv
 import re
 import shutil
 import sqlite3
@@ -16,7 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from artefacts import artefact, copy_artefact
-from cli import error_of, run, succeeds
+from cli import error_of, refusal, run, settings, succeeds, table
 from fusionslam import Cloud, DataError, FusionConfig, PlaceMap, datasets
 from fusionslam.cli.map_building import describe_growth
 from fusionslam.datasets.cloud_files import write_cloud
@@ -123,11 +122,8 @@ def test_a_page_beside_the_map_shows_it(built: Path) -> None:
 
 @pytest.mark.slow
 def test_the_page_repeats_what_is_wrong_with_the_map(street: Path, tmp_path: Path) -> None:
-    tight = [
-        word
-        for name in ("m", "height", "heading", "tilt", "turn")
-        for word in ("--set", f"mapping.drift.drift_{name}=0.0002")
-    ]
+    names = ("m", "height", "heading", "tilt", "turn")
+    tight = settings(*(f"mapping.drift.drift_{name}=0.0002" for name in names))
     path = tmp_path / "site.fsmap"
     succeeds("map", "build", street, "-o", path, *OPTIONS, *tight)
     with PlaceMap.open(path) as site:
@@ -182,7 +178,7 @@ def test_a_session_is_of_one_recording(made: Path, site: Path) -> None:
 def test_frames_are_found_on_a_map(made: Path, built: Path, tmp_path: Path) -> None:
     output = tmp_path / "found.csv"
     said = succeeds("map", "localize", made / "return", "--map", built, "-o", output).stdout
-    found = list(csv.DictReader(output.open()))
+    found = table(output)
     other = ("--set", "fusion.voxel=0.7")
     again = error_of(2, "map", "localize", made / "return", "--map", built, "-o", output, *other)
     assert (again.code, again.fields) == ("other-config", ("fusion.voxel",))
@@ -341,8 +337,7 @@ def test_a_map_is_no_recording(site: Path, tmp_path: Path) -> None:
     unnamed = Path(shutil.copy(site, tmp_path / "site.db"))
     for path in (site, cut, unnamed):
         for words in (("loops",), ("fuse",), ("map", "build"), ("map", "localize", "--map", site)):
-            problem = error_of(1, *words, path, "-o", tmp_path / "out")
-            assert (problem.code, problem.fields) == ("is-map", (str(path),))
+            assert refusal(1, *words, path, "-o", tmp_path / "out") == ("is-map", str(path))
     assert error_of(1, "info", cut).code == "is-map"
 
 

@@ -9,12 +9,10 @@ from typing import Any
 
 import pytest
 
-from cli import NO_WINDOW, TINY_TOWN, succeeds
+from cli import NO_WINDOW, TINY_TOWN, settings, succeeds
 from fusionslam import _core
 from pages import read_page
 from scenes import LAPS, drive, write_recording
-
-TOWN = [word for setting in TINY_TOWN for word in ("--set", setting)]
 
 
 @pytest.fixture
@@ -39,7 +37,7 @@ def attempts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.mark.parametrize(
     ("words", "page"),
     [
-        pytest.param(("demo", *TOWN), "report.html", marks=pytest.mark.nightly),
+        pytest.param(("demo", *settings(*TINY_TOWN)), "report.html", marks=pytest.mark.nightly),
         pytest.param(("views", "match", "SCENES"), "views.html", marks=pytest.mark.slow),
         pytest.param(("ratslam", "RANGES"), "ratslam.html", marks=pytest.mark.nightly),
     ],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from artefacts import artefact, copy_artefact
-from cli import error_of, run, succeeds
+from cli import error_of, interrupted_at, run, succeeds
 from fusionslam import datasets
 from fusionslam.base.arrays import Matrix
 from fusionslam.evaluation import RatSlamRun
@@ -129,9 +129,6 @@ def test_the_poses_are_those_of_the_body(corridor: Path) -> None:
 def test_ctrl_c_says_that_nothing_was_written(
     corridor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("fusionslam.odometry.LidarOdometry.process", interrupt)
+    monkeypatch.setattr("fusionslam.odometry.LidarOdometry.process", interrupted_at(0))
     result = run("odometry", corridor, "-o", tmp_path / "o.txt")
     assert result.exit_code == 130 and not (tmp_path / "o.txt").exists()

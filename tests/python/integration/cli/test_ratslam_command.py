@@ -10,7 +10,16 @@ import pytest
 
 from artefacts import artefact
 from bags import drive, write_bag
-from cli import error_of, fails, last_line, run, succeeds
+from cli import (
+    error_of,
+    fails,
+    interrupted_at,
+    last_line,
+    refusal,
+    run,
+    settings,
+    succeeds,
+)
 from fusionslam.base.archive import save_archive
 from fusionslam.datasets import write_cloud
 from fusionslam.evaluation.maps.run import RatSlamRun
@@ -32,10 +41,8 @@ WRITTEN = (
     "truth.txt",
 )
 QUICK = ("--no-report", "--jobs", "1")
-TEMPLATES = tuple(
-    word
-    for value in ("columns=16", "rows=8", "bottom=null")
-    for word in ("--set", f"visual_templates.{value}")
+TEMPLATES = settings(
+    *(f"visual_templates.{text}" for text in ("columns=16", "rows=8", "bottom=null"))
 )
 
 
@@ -153,15 +160,8 @@ def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
 ) -> None:
     words = ("ratslam", recording, "--views", "objects", "--odometry", "truth+noise", *QUICK)
     succeeds(*words, "-o", tmp_path / "whole")
-    real, taken = RunRecorder.step, iter(range(10**6))
-
-    def impatient(recorder: RunRecorder, event: object) -> object:
-        if next(taken) == 700:
-            raise KeyboardInterrupt
-        return real(recorder, event)
-
     with monkeypatch.context() as patch:
-        patch.setattr(RunRecorder, "step", impatient)
+        patch.setattr(RunRecorder, "step", interrupted_at(700, RunRecorder.step))
         result = run(*words, "-o", tmp_path / "parts")
     state = tmp_path / "parts/state.npz"
     assert result.exit_code == 130
@@ -178,10 +178,7 @@ def test_a_run_that_is_interrupted_and_resumed_equals_the_uninterrupted_one(
 def test_ctrl_c_after_the_last_step_keeps_all_and_before_the_first_nothing(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("fusionslam.cli.ratslam_run.judge_map", interrupted)
+    monkeypatch.setattr("fusionslam.cli.ratslam_run.judge_map", interrupted_at(0))
     out, state = tmp_path / "out", tmp_path / "state.npz"
     result = run("ratslam", recording, "--views", "objects", "-o", out, "--save", state, *QUICK)
     assert result.exit_code == 130
@@ -189,7 +186,7 @@ def test_ctrl_c_after_the_last_step_keeps_all_and_before_the_first_nothing(
     assert str(out) in said and str(state) in said
     assert len(RatSlamRun.load(out / "run.npz")) and (out / "map.json").exists()
     assert RatSlam.load(state).seen_ns[0] is not None
-    monkeypatch.setattr(RunRecorder, "step", interrupted)
+    monkeypatch.setattr(RunRecorder, "step", interrupted_at(0))
     result = run("ratslam", recording, "--views", "objects", "-o", tmp_path / "none", *QUICK)
     assert result.exit_code == 130 and not (tmp_path / "none").exists()
 
@@ -225,8 +222,7 @@ def test_a_file_that_is_no_state_is_refused(recording: Path, bag: Path, tmp_path
     }
     words = ("ratslam", recording, "-o", tmp_path / "out", *QUICK)
     for path, kind in kinds.items():
-        error = error_of(1, *words, "--resume", path)
-        assert (error.code, error.fields) == ("no-state", (str(path), kind))
+        assert refusal(1, *words, "--resume", path) == ("no-state", str(path), kind)
     for name in ("text.npz", "missing.npz"):
         assert name in fails(1, *words, "--resume", tmp_path / name)
     assert not (tmp_path / "out").exists()

@@ -10,13 +10,12 @@ import yaml
 
 import fusionslam
 from bags import drive, write_bag
-from cli import FRAMES, error_of, run, succeeds, vectors
+from cli import FRAMES, error_of, interrupted_at, run, succeeds, vectors
 from fusionslam.datasets import open_dataset
 from fusionslam.evaluation import DescriptorRun
 from fusionslam.pipelines import describe as pipeline
 from fusionslam.pipelines import export_bag
 from fusionslam.pipelines.describe import CHUNK
-from fusionslam.sensors.frame import Cloud, Frame
 from rows import rows
 
 
@@ -25,21 +24,13 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
 ) -> None:
     words = ("describe", kitti, "-d", "cm2dp", "--jobs", "1", "-o")
     succeeds(*words, tmp_path / "whole")
-    fused: list[int] = []
-
-    def interrupted(frame: Frame, config: fusionslam.FusionConfig) -> Cloud:
-        fused.append(frame.index)
-        if frame.index == CHUNK + 1:
-            raise KeyboardInterrupt
-        return fusionslam.fuse(frame, config)
-
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "fuse", interrupted)
+        patch.setattr(pipeline, "fuse", interrupted_at(CHUNK + 1, fusionslam.fuse))
         result = run(*words, tmp_path / "parts")
     assert result.exit_code == 130
     assert str(tmp_path / "parts") in result.stderr
     assert len(list((tmp_path / "parts").glob(".partial-*/*.npz"))) == 1
-    fused.clear()
+    fused: list[int] = []
     monkeypatch.setattr(
         pipeline, "fuse", lambda f, c: fused.append(f.index) or fusionslam.fuse(f, c)
     )
@@ -52,12 +43,7 @@ def test_an_interrupted_run_keeps_what_is_done_and_goes_on(
 def test_an_interrupted_bag_says_that_it_is_not_complete_and_keeps_its_part(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(frame: Frame, config: fusionslam.FusionConfig) -> Cloud:
-        if frame.index == 3:
-            raise KeyboardInterrupt
-        return fusionslam.fuse(frame, config)
-
-    monkeypatch.setattr(export_bag, "fuse", interrupted)
+    monkeypatch.setattr(export_bag, "fuse", interrupted_at(3, fusionslam.fuse))
     result = run("fuse", kitti, "-o", tmp_path / "a.bag", "--jobs", "1")
     assert result.exit_code == 130
     last = result.stderr.splitlines()[-1]

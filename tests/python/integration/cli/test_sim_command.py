@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that simulates: every output, every option, and what is wrong with the input."""
+"""The command that simulates: every output and option, and what it finds out before it drives."""
 
 from pathlib import Path
 from typing import Any
@@ -10,19 +10,28 @@ import pytest
 
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
-from cli import error_of, fails, succeeds
+import re
+
+import pytest
+import yaml
+
+from cli import error_of, fails, refusal, settings, succeeds
 from error_codes import has_code
-from fusionslam.config import merged
+from fusionslam.config import as_yaml, merged, with_file
 from fusionslam.datasets import open_dataset
 from fusionslam.errors import ConfigError, DataError
-from fusionslam.geometry.trajectory import write_trajectory
-from fusionslam.sensors.messages import Event, Odometry, Picture, Scan
+from fusionslam.geometry.trajectory import read_trajectory, write_trajectory
+from fusionslam.sensors.messages import Odometry, Picture, Scan
 from fusionslam.sim import catalogue, simulator
 from fusionslam.sim import folder_writer as folder
-from fusionslam.sim.catalogue import Entry
+from fusionslam.sim.catalogue import MADE, Entry
 from fusionslam.sim.folder_writer import folder_writer
+from fusionslam.sim.motion.clearance import check_trajectory
+from fusionslam.sim.motion.map_files import read_map
+from fusionslam.sim.recordings import EMBEDDED, embedded_config, recording_config, resolve_config
 from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, simulate
+from fusionslam.sim.world import World
 from rows import rows
 from worlds import hall, straight
 
@@ -33,12 +42,15 @@ QUICK = (
 )
 
 
+def replace_warehouse(monkeypatch: pytest.MonkeyPatch, make: object) -> None:
+    entry = catalogue.MADE["warehouse"]
+    monkeypatch.setitem(catalogue.MADE, "warehouse", Entry(entry.settings, make, entry.robot))
+
+
 @pytest.fixture(autouse=True)
 def small_world(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hall in place of the warehouse, which takes longer to make."""
-    entry = catalogue.MADE["warehouse"]
-    hall_of = Entry(entry.settings, lambda settings: hall(), entry.robot)
-    monkeypatch.setitem(catalogue.MADE, "warehouse", hall_of)
+    replace_warehouse(monkeypatch, lambda settings: hall())
 
 
 def small_robot(**lidar: float) -> RobotConfig:
@@ -54,23 +66,18 @@ def way(tmp_path: Path) -> Path:
     return tmp_path / "way.csv"
 
 
-def events_of(path: Path) -> list[Event]:
-    bags = pytest.importorskip("fusionslam.datasets.bags")
-    pytest.importorskip("rosbags", reason="bags are an extra")
-    with bags.open_bag(path) as bag:
-        return list(bag.events())
-
-
 def files_of(out: Path) -> dict[str, bytes]:
     return {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
 @rows("name", ["out.bag", "out.mcap", "out.db3"])
 def test_a_bag_holds_what_was_simulated(tmp_path: Path, way: Path, name: str) -> None:
+    bags = pytest.importorskip("fusionslam.datasets.bags")
     pytest.importorskip("rosbags", reason="bags are an extra")
     png = ("--set", "robot.cameras.camera.stored=png")
     result = succeeds("sim", "warehouse", "-o", tmp_path / name, "--trajectory", way, *QUICK, *png)
-    written = events_of(tmp_path / name)
+    with bags.open_bag(tmp_path / name) as bag:
+        written = list(bag.events())
     assert result.stdout.strip() == f"{tmp_path / name}: {len(written)} messages"
     robot = merged(small_robot(rate_hz=10.0), {"cameras": {"camera": {"stored": "png"}}})
     config = SimulationConfig(seconds=0.6)
@@ -135,8 +142,17 @@ def test_the_car_writes_a_stereo_folder(tmp_path: Path, way: Path) -> None:
     out = tmp_path / "out"
     small = ["robot.cameras.left.width=64", "robot.cameras.right.width=64"]
     small += ["robot.radius_m=0.3", "robot.lidars.velodyne.rings=4"]
-    settings = [word for setting in small for word in ("--set", setting)]
-    words = ("--robot", "car", "--trajectory", way, "--seconds", "0.2", "--jobs", "1", *settings)
+    words = (
+        "--robot",
+        "car",
+        "--trajectory",
+        way,
+        "--seconds",
+        "0.2",
+        "--jobs",
+        "1",
+        *settings(*small),
+    )
     succeeds("sim", "warehouse", "-o", out, *words)
     dataset = open_dataset(out)
     assert dataset.has_points and dataset.has_stereo
@@ -180,8 +196,7 @@ def test_a_folder_with_other_things_in_it_is_left_alone(tmp_path: Path, way: Pat
 def test_a_folder_cannot_hold_distorted_pictures(tmp_path: Path, way: Path) -> None:
     lens = ("--set", "robot.cameras.camera.distortion=[-0.1,0,0,0,0]")
     words = ("-o", tmp_path / "out", "--trajectory", way, *QUICK, *lens)
-    error = error_of(2, "sim", "warehouse", *words)
-    assert (error.code, error.fields) == ("distorted", ("left",))
+    assert refusal(2, "sim", "warehouse", *words) == ("distorted", "left")
 
 
 def test_a_folder_of_a_robot_without_lidar_is_refused(tmp_path: Path) -> None:
@@ -219,3 +234,133 @@ def test_no_half_frame_is_kept(tmp_path: Path, way: Path, monkeypatch: pytest.Mo
     line = fails(1, "sim", "warehouse", "-o", tmp_path / "out", "--trajectory", way, *QUICK)
     assert "000002.png: No space left on device" in line
     assert len(open_dataset(tmp_path / "out")) == 2
+
+
+SMALL = ("--seconds", "0.3", *QUICK[2:8])
+
+
+def never(settings: object) -> World:
+    raise AssertionError("the world was made before the mistake was found")
+
+
+@rows(
+    "words, message",
+    [
+        (("-o", "FILE/out.bag"), "file is a file, expected a folder"),
+        (("-o", "FILE/out"), "file is a file, expected a folder"),
+        (("-o", "FILE"), "not an empty folder"),
+        (("-o", "FULL"), "holds a recording, perhaps one that was interrupted"),
+        (("-o", "FULL", "--format", "bag"), "is a folder, expected a file"),
+        (("-o", "FILE", "--format", "db3"), "is a file, expected a folder"),
+        (("-o", "OUT", "--trajectory", "none.csv"), "none.csv is missing"),
+        (("-o", "OUT", "--save-trajectory", "FILE/way.csv"), "file is a file, expected a folder"),
+        (("-o", "OUT", "--seconds", "0"), "seconds is 0.0"),
+        (("-o", "OUT", "--robot", "husky"), "robot 'husky'"),
+        (("-o", "OUT", "--obstacles", "-1"), "--obstacles"),
+        (("-o", "OUT", "--format", "rosbag"), "--format is 'rosbag'"),
+        ((), "--output is missing: expected a bag or a folder"),
+    ],
+)
+def test_cheap_checks_come_before_the_world_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], message: str
+) -> None:
+    replace_warehouse(monkeypatch, never)
+    (tmp_path / "file").write_text("")
+    (tmp_path / "full/clouds").mkdir(parents=True)
+    places = {name.upper(): str(tmp_path / name) for name in ("file", "full", "out")}
+    for name, path in places.items():
+        words = tuple(word.replace(name, path) for word in words)
+    usage = words == () or {"--seconds", "--robot", "--obstacles", "rosbag"} & {*words}
+    assert message in fails(2 if usage else 1, "sim", "warehouse", *words)
+    assert not (tmp_path / "out").exists()
+
+
+@rows("world", sorted(MADE))
+def test_what_print_config_prints_is_read_by_config(tmp_path: Path, world: str) -> None:
+    words = ("--seed", "3", "--obstacles", "2", "--set", "robot.radius_m=0.3")
+    text = succeeds("sim", world, "--print-config", *words).stdout
+    (tmp_path / "all.yaml").write_text(text)
+    plain = recording_config(MADE[world])
+    changes = {"seed": 3, "plan": {"seed": 3}, "obstacles": {"number": 2}}
+    expected = resolve_config(merged(plain, changes | {"robot": {"radius_m": 0.3}}))
+    assert as_yaml(with_file(plain, tmp_path / "all.yaml")) == as_yaml(expected) == text
+    printed = yaml.safe_load(text)
+    assert printed["plan"]["clearance_m"] == pytest.approx(0.35)
+    assert printed["robot"]["odometry"]["errors"]["seed"] == 3
+
+
+def test_options_win_over_the_file(tmp_path: Path) -> None:
+    (tmp_path / "some.yaml").write_text("{seed: 5, plan: {seed: 5}, obstacles: {number: 1}}")
+    words = ("--config", tmp_path / "some.yaml", "--seed", "6", "--print-config")
+    printed = yaml.safe_load(succeeds("sim", "house", *words).stdout)
+    assert (printed["seed"], printed["plan"]["seed"], printed["obstacles"]["number"]) == (6, 6, 1)
+
+
+def test_worlds_from_files_print_a_configuration_and_have_no_settings(tmp_path: Path) -> None:
+    (tmp_path / "one.glb").write_bytes(b"")
+    words = ("sim", tmp_path / "one.glb", "--print-config")
+    (tmp_path / "all.yaml").write_text(succeeds(*words).stdout)
+    succeeds(*words, "--config", tmp_path / "all.yaml")
+    line = fails(2, *words, "--set", "world.seed=7")
+    assert line == "error: --set world.seed=7: worlds from files have no settings"
+    (tmp_path / "more.yaml").write_text("world: {seed: 7}")
+    assert refusal(2, *words, "--config", tmp_path / "more.yaml") == ("unknown-key", "world.seed")
+
+
+def test_planned_drives_have_a_length_unless_told_otherwise() -> None:
+    for given, expected in (((), 100.0), (("--set", "plan.length_m=null"), None)):
+        text = succeeds("sim", "house", "--print-config", *given).stdout
+        assert yaml.safe_load(text)["plan"]["length_m"] == expected
+    lengths = {name: embedded_config(name).plan.length_m for name in EMBEDDED}
+    assert lengths == {"warehouse": None, "house": None, "hospital": 350.0}
+
+
+def test_a_drive_and_its_map_are_saved_and_driven_again(tmp_path: Path) -> None:
+    room = tmp_path / "map.yaml"
+    way, plan = tmp_path / "way.csv", ("--set", "plan.length_m=8", "--set", "plan.spacing_m=2")
+    said = succeeds(
+        *("sim", "warehouse", "-o", tmp_path / "a", *SMALL, *plan, "--save-trajectory", way),
+        *("--save-map", room),
+    )
+    check_trajectory(read_trajectory(way), read_map(room), 0.2)
+    assert f"{tmp_path / 'a'}: 1 frame of 0.3 s of driving to write" in said.stderr
+    assert said.stdout == f"{tmp_path / 'a'}: 1 frame\n"
+    assert read_trajectory(way).length_m == pytest.approx(8, abs=0.2)
+    succeeds("sim", "warehouse", "-o", tmp_path / "b", *SMALL, "--trajectory", way)
+    for file in ("poses.txt", "clouds/000000.bin", "left/000000.png"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_a_robot_that_does_not_fit_is_told(tmp_path: Path) -> None:
+    words = ("sim", "warehouse", "-o", tmp_path / "out", "--set", "robot.radius_m=3")
+    error = error_of(1, *words)
+    assert error.code == "no-room" and re.match("hall: .* 3.0 m: ", str(error))
+
+
+def test_a_drive_faster_than_the_robot_is_driven_with_a_warning(tmp_path: Path) -> None:
+    for speed, warned in ((0.5, False), (5.0, True)):
+        write_trajectory(tmp_path / "way.csv", straight(0.8, speed))
+        out = tmp_path / f"out{speed}"
+        words = ("-o", out, *SMALL, "--trajectory", tmp_path / "way.csv")
+        said = " ".join(succeeds("sim", "warehouse", *words).stderr.split())
+        assert ("the drive is faster than the robot: 5.00 m/s at 0.00 s" in said) == warned
+
+
+def test_a_world_that_is_no_world_is_named_and_leaves_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "bad.world").write_text("no xml")
+    for world in ("bad.world", "none.world"):
+        assert world in fails(1, "sim", tmp_path / world, "-o", tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+def test_what_a_world_lacks_is_told_with_the_option_that_skips_it(tmp_path: Path) -> None:
+    there = (
+        "<model name='m'><link name='l'><visual name='v'><geometry><box><size>1 1 1</size></box>"
+        "</geometry></visual></link></model>"
+    )
+    gone = "<include><uri>model://gone</uri></include>"
+    text = f"<sdf version='1.6'><world name='w'>{there}{gone}</world></sdf>"
+    (tmp_path / "a.sdf").write_text(text)
+    line = fails(1, "sim", tmp_path / "a.sdf", "-o", tmp_path / "out")
+    assert "--lenient" in line and "model://gone" in line
+    assert "::" not in line

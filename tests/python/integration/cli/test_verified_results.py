@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli import NO_WINDOW, error_of, run, succeeds
-from fusionslam.evaluation import DescriptorRun, VerifiedRun
-from fusionslam.loop_closure import Loop, LoopDetector, Observation
+from cli import NO_WINDOW, error_of, interrupted_at, run, succeeds
+from descriptor_runs import descriptor_run
+from fusionslam.evaluation import VerifiedRun
+from fusionslam.loop_closure import LoopDetector
 from fusionslam.pipelines.recording import Recording
 from fusionslam.pipelines.results import Work, forget_demo, verified_path
 from fusionslam.registration import RegistrationConfig
@@ -28,21 +29,10 @@ def results(tmp_path: Path) -> Path:
     verified_path(tmp_path, "lidar", "cm2dp").parent.mkdir()
     verified.save(verified_path(tmp_path, "lidar", "cm2dp"))
     (tmp_path / "descriptors").mkdir()
-    count = len(verified)
-    DescriptorRun(
-        source="lidar",
-        descriptor="m2dp",
-        dataset=verified.dataset,
-        descriptors=np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32),
-        frames=verified.frames,
-        numbers=verified.numbers,
-        stamps_ns=verified.stamps_ns,
-        poses=verified.poses,
-        seconds={"describe": np.full(count, 0.02)},
-        peak_memory_bytes=0,
-        points=verified.points,
-        config={"fusion": {}},
-    ).save(tmp_path / "descriptors" / "lidar-m2dp.npz")
+    same = ("dataset", "frames", "numbers", "stamps_ns", "poses", "points", "config")
+    descriptors = np.random.default_rng(0).normal(size=(len(verified), 3))
+    run_of = descriptor_run(descriptors, **{name: getattr(verified, name) for name in same})
+    run_of.save(tmp_path / "descriptors" / "lidar-m2dp.npz")
     configs = {"lidar": {"evaluation": {"window": 0}}}
     Work(Recording(str(tmp_path / "gone")), verified.dataset, configs=configs).save(tmp_path)
     return tmp_path
@@ -135,17 +125,9 @@ def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_a
 ) -> None:
     pytest.importorskip("small_gicp")
     words = ("loops", kitti, "-d", "m2dp,scan_context", "-o", tmp_path, *NO_WINDOW)
-    add, added = LoopDetector.add_observation, 0
-
-    def interrupted(detector: LoopDetector, observation: Observation) -> Loop | None:
-        nonlocal added
-        added += 1
-        if added == 25:
-            raise KeyboardInterrupt
-        return add(detector, observation)
-
+    stopped = interrupted_at(24, LoopDetector.add_observation)
     with monkeypatch.context() as patch:
-        patch.setattr(LoopDetector, "add_observation", interrupted)
+        patch.setattr(LoopDetector, "add_observation", stopped)
         result = run(*words)
     assert result.exit_code == 130 and "starts the rest again" in result.stderr
     finished = tmp_path / "verified/lidar-m2dp.npz"

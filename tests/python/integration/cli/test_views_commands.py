@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: views record, match and curve, and tune."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import yaml
 
 from bags import drive as bag_drive
 from bags import write_bag
-from cli import error_of, fails, last_line, run, succeeds
+from cli import error_of, fails, interrupted_at, last_line, run, settings, succeeds, table
 from fusionslam.evaluation import ViewCurve
 from fusionslam.pipelines import tuning
 from fusionslam.views.matcher import ViewMatcher
@@ -21,7 +20,7 @@ from fusionslam.views.scene_set import SceneSet
 from rows import rows
 from scenes import LAPS, drive, place, write_recording
 
-QUICK = ("--set", "tuning.population=4", "--set", "tuning.generations=3", "--jobs", "1")
+QUICK = (*settings("tuning.population=4", "tuning.generations=3"), "--jobs", "1")
 
 
 @pytest.fixture
@@ -36,11 +35,6 @@ def small(scenes: Path) -> Path:
     path = scenes.with_name("small.npz")
     succeeds("views", "record", scenes, "-o", path, "--only-scenes")
     return path
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_a_recording_is_recorded_matched_and_judged(tmp_path: Path) -> None:
@@ -165,17 +159,8 @@ def test_an_interrupted_tuning_says_where_it_goes_on_and_ends_alike(
     pytest.importorskip("pymoo")
     words = ("tune", scenes, "--set", "views.preset=author", *QUICK, "-o")
     succeeds(*words, tmp_path / "whole.yaml")
-    right, tried = tuning.Trial.value, 0
-
-    def stopped(self: tuning.Trial, numbers: object) -> float:
-        nonlocal tried
-        tried += 1
-        if tried == 7:
-            raise KeyboardInterrupt
-        return right(self, numbers)
-
     with monkeypatch.context() as patch:
-        patch.setattr(tuning.Trial, "value", stopped)
+        patch.setattr(tuning.Trial, "value", interrupted_at(6, tuning.Trial.value))
         result = run(*words, tmp_path / "parts.yaml")
     assert result.exit_code == 130
     assert not (tmp_path / "parts.yaml").exists() and (tmp_path / "parts.yaml.state").exists()

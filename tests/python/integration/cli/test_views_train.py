@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """views train: shapes, places and comparison from the command line."""
 
-import csv
 import json
 import re
 from functools import partial
@@ -21,6 +20,7 @@ from fusionslam.views.scene_set import CloudArray, SceneSet
 from fusionslam.views.second_stage import SecondStage
 from learning import cloud, world
 from rows import rows
+from scenes import LAPS, write_recording
 
 for module in ("torch", "safetensors", "onnx", "h5py", "onnxruntime"):
     pytest.importorskip(module, reason=f"{module} is not installed")
@@ -30,12 +30,8 @@ SHAPES = ("procedural.train=1", "procedural.test=1", "procedural.points=32", "po
 PLACES = ("train.worlds=1", "train.places=5", "judged.worlds=1", "judged.places=4")
 
 
-def settings(*texts: str) -> list[str]:
-    return [part for text in texts for part in ("--set", text)]
-
-
 def tiny(*more: str) -> list[str]:
-    return settings(*(f"network.{text}" for text in NETWORK), "optimiser.epochs=2", *more)
+    return cli.settings(*(f"network.{text}" for text in NETWORK), "optimiser.epochs=2", *more)
 
 
 run = partial(cli.run, command=app)
@@ -56,8 +52,7 @@ def test_shapes_leaves_weights_onnx_card_and_curves(features: Path) -> None:
     card = json.loads((features / "features.json").read_text())
     assert card["data"] == "procedural" and card["config"]["optimiser"]["seed"] == 0
     assert card["command"].startswith("fusionslam") and card["cpu_seconds"] >= 0
-    with (features / "curves.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
+    rows = cli.table(features / "curves.csv")
     assert [row["epoch"] for row in rows] == ["1.0", "2.0"]
     assert card["scores"]["accuracy"] == pytest.approx(float(rows[-1]["accuracy"]), abs=1e-6)
 
@@ -133,7 +128,7 @@ def scene_set(path: Path, name: str, *, frame: str = "robot", truth: bool = True
 
 def compared(features: Path, *paths: Path) -> list[object]:
     weights = features / "features.safetensors"
-    small = settings("network.features=32", "network.hidden=8", "optimiser.epochs=2")
+    small = cli.settings("network.features=32", "network.hidden=8", "optimiser.epochs=2")
     return ["comparison", *paths, "--features", weights, *small]
 
 
@@ -158,21 +153,8 @@ def test_scene_sets_without_poses_or_in_another_frame_are_refused(
 
 
 def test_recordings_are_trained_on_as_they_are(features: Path, tmp_path: Path) -> None:
-    name, clouds, poses = world("hall", 4)
-    ranges = [np.linalg.norm(c.points, axis=1) for c in clouds]
-    rays = np.concatenate([c.points / r[:, None] for c, r in zip(clouds, ranges, strict=True)])
-    np.savez(
-        tmp_path / f"{name}.npz",
-        stamps=np.arange(len(clouds)) / 2,
-        poses=poses,
-        rays=rays,
-        lidar_xyz=np.zeros(3),
-        visual_range_mm=np.rint(1000 * np.concatenate(ranges)).astype(np.uint16),
-        visual_ray=np.arange(len(rays)).astype(np.uint16),
-        visual_rgb=np.concatenate([c.colors for c in clouds if c.colors is not None]),
-        visual_offsets=np.cumsum([0, *map(len, clouds)]),
-    )
-    path = tmp_path / f"{name}.npz"
+    path = tmp_path / "hall.npz"
+    write_recording(path, LAPS)
     succeeds(*compared(features, path), "--shapes", "visual", "-o", tmp_path / "out")
     result = run(*compared(features, path), "--shapes", "collision", "-o", tmp_path / "out")
     assert isinstance(result.exception, DataError) and "collision" in str(result.exception)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: what it tells people who do not know it yet, and that it tells the truth."""
 
-import csv
 import shutil
 from pathlib import Path
 
@@ -16,9 +15,11 @@ from cli import (
     error_of,
     fails,
     fusionslam_descriptors,
+    interrupted_at,
     last_line,
     run,
     succeeds,
+    table,
 )
 from fusionslam.datasets import open_dataset, write_cloud
 from fusionslam.evaluation import DescriptorRun, EvaluationConfig
@@ -102,8 +103,7 @@ def test_frames_have_their_number_whatever_is_missing(recording: Path, tmp_path:
         assert stored.numbers.tolist() == [n for n in range(FRAMES) if n not in missing]
         assert stored.frames.tolist() == list(range(FRAMES - len(missing)))
     succeeds("loops", recording, "-o", out, "--skip-gaps", *NO_WINDOW)
-    loops = csv.DictReader((out / "loops.csv").open())
-    pairs = [(int(row["query"]), int(row["match"])) for row in loops]
+    pairs = [(int(row["query"]), int(row["match"])) for row in table(out / "loops.csv")]
     assert pairs == [(n, FRAMES - n) for n in range(12, FRAMES) if n != FRAMES - 2]
 
 
@@ -154,15 +154,12 @@ def test_a_report_without_data_says_why_it_lacks_pictures(recording: Path, tmp_p
 def test_an_interrupted_report_does_not_claim_that_nothing_was_written(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
     succeeds("describe", kitti, "-d", "m2dp", "-o", tmp_path, *NO_WINDOW)
-    monkeypatch.setattr("fusionslam.report.loops.page.write_figures", interrupted)
+    monkeypatch.setattr("fusionslam.report.loops.page.write_figures", interrupted_at(0))
     result = run("report", tmp_path)
     assert result.exit_code == 130 and list(tmp_path.glob("distances_*"))
     assert str(tmp_path) in result.stderr
-    monkeypatch.setattr("fusionslam.pipelines.compare_descriptors.find_loops", interrupted)
+    monkeypatch.setattr("fusionslam.pipelines.compare_descriptors.find_loops", interrupted_at(0))
     result = run("eval", tmp_path)
     assert result.exit_code == 130 and "nothing was written" in result.stderr
     assert not (tmp_path / "metrics.json").exists()

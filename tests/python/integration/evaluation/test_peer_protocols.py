@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Protocols of other papers against cases counted by hand and plain double loops."""
 
-import csv
 import math
 from dataclasses import replace
 from itertools import product
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cli import table
 from descriptor_runs import descriptor_run, poses_at
 from error_codes import has_code
 from fusionslam.config import merged
@@ -347,6 +347,5 @@ def test_the_report_on_pairs_judges_no_matches(
     text = page.read_text()
     assert evaluation.peers[0].source in text and "Scan Context, published" in text
     assert evaluation.curves["ssc"].counts in text
-    with (tmp_path / "matches.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = table(tmp_path / "matches.csv")
     assert len(rows) == 99 and {row["correct"] for row in rows} == {""}

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training: what networks compute, and that a training can be stopped and gone on with."""
 
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,26 +54,17 @@ def shapes() -> tuple[ShapeSet, ShapeSet]:
     return generate_shapes(SHAPES_CONFIG.procedural)
 
 
-def make_features(folder: Path) -> None:
-    runs.train_shapes(shapes(), SHAPES_CONFIG, folder, ORIGIN)
-
-
 @pytest.fixture(scope="session")
 def features() -> Path:
     """What a training on shapes leaves."""
-    return artefact("trained_on_shapes", make_features)
+    return artefact(
+        "trained_on_shapes",
+        lambda folder: runs.train_shapes(shapes(), SHAPES_CONFIG, folder, ORIGIN),
+    )
 
 
 class Stopped(Exception):
     """As Ctrl-C comes: in the middle of things."""
-
-
-def stop_at(epoch: int) -> Any:
-    def progress(done: int, total: int, row: Mapping[str, float]) -> None:
-        if done == epoch:
-            raise Stopped
-
-    return progress
 
 
 def interrupt_in_epoch(task: Any, epoch: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,10 +130,14 @@ def test_a_training_that_was_interrupted_ends_the_same(
             path = features / "features.safetensors"
             runs.train_comparison(worlds(2), path, COMPARISON_CONFIG, folder, ORIGIN, progress)
 
+    def stop(done: int, *_: object) -> None:
+        if done == 1:
+            raise Stopped
+
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     run(whole)
     with pytest.raises(Stopped):
-        run(parts, stop_at(1))
+        run(parts, stop)
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         task = {"shapes": "ShapesTask", "places": "MetricTask", "comparison": "ComparisonTask"}
         interrupt_in_epoch(getattr(runs, task[kind]), 2, patched)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist, cityblock
+from scipy.spatial.distance import cdist, cityblock, euclidean
 
 from fusionslam import (
     ConfigError,
@@ -126,12 +126,8 @@ def ring(a: Wide, b: Wide) -> float:
     return float(1 - correlation.max() / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-def euclid(a: Wide, b: Wide) -> float:
-    return float(np.linalg.norm(a - b))
-
-
 DISTANCES: dict[str, tuple[int, Callable[[Wide, Wide], float]]] = {
-    "l2": (12, euclid),
+    "l2": (12, euclidean),
     "l1": (12, cityblock),
     "chi_square": (12, chi_square),
     "regions": (3 * 308, regions),

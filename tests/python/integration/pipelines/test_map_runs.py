@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """RatSLAM over recordings: odometry of every kind, what cannot be read, and going on."""
 
-import itertools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ import pytest
 
 from bags import START, without, write_bag
 from bags import drive as bag_drive
-from drives import SECOND, circles
+from cli import interrupted_at
+from drives import SECOND, circles, same
 from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.evaluation.maps.judge import judge_map
@@ -44,10 +44,7 @@ def parts(run: RatSlamRun) -> dict[str, Any]:
 
 
 def equal(one: RatSlamRun, other: RatSlamRun) -> bool:
-    found = zip(parts(one).values(), parts(other).values(), strict=True)
-    return all(
-        a.tobytes() == b.tobytes() if isinstance(a, np.ndarray) else a == b for a, b in found
-    )
+    return same(parts(one), parts(other))
 
 
 def test_a_recording_becomes_a_map_at_the_rates_of_its_sensors(recording: Path) -> None:
@@ -137,15 +134,9 @@ def test_where_nothing_can_be_seen_the_first_reason_is_the_error() -> None:
 
 def test_a_run_that_is_interrupted_and_continued_equals_the_uninterrupted_one() -> None:
     whole = run_of(recorder(image))
-    counted = itertools.count()
-
-    def impatient(*_: object) -> None:
-        if next(counted) == 60:
-            raise KeyboardInterrupt
-
     taking = recorder(image)
     with pytest.raises(KeyboardInterrupt):
-        run_events(taking, watch=impatient)
+        run_events(taking, watch=interrupted_at(60))
     first = taking.record()
     assert len(first) == 61
     going_on = RunRecorder(taking.slam, taking.events, earlier=first)

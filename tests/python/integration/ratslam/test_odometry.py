@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drives import SECOND, circles, odometry, take, unchanged
+from drives import SECOND, circles, odometry, said, take, unchanged
 from fusionslam.errors import DataError
 from fusionslam.ratslam import Motion, RatSlam, Sighting, StampOrder
 from fusionslam.ratslam.events import Event
@@ -28,13 +28,7 @@ TENTH = SECOND // 10
 def at(seconds: float, x: float, y: float = 0.0, yaw: float = 0.0, v: float = 0.0) -> Odometry:
     c, s = np.cos(yaw), np.sin(yaw)
     pose = np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
-    return Odometry(
-        stamp_ns=round(seconds * SECOND),
-        frame_id="odom",
-        child_frame_id="base",
-        pose=pose,
-        linear=np.array([v, 0, 0]),
-    )
+    return said(round(seconds * SECOND), pose, linear=np.array([v, 0, 0]))
 
 
 @rows(

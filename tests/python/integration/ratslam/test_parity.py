@@ -23,7 +23,8 @@ from drives import rmse
 from fusionslam.evaluation import MapReport, judge_map
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam import Action, ActionKind, ExperienceMap, PoseCells
-from maps import little_run
+from maps import little_run, reference_table
+from worlds import seen_from
 
 
 class Run(NamedTuple):
@@ -35,11 +36,6 @@ class Run(NamedTuple):
     poses: NDArray[np.float64]
     offsets: NDArray[np.float64]
     dead_reckoning: NDArray[np.float64]
-
-
-def table(path: Path) -> NDArray[Any]:
-    with gzip.open(path, "rt") as file:
-        return np.genfromtxt(file, delimiter=",", names=True)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +50,7 @@ def run(ratslam_reference: Path, cells_at: dict[int, NDArray[np.float64]]) -> Ru
     graph = ExperienceMap(preset="openratslam", initial_heading=np.radians(140))
     rows: list[tuple[Any, ...]] = []
     pose = np.zeros(3)
-    for step, row in enumerate(table(ratslam_reference / "pc_input.csv.gz")):
+    for step, row in enumerate(reference_table(ratslam_reference / "pc_input.csv.gz")):
         v, w, dt = row["vtrans"], row["vrot"], row["dt"]
         cells.on_view(int(row["vt_id"]), row["vt_rad"])
         cells.on_odometry(v, w, dt)
@@ -67,22 +63,15 @@ def run(ratslam_reference: Path, cells_at: dict[int, NDArray[np.float64]]) -> Ru
             np.testing.assert_allclose(cells.activity.ravel(), cells_at[step], rtol=0, atol=1e-9)
         heading = pose[2] + w * dt
         pose = pose + np.array([v * dt * np.cos(heading), v * dt * np.sin(heading), w * dt])
-        offset = relative_pose(graph.nodes[graph.current], graph.pose)
+        offset = seen_from(graph.nodes[graph.current], graph.pose)
         rows.append((action, cells.best, graph.pose, offset, pose))
     actions, decoded, poses, offsets, reckoned = zip(*rows, strict=True)
     arrays = (np.array(values) for values in (poses, offsets, reckoned))
     return Run(list(actions), np.array(decoded), graph, *arrays)
 
 
-def relative_pose(node: Any, pose: Any) -> list[float]:
-    """A pose in the frame of a node."""
-    dx, dy, heading = pose[0] - node[0], pose[1] - node[1], node[2]
-    c, s = np.cos(heading), np.sin(heading)
-    return [c * dx + s * dy, c * dy - s * dx, pose[2] - heading]
-
-
 def test_every_action_is_the_references(run: Run, ratslam_reference: Path) -> None:
-    expected = table(ratslam_reference / "pc_output.csv.gz")
+    expected = reference_table(ratslam_reference / "pc_output.csv.gz")
     assert len(run.actions) == 3840
     found = [(a.kind, a.source, a.target) if a.kind else (0, 0, 0) for a in run.actions]
     kinds = expected["action"] > 0
@@ -91,7 +80,7 @@ def test_every_action_is_the_references(run: Run, ratslam_reference: Path) -> No
 
 
 def test_every_decoded_pose_is_the_references(run: Run, ratslam_reference: Path) -> None:
-    expected = table(ratslam_reference / "pc_output.csv.gz")
+    expected = reference_table(ratslam_reference / "pc_output.csv.gz")
     wanted = np.stack([expected[f"best_{axis}"] for axis in ("x", "y", "th")], 1)
     period = np.array([20, 20, 36])
     error = (run.decoded - wanted + period / 2) % period - period / 2
@@ -119,8 +108,8 @@ class Reference:
     """The input and the truth of the run."""
 
     def __init__(self, folder: Path) -> None:
-        self.rows = table(folder / "pc_input.csv.gz")
-        truth = table(folder / "pc_groundtruth.csv.gz")
+        self.rows = reference_table(folder / "pc_input.csv.gz")
+        truth = reference_table(folder / "pc_groundtruth.csv.gz")
         self.truth = np.stack([truth[name] for name in ("x", "y", "th")], axis=1)
 
     def odometry(self, errors: float) -> Any:

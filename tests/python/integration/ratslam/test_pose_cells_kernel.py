@@ -224,7 +224,6 @@ def test_threads_may_share_a_sheet() -> None:
 
 
 PRESETS = ("robust", "openratslam")
-State = dict[str, Any]
 
 
 def tour_cells(preset: Any, events: int = 40, seed: int = 1) -> PoseCells:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps made of images: the reference's run end to end, and a camera that turns on the spot."""
 
-import gzip
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +24,7 @@ from fusionslam.pipelines.map_events import events_of
 from fusionslam.ratslam import Look, Motion, RatSlam, TemplateSource
 from fusionslam.ratslam.visual_odometry import VisualOdometry, VisualOdometryConfig
 from fusionslam.sensors.image_series import ImageSeries
+from maps import reference_table
 from rows import rows
 from worlds import VIEW, room_image
 
@@ -33,22 +33,13 @@ TENTH = 100_000_000
 ROOM_TEMPLATES = {"rows": 4, "bottom": None}
 
 
-def table(path: Path) -> NDArray[Any]:
-    with gzip.open(path, "rt") as file:
-        return np.genfromtxt(file, delimiter=",", names=True)
-
-
-def pictures_of_places(path: Path) -> NDArray[np.uint8]:
-    """(180, 2, 240, 416): two noisy images of each of 180 places that look different."""
-    first_lap = np.load(path)["images"][:120].reshape(60, 2, 240, 416)
-    return np.concatenate([first_lap, first_lap[:, :, ::-1], first_lap[:, :, :, ::-1]])
-
-
 @pytest.mark.nightly
 def test_the_reference_run_out_of_images_gives_its_actions_and_its_map(test_data: Path) -> None:
     folder = test_data / "reference" / "ratslam"
-    rows, expected = table(folder / "pc_input.csv.gz"), table(folder / "pc_output.csv.gz")
-    pictures = pictures_of_places(folder / "lv_images.npz")
+    rows, expected = (reference_table(folder / f"pc_{each}.csv.gz") for each in ("input", "output"))
+    # Two noisy images of each of 180 places that look different.
+    first_lap = np.load(folder / "lv_images.npz")["images"][:120].reshape(60, 2, 240, 416)
+    pictures = np.concatenate([first_lap, first_lap[:, :, ::-1], first_lap[:, :, :, ::-1]])
     slam = RatSlam(
         preset="openratslam",
         map={"initial_heading": float(np.radians(140))},

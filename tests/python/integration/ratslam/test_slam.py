@@ -13,8 +13,10 @@ from drives import (
     circles,
     errors_of,
     everything,
+    grey_image,
     in_order,
     odometry,
+    said,
     same,
     take,
     unchanged,
@@ -37,7 +39,7 @@ from fusionslam.ratslam import (
 from fusionslam.ratslam.events import Event
 from fusionslam.ratslam.view_sources import build_view_source
 from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import Odometry, Picture
+from fusionslam.sensors.messages import Picture
 from refusals import refuses
 from rows import rows
 from streets import at
@@ -58,15 +60,11 @@ def test_odometry_of_a_frame_must_be_a_transform() -> None:
     transposed[3, :3] = 1, 2, 0
     for pose in (transposed, 2 * np.eye(4), np.diag([1.0, -1, 1, 1])):
         with pytest.raises(DataError, check=has_code("not-a-rotation", "pose")):
-            RatSlam().step(Odometry(stamp_ns=0, frame_id="odom", child_frame_id="base", pose=pose))
+            RatSlam().step(said(0, pose))
 
 
 def straight(seconds: float) -> list[Event]:
     return [Motion(k * TENTH, 0.5, 0.0) for k in range(round(seconds * 10))]
-
-
-def image(value: int) -> np.ndarray:
-    return np.full((100, 120), value, np.uint8)
 
 
 def test_a_step_reports_all_changes() -> None:
@@ -109,13 +107,16 @@ def test_odometry_arrives_faster_than_views_or_slower() -> None:
 def test_frames_pictures_and_looks_go_to_the_source_of_views() -> None:
     slam = RatSlam(views=TemplateSource(bottom=100))
     pose = np.eye(4)
-    frame = Frame(stamp_ns=0, images={"left": image(20)}, odometry=pose)
-    picture = Picture(stamp_ns=TENTH, frame_id="camera", image=image(200))
-    look = Look(2 * TENTH, image(20))
+    frame = Frame(stamp_ns=0, images={"left": grey_image(20)}, odometry=pose)
+    picture = Picture(stamp_ns=TENTH, frame_id="camera", image=grey_image(200))
+    look = Look(2 * TENTH, grey_image(20))
     steps = take(slam, [frame, picture, look])
     assert [step.view_id for step in steps] == [0, 1, 0]
     assert all(step.looked for step in steps)
-    assert slam.step(Frame(stamp_ns=3 * TENTH, images={"left": image(20)}, odometry=pose)).node == 0
+    assert (
+        slam.step(Frame(stamp_ns=3 * TENTH, images={"left": grey_image(20)}, odometry=pose)).node
+        == 0
+    )
 
 
 def test_an_unrecognised_item_is_no_view() -> None:
@@ -134,7 +135,7 @@ def test_an_unrecognised_item_is_no_view() -> None:
         Sighting(SECOND, 0, np.nan),
         Sighting(SECOND, 0, 0.0, (np.nan, 0.0)),
         *[Sighting(stamp_ns, 0) for stamp_ns in (0, -SECOND, np.nan, 2**64)],
-        Look(SECOND, image(0)),
+        Look(SECOND, grey_image(0)),
     ],
 )
 def test_invalid_views_are_refused_and_change_nothing(sighting: Event) -> None:
@@ -159,16 +160,16 @@ def test_ids_and_stamps_may_be_numbers_of_numpy(tmp_path: Any) -> None:
 def test_an_image_of_another_size_is_refused_but_odometry_beside_it_counts() -> None:
     slam = RatSlam(views=TemplateSource(bottom=100))
     poses = [at(0.05 * k, 0, 0) for k in range(3)]
-    slam.step(Frame(stamp_ns=0, images={"left": image(20)}, odometry=poses[0]))
+    slam.step(Frame(stamp_ns=0, images={"left": grey_image(20)}, odometry=poses[0]))
     with pytest.raises(ShapeError):
-        slam.step(Frame(stamp_ns=TENTH, images={"left": image(20)[:, :90]}, odometry=poses[1]))
-    step = slam.step(Frame(stamp_ns=2 * TENTH, images={"left": image(20)}, odometry=poses[2]))
+        slam.step(Frame(stamp_ns=TENTH, images={"left": grey_image(20)[:, :90]}, odometry=poses[1]))
+    step = slam.step(Frame(stamp_ns=2 * TENTH, images={"left": grey_image(20)}, odometry=poses[2]))
     assert step.view_id == 0 and step.dead_reckoning[0] == pytest.approx(0.1)
 
 
 def test_templates_without_odometry_make_no_map_and_no_error() -> None:
     slam = RatSlam(views=TemplateSource(bottom=100))
-    steps = take(slam, [Look(k * TENTH, image(k % 5 * 40)) for k in range(200)])
+    steps = take(slam, [Look(k * TENTH, grey_image(k % 5 * 40)) for k in range(200)])
     assert {step.view_id for step in steps} == {0, 1, 2, 3, 4}
     assert len(slam.map.nodes) == 0 and steps[-1].node is None
     assert steps[-1].pose == (0, 0, 0)

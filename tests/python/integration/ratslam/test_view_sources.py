@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clouds import seen_after_turn
-from drives import circle_events, on_map, replace_sightings, same, take
+from drives import circle_events, grey_image, on_map, replace_sightings, same, take
 from fusionslam.errors import DataError
 from fusionslam.ratslam import GivenView, GivenViews, Look, Motion, RatSlam
 from fusionslam.ratslam.odometry import Odometry2D
@@ -28,10 +28,6 @@ from rows import rows
 from scenes import NOTHING, place
 
 
-def image(value: int) -> np.ndarray:
-    return np.full((100, 120), value, np.uint8)
-
-
 def turn_cloud(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
     """The cloud as seen from x, y and yaw in its frame."""
     return Cloud(seen_after_turn(cloud.points - np.float32([x, y, 0]), yaw), cloud.colors)
@@ -39,15 +35,15 @@ def turn_cloud(cloud: Cloud, x: float, y: float, yaw: float) -> Cloud:
 
 def test_images_frames_and_what_templates_keep_are_the_same_view() -> None:
     source = TemplateSource(bottom=100)
-    kept = VisualTemplates(bottom=100).view(image(70))
-    items = [image(70), kept, Frame(images={"left": image(70)})]
-    items += [Picture(stamp_ns=0, frame_id="camera", image=image(70))]
+    kept = VisualTemplates(bottom=100).view(grey_image(70))
+    items = [grey_image(70), kept, Frame(images={"left": grey_image(70)})]
+    items += [Picture(stamp_ns=0, frame_id="camera", image=grey_image(70))]
     found = [source.look(item, number) for number, item in enumerate(items)]
     assert [one.view_id for one in found] == [0, 0, 0, 0]
     assert [one.stamp_ns for one in found] == [0, 1, 2, 3]
-    assert source.look(image(200), 4).view_id == 1
+    assert source.look(grey_image(200), 4).view_id == 1
     # Of the same mean as the first, so that it is compared.
-    mixed = np.concatenate([image(50)[:, :60], image(90)[:, :60]], axis=1)
+    mixed = np.concatenate([grey_image(50)[:, :60], grey_image(90)[:, :60]], axis=1)
     seen = source.look(mixed, 5)
     assert seen.view_id == 2 and "0.0784" in seen.reason
 
@@ -71,7 +67,7 @@ def test_templates_refuse_what_is_no_image(item: object) -> None:
 
 
 def test_matchers_refuse_images_and_name_their_method() -> None:
-    picture = Picture(stamp_ns=5, frame_id="camera", image=image(0))
+    picture = Picture(stamp_ns=5, frame_id="camera", image=grey_image(0))
     with pytest.raises(DataError, match="alignment"):
         MatcherSource().look(picture, 5)
 

@@ -64,11 +64,6 @@ def contents(root: Path) -> dict[str, bytes]:
     return {str(path.relative_to(root)): path.read_bytes() for path in files}
 
 
-def matrices(calib: Path) -> dict[str, np.ndarray]:
-    rows = (line.split(": ") for line in calib.read_text().splitlines())
-    return {name: np.array(values.split(), float).reshape(3, 4) for name, values in rows}
-
-
 @pytest.mark.slow
 def test_a_seed_decides_all_bytes_with_any_number_of_jobs(recorded: Path, tmp_path: Path) -> None:
     assert contents(record(TINY, tmp_path / "again", jobs=2)) == contents(recorded)
@@ -177,7 +172,9 @@ def test_poses_are_rigid_and_start_at_identity(recorded: Path) -> None:
 def test_points_project_onto_their_depth(
     recorded: Path, caster: RayCaster, poses: np.ndarray
 ) -> None:
-    calib = matrices(recorded / "sequences" / "00" / "calib.txt")
+    text = (recorded / "sequences" / "00" / "calib.txt").read_text()
+    lines = (line.split(": ") for line in text.splitlines())
+    calib = {name: np.array(values.split(), float).reshape(3, 4) for name, values in lines}
     camera_poses = np.loadtxt(recorded / "poses" / "00.txt").reshape(-1, 3, 4)
     frame = 1
     scan = recorded / "sequences" / "00" / "velodyne" / f"{frame:06d}.bin"

@@ -319,14 +319,9 @@ def test_items_that_cannot_be_compared_are_refused_and_change_nothing() -> None:
     assert matcher.stats == before and matcher.process(cloud).id == 0
 
 
-def thing(x: float) -> Cloud:
-    """One object so far ahead, in metres."""
-    points = np.random.default_rng(5).uniform(-0.4, 0.4, (400, 3)) + np.array([x, 0, 1])
-    return Cloud(points.astype(np.float32), np.full((400, 3), 120, np.uint8))
-
-
 def test_objects_out_of_range_leave_nothing_to_recognise_and_stop_no_drive() -> None:
-    far = thing(40.0)
+    points = np.random.default_rng(5).uniform(-0.4, 0.4, (400, 3)) + np.array([40.0, 0, 1])
+    far = Cloud(points.astype(np.float32), np.full((400, 3), 120, np.uint8))
     scene = scene_of(far)
     assert len(scene) == 1 and not len(scene.image)
     one = ViewMatcher()

@@ -51,7 +51,14 @@ FIGURES = [
 """Of his program, run again on the same recordings: accuracy and recall of loops in percent."""
 
 
-def check(test_data: Path, figures: tuple[str, int, int, str, float, float]) -> None:
+@pytest.mark.parametrize(
+    "figures",
+    [
+        pytest.param(each, marks=[] if each in FIGURES[2:4] else pytest.mark.nightly)
+        for each in FIGURES
+    ],
+)
+def test_the_authors_first_stage_scores_as_his_program_does(test_data: Path, figures: Any) -> None:
     world, scans, empty, frame, accuracy, loop_recall = figures
     scenes = record(test_data, world, frame)
     assert (len(scenes), int(scenes.empty.sum())) == (scans, empty)
@@ -59,17 +66,6 @@ def check(test_data: Path, figures: tuple[str, int, int, str, float, float]) -> 
     assert report.accuracy is not None and report.loop_recall is not None
     assert abs(100 * report.accuracy - accuracy) < 0.5
     assert abs(100 * report.loop_recall - loop_recall) < 1
-
-
-@rows("figures", FIGURES[2:4])
-def test_the_authors_first_stage_scores_as_his_program_does(test_data: Path, figures: Any) -> None:
-    check(test_data, figures)
-
-
-@pytest.mark.nightly
-@rows("figures", FIGURES)
-def test_it_does_so_in_all_frames_and_worlds(test_data: Path, figures: Any) -> None:
-    check(test_data, figures)
 
 
 def test_drift_changes_clouds_in_the_frame_of_odometry_only(tmp_path: Path) -> None:

@@ -18,13 +18,8 @@ from fusionslam.views.match import NO_VIEW, ViewMatch
 from fusionslam.views.matcher import ViewMatcher
 from refusals import refuses
 from rows import rows
-from scenes import NOTHING, matcher, place
+from scenes import APART, LOOKS, NOTHING, THERE_AND_BACK, matcher, place
 from scenes import drive as scene_drive
-
-LOOKS = (0, 1, 2, 3, 1, 2, 4)
-"""What the places along a corridor look like: two of them twice."""
-APART = 4.0
-"""Metres between places."""
 
 
 def at(x: float, y: float = 0.0, heading: float = 0.0) -> Matrix:
@@ -41,9 +36,6 @@ def drive(
 
 def ids(matches: list[ViewMatch]) -> list[int]:
     return [match.id for match in matches]
-
-
-THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
 
 
 @rows("start, scale", [(at(100.0, -7.0, 2.5), 1.0), (at(0.0), 1.02), (at(0.0, 0.0, -3.1), 1.02)])

@@ -31,7 +31,18 @@ from fusionslam.views.scene_set import CloudArray, SceneSet, is_scene_set, pack_
 from fusionslam.views.scenes import Scene, SceneConfig, build_scene
 from refusals import refuses
 from rows import rows
-from scenes import LAPS, NOTHING, differing, drive, matcher, place, write_recording
+from scenes import (
+    APART,
+    LAPS,
+    LOOKS,
+    NOTHING,
+    THERE_AND_BACK,
+    differing,
+    drive,
+    matcher,
+    place,
+    write_recording,
+)
 from stored import change_archive, check_damaged_files
 
 
@@ -339,12 +350,6 @@ def test_clouds_where_scenes_are_kept_and_a_negative_bound_are_refused() -> None
         SceneRecorder("boxes", max_scans=-1)
 
 
-THERE_AND_BACK = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
-LOOKS = (0, 1, 2, 3, 1, 2, 4)
-"""What the places along a corridor look like: two of them twice."""
-APART = 4.0
-
-
 def corridor(odometry: bool = True) -> SceneSet:
     """There and back along a corridor; odometry begins elsewhere and is 2 % too long."""
     scenes = drive([LOOKS[place] for place in THERE_AND_BACK])
@@ -354,17 +359,14 @@ def corridor(odometry: bool = True) -> SceneSet:
     return replace(scenes, poses=poses, odometry=measured if odometry else None)
 
 
-@rows("kind", [None, "recorded", "drift"])
-def test_a_corridor_of_look_alike_places_is_matched_by_odometry(kind: str | None) -> None:
+@rows("kind, follows", [(None, True), ("recorded", True), ("drift", True), ("none", False)])
+def test_odometry_tells_look_alike_places_of_a_corridor_apart(
+    kind: str | None, follows: bool
+) -> None:
     scenes, one = corridor(), ViewMatcher()
     run = run_views(scenes, one, odometry=odometry_of(scenes, one, kind))
-    assert run.ids.tolist() == list(THERE_AND_BACK) and run.follows_odometry
-
-
-def test_without_odometry_look_alike_places_are_taken_for_one() -> None:
-    scenes, one = corridor(), ViewMatcher()
-    alone = run_views(scenes, one, odometry=odometry_of(scenes, one, "none"))
-    assert alone.ids.tolist() != list(THERE_AND_BACK) and not alone.follows_odometry
+    assert run.follows_odometry == follows
+    assert (run.ids.tolist() == list(THERE_AND_BACK)) == follows
 
 
 def test_a_set_keeps_its_odometry(tmp_path: Path) -> None:

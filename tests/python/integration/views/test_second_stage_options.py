@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cli import succeeds
+from cli import settings, succeeds
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.pipelines.views import run_views, sweep_thresholds
 from fusionslam.sensors.frame import Cloud
@@ -153,7 +153,7 @@ def test_the_command_line_and_files_name_a_second_stage(tmp_path: Path) -> None:
     by_hand = ("method=objects", "second_stage=places", "second_threshold=0.9")
     for name, chosen in (
         ("file", ["--config", tmp_path / "both.yaml"]),
-        ("hand", [word for value in by_hand for word in ("--set", f"views.{value}")]),
+        ("hand", settings(*(f"views.{value}" for value in by_hand))),
     ):
         out = ("-o", tmp_path / name, "--no-report")
         succeeds("views", "match", tmp_path / "set.npz", *out, *chosen)

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import fusionslam
-from cli import succeeds
+from cli import settings, succeeds
 from fusionslam.evaluation.maps.run import RatSlamRun
 from fusionslam.ratslam import RatSlam
 from fusionslam.sensors.messages import Scan
@@ -154,9 +154,8 @@ def test_a_stopped_recording_keeps_what_is_whole(tmp_path: Path, number: signal.
     code = "from fusionslam.datasets.bags.writer import BagWriter\n" + INTERRUPTED.format(
         owner="BagWriter", method="write", count=40, number=int(number)
     )
-    settings = ("plan.length_m=8", "plan.spacing_m=2", "robot.cameras.camera.width=64")
-    settings += ("robot.cameras.camera.height=48",)
-    words = [word for setting in settings for word in ("--set", setting)]
+    small = ("robot.cameras.camera.width=64", "robot.cameras.camera.height=48")
+    words = settings("plan.length_m=8", "plan.spacing_m=2", *small)
     out = tmp_path / "out.bag"
     status, _, messages = ended(
         SMALL_WORLD + code + PROGRAM, "sim", "warehouse", "-o", out, "--jobs", "1", *words

@@ -13,6 +13,7 @@ from drives import same, unchanged
 from fusionslam.errors import DataError
 from fusionslam.geometry.odometry_calibration import Factors, OdometryCalibration
 from rows import rows
+from worlds import seen_from
 
 Pose = tuple[float, float, float]
 
@@ -45,13 +46,6 @@ def course(count: int, seed: int = 0) -> Iterator[Leg]:
         yield Leg(0.5, turn, (x, y, heading))
 
 
-def seen_from(view: Pose, robot: Pose) -> Pose:
-    """The robot in the frame of a view, with its heading in (-pi, pi]."""
-    c, s = math.cos(view[2]), math.sin(view[2])
-    dx, dy, turn = robot[0] - view[0], robot[1] - view[1], robot[2] - view[2]
-    return c * dx + s * dy, c * dy - s * dx, math.atan2(math.sin(turn), math.cos(turn))
-
-
 class Robot:
     """A robot whose odometry is too long by known factors. It stores a view a step, and recognises
     one that is near on even steps, and one of the last lap on odd ones."""
@@ -77,7 +71,8 @@ class Robot:
         return self.calibration
 
     def observe(self, number: int, pose: Pose, wrong: float) -> None:
-        measured = np.array(seen_from(self.poses[number], pose))
+        x, y, turn = seen_from(self.poses[number], pose)
+        measured = np.array([x, y, math.atan2(math.sin(turn), math.cos(turn))])
         measured += self.noise * self.random.normal(0, (SD_M, SD_M, SD_RAD))
         if self.random.random() < wrong:
             measured += self.random.choice([-1, 1], 3) * (2.0, 2.0, 2.0)

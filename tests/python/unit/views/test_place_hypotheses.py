@@ -281,8 +281,6 @@ SCANS: Sequence[tuple[tuple[float, float, float], ...]] = [
 ]  # fmt: skip
 SEEN = [LOST, LOST, CONFIRMED, NEW, MISSED, LOST, LOST, NEW]
 
-SEEN = [LOST, LOST, Evidence(OLD, OLD, False), NEW, Evidence(NO_NODE, OLD, False), LOST, LOST, NEW]
-
 
 def arrays_of(hypotheses: PlaceHypotheses) -> dict[str, tuple[Any, ...]]:
     """Everything of the state, to be compared bit for bit."""
