@@ -63,6 +63,12 @@ def frames(way: list[Floats], seed: int = 0, *, day: int = 0, place: int = 12) -
     ]
 
 
+def changed(frame: Frame, **values: Any) -> Frame:
+    """What the robot sees with other values."""
+    kept = {name: getattr(frame, name) for name in ("index", "stamp_ns", "points", "odometry")}
+    return Frame(**kept | values)
+
+
 def error(poses: Floats, truth: list[Floats]) -> float:
     """Root mean square of the distances of positions after the best rigid motion, metres."""
     a, b = np.asarray(poses)[:, :3, 3], np.asarray(truth)[:, :3, 3]

@@ -22,15 +22,9 @@ from fusionslam.mapping.localization import (
 )
 from fusionslam.registration import PreparedCloud
 from rows import rows
+from streets import at
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-
-
-def at(x: float, y: float, yaw_deg: float) -> Matrix:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    pose[:3, 3] = x, y, 1.7
-    return pose
 
 
 def seen_at(pose: Matrix, seed: int) -> PreparedCloud:

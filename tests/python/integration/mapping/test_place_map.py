@@ -30,7 +30,7 @@ from map_fixtures import FRAMES, build
 from pages import DOCS, snippets
 from refusals import refuses
 from rows import rows
-from streets import OPTIONS, RETURN, WAY, at, drift, error, frames
+from streets import OPTIONS, RETURN, WAY, at, changed, drift, error, frames
 
 gtsam = pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
@@ -310,12 +310,8 @@ def test_a_jump_of_odometry_begins_a_part_though_a_frame_shows_nothing(new: Plac
 
 def later(frame: Frame, seconds: float, odometry: Any = None) -> Frame:
     """The same frame at another time, and with other odometry."""
-    return Frame(
-        index=frame.index,
-        stamp_ns=frame.stamp_ns + round(seconds * 1e9),
-        points=frame.points,
-        odometry=frame.odometry if odometry is None else odometry,
-    )
+    values = {} if odometry is None else {"odometry": odometry}
+    return changed(frame, stamp_ns=frame.stamp_ns + round(seconds * 1e9), **values)
 
 
 def test_odometry_that_clouds_confirm_counts_after_a_silence(new: PlaceMap) -> None:
@@ -499,8 +495,8 @@ def test_read_only_maps_do_not_change(path: Path) -> None:
 
 
 def test_a_map_keeps_the_configuration_that_it_was_made_with(path: Path) -> None:
-    changed = MapConfig(keyframe_distance=1000.0)
-    with PlaceMap.open(path, "monday", descriptor="cm2dp", config=changed) as site:
+    config = MapConfig(keyframe_distance=1000.0)
+    with PlaceMap.open(path, "monday", descriptor="cm2dp", config=config) as site:
         assert site.add(frames(RETURN[:1])[0], odometry=at(0, 12, 0)).keyframe == len(WAY)
 
 

@@ -3,7 +3,7 @@
 """Findings of ``fusionslam ros check`` in a robot's messages."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -13,6 +13,8 @@ from bags import (
     SECOND,
     START,
     changed,
+    copies,
+    delayed,
     drive,
     picture,
     static,
@@ -32,17 +34,6 @@ from rows import rows
 ELSEWHERE = {**TOPICS, "left": "/camera/rgb/image_raw", "camera_info": "/camera/rgb/camera_info"}
 CLOUD = {"/points": "sensor_msgs/PointCloud2"}
 ON_CLOUDS = ["data_fusion", "lv_builder", "lv_matching", "loop_closure"]
-
-
-def late(events: Iterable[Event], topic: str, delay_s: float) -> Iterator[Event]:
-    """The stamps of one topic, later than they were."""
-    for event in events:
-        if event.topic == topic:
-            stamp_ns = event.message.stamp_ns + round(delay_s * SECOND)
-            event = dataclasses.replace(
-                event, message=dataclasses.replace(event.message, stamp_ns=stamp_ns)
-            )
-        yield event
 
 
 def moving(topic_events: Iterable[Event], delay_s: float) -> list[Event]:
@@ -162,11 +153,7 @@ def test_without_odometry_clouds_are_made_but_no_map() -> None:
 
 
 def test_true_poses_are_found_and_make_judging_possible() -> None:
-    truth = [
-        Event("/truth", e.time_ns, dataclasses.replace(e.message, frame_id="world"))
-        for e in drive()
-        if e.topic == "/odom"
-    ]
+    truth = copies(changed(drive(), "/odom", frame_id="world"), "/odom", "/truth")
     check = check_events([*drive(), *truth])
     assert not problems(check) and not check.lacking
     assert check.nodes == [*ON_CLOUDS, "lv_analyzer", "lv_dataset_creator", "mapper", "ratslam"]
@@ -212,14 +199,14 @@ def test_stamps_that_stand_still_are_a_fault() -> None:
 
 @rows("delay_s", [2.5, 3600])
 def test_a_camera_whose_clock_is_off_is_found(delay_s: float) -> None:
-    check = check_events(late(drive(), "/camera/image", delay_s))
+    check = check_events(delayed(drive(), "/camera/image", round(delay_s * SECOND)))
     clock, fusing = finding(check, "clock"), finding(check, "fusing")
     assert (clock.code, clock.fields) == ("other-clock", ("/camera/image",))
     assert (fusing.code, fusing.fields[0]) == ("no-frame", "no-pairs")
 
 
 def test_odometry_of_another_clock_than_the_scans_is_reported() -> None:
-    check = check_events(late(drive(), "/odom", -4.0))
+    check = check_events(delayed(drive(), "/odom", -4 * SECOND))
     assert finding(check, "clock").fields == ("/odom",) and check.works
 
 
@@ -280,13 +267,9 @@ def test_missing_static_transforms_are_reported_with_what_to_publish() -> None:
 
 
 def test_two_trees_are_to_be_linked_at_their_root() -> None:
-    links = FrameTransforms(
-        transforms=(
-            static("base", "camera", translation(0.1)),
-            static("mast", "velodyne", translation(0.1)),
-        )
-    )
-    check = check_events(changed(drive(), "/tf_static", transforms=links.transforms))
+    pairs = (("base", "camera"), ("mast", "velodyne"))
+    links = tuple(static(parent, child, translation(0.1)) for parent, child in pairs)
+    check = check_events(changed(drive(), "/tf_static", transforms=links))
     assert finding(check, "TF camera").code == "frames-not-linked"
     assert finding(check, "TF camera").fields == ("camera", "mast")
     assert finding(check, "TF robot").fields == ("base", "mast")
