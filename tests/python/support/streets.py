@@ -77,6 +77,14 @@ def error(poses: Floats, truth: list[Floats]) -> float:
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
+def assert_near(found: Floats | None, truth: Floats, metres: float, degrees: float) -> None:
+    """A pose was found, and is so near to the true one."""
+    assert found is not None
+    off = np.linalg.inv(truth) @ found
+    assert np.linalg.norm(off[:3, 3]) < metres
+    assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < degrees
+
+
 def write_street(folder: Path, way: list[Floats], seed: int = 0, *, place: int = 12) -> Path:
     """A plain folder of what the robot sees, with odometry.txt."""
     driven = frames(way, seed, place=place)

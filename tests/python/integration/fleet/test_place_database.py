@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -394,12 +395,10 @@ def test_a_place_that_was_changed_is_named_by_whatever_uses_it(empty: PlaceDatab
         with empty._writing() as table:
             before = table.version
             table.update(where="frame = 13", values_sql=dict([change.split(" = ")]))
-        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
-            empty.query(made_vectors(20)[13], k=1)
-        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
-            empty.positions("harbour")
-        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
-            empty.check()
+        query = partial(empty.query, made_vectors(20)[13], k=1)
+        for use in (query, partial(empty.positions, "harbour"), empty.check):
+            with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+                use()
         assert empty.query(made_vectors(20)[2], k=1)[0][0].frame == 2
         with empty._writing() as table:
             table.restore(before)

@@ -135,8 +135,7 @@ def test_a_node_that_ends_goes_on_with_its_session(tmp_path: Path) -> None:
 def test_a_new_drive_has_no_place_on_the_map_until_loops_join_it(
     built: Path, tmp_path: Path
 ) -> None:
-    path = tmp_path / "site.fsmap"
-    path.write_bytes(built.read_bytes())
+    path = copy_artefact(built, tmp_path / "site.fsmap")
     desk, tuesday = start(path, "tuesday"), frames(RETURN, 200, day=1)
     drive(desk, tuesday[:1])
     assert map_from_odom(desk) is None and "not joined" in desk.node.report()["state"]
@@ -155,8 +154,7 @@ def _truth(pose: np.ndarray) -> np.ndarray:
 def test_a_robot_is_found_on_a_map_that_another_node_may_extend(
     extended: bool, built: Path, tmp_path: Path
 ) -> None:
-    path = tmp_path / "site.fsmap"
-    path.write_bytes(built.read_bytes())
+    path = copy_artefact(built, tmp_path / "site.fsmap")
     writer = start(path, "tuesday") if extended else None
     desk = localizer(path)
     seen = [changed(each, odometry=np.eye(4)) for each in frames(RETURN[3:4], 300, day=2)]

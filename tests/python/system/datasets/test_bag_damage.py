@@ -17,7 +17,7 @@ from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2 import writer as rosbag2_writer
 
 from bags import SECOND, START, SUFFIXES, drive, odometry, picture, same, without, write_bag
-from cli import succeeds
+from cli import info_of, succeeds
 from error_codes import has_code
 from fusionslam.base import files
 from fusionslam.datasets import open_bag, open_dataset, open_writer
@@ -115,7 +115,7 @@ def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
     assert len(dataset) == (4 if topic == "/points" else 5)
     assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
     assert len(dataset.motion("odometry")) == (100 if topic == "/odom" else 101)
-    out = " ".join(succeeds("info", path).stdout.split())
+    out = info_of(path)
     assert f"1 message: {topic}, arrived at {MIDDLE / 1e9:.3f} s" in out
 
 
