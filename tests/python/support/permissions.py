@@ -53,7 +53,7 @@ def bound_by_permissions(work: Callable[[], object]) -> None:
 def limited_files(size: int | None) -> Iterator[None]:
     """Let no file become larger; Python ignores the signal, writing fails."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size or hard, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (hard if size is None else size, hard))
     try:
         yield
     finally:
