@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -78,6 +79,14 @@ def ratslam_reference() -> Path:
 def played_bag() -> PlayedBag:
     """A robot's drive for a live ROS, with or without test data."""
     return find_played_bag(DATA)
+
+
+@pytest.fixture(scope="session")
+def offline(played_bag: PlayedBag) -> Any:
+    """What the commands make of that drive, an ``Offline``."""
+    from live_results import run_offline
+
+    return run_offline(played_bag)
 
 
 @pytest.fixture(scope="session")

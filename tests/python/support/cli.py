@@ -60,6 +60,11 @@ def succeeds(*arguments: object, command: Typer = app) -> Result:
     return result
 
 
+def info_of(*arguments: object) -> str:
+    """All that info says, in one line."""
+    return " ".join(succeeds("info", *arguments).stdout.split())
+
+
 def fails(code: int, *arguments: object, command: Typer = app) -> str:
     """The line that a failing command writes."""
     result = run(*arguments, command=command)

@@ -1,11 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work of other processes, which may do less than this one."""
+"""Work that may do less than usual: with fewer rights, with small files, on a full disk."""
 
 import ctypes
 import os
+import resource
+import subprocess
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
 
 
 def fork(work: Callable[[], object]) -> int:
@@ -41,3 +47,26 @@ def bound_by_permissions(work: Callable[[], object]) -> None:
         work()
 
     assert exit_code_of(fork(run)) == 0
+
+
+@contextmanager
+def limited_files(size: int | None) -> Iterator[None]:
+    """Let no file become larger; Python ignores the signal, writing fails."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (hard if size is None else size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
+def small_disk(folder: Path, size: str) -> Iterator[None]:
+    """Mount a file system of a size in a folder; skip the test if that is not allowed."""
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from artefacts import artefact
 from fusionslam.evaluation import ViewRule
+from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
 
 PLACES = 12
 AZIMUTHS, ELEVATIONS = np.radians(np.linspace(-30, 30, 121)), np.radians(np.linspace(-8, 8, 9))
@@ -139,3 +141,11 @@ def scans_above_floor(
         above = np.append(0, np.cumsum(heights + data["lidar_xyz"][2] > 0.1))
         kept = np.diff(above[data["collision_offsets"]]) > 0
         return data["poses"][kept], data["stamps"][kept]
+
+
+def town_drive() -> Path:
+    """A drive around one block of a town, whose rings are far apart on the road."""
+    block = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
+    drive = DriveConfig(laps=(block,), lap_shift_m=(0.0,), spacing_m=20.0)
+    config = SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive)
+    return artefact("calibration-town", lambda folder: record(config, folder / "drive")) / "drive"

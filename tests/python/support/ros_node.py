@@ -14,6 +14,7 @@ from fusionslam.ros.runtime.config import from_parameters
 from fusionslam.ros.runtime.worker import Worker
 
 SOMEBODY = "/somebody"
+CLOUDS, VIEWS, IDS = "rgb_cloud", "current_scene_description", "LocalView/Template"
 
 
 class Kept:
@@ -113,6 +114,11 @@ class Chain:
     def of(self, topic: str) -> list[Any]:
         """What the nodes published on a topic."""
         return [message for desk in self.desks for message in desk.outlet.of(topic)]
+
+
+def ids(matcher: Desk) -> list[int]:
+    """The views that lv_matching recognised."""
+    return [message.current_id for message in matcher.outlet.of(IDS)]
 
 
 def causes(caplog: pytest.LogCaptureFixture) -> list[str]:

@@ -63,12 +63,26 @@ def frames(way: list[Floats], seed: int = 0, *, day: int = 0, place: int = 12) -
     ]
 
 
+def changed(frame: Frame, **values: Any) -> Frame:
+    """What the robot sees with other values."""
+    kept = {name: getattr(frame, name) for name in ("index", "stamp_ns", "points", "odometry")}
+    return Frame(**kept | values)
+
+
 def error(poses: Floats, truth: list[Floats]) -> float:
     """Root mean square of the distances of positions after the best rigid motion, metres."""
     a, b = np.asarray(poses)[:, :3, 3], np.asarray(truth)[:, :3, 3]
     turn, _ = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))
     off = turn.apply(a - a.mean(axis=0)) - (b - b.mean(axis=0))
     return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+def assert_near(found: Floats | None, truth: Floats, metres: float, degrees: float) -> None:
+    """A pose was found, and is so near to the true one."""
+    assert found is not None
+    off = np.linalg.inv(truth) @ found
+    assert np.linalg.norm(off[:3, 3]) < metres
+    assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < degrees
 
 
 def write_street(folder: Path, way: list[Floats], seed: int = 0, *, place: int = 12) -> Path:

@@ -36,7 +36,8 @@ from fusionslam.config import with_settings
 from fusionslam.errors import DataError
 from fusionslam.pipelines.compare_descriptors import QUICK_TOWN
 from fusionslam.sensors.frame import Frame
-from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
+from fusionslam.sim import SimConfig, record
+from recordings import town_drive
 from rows import rows
 from turning_robot import OPTICAL, Drive, make_drive
 
@@ -168,17 +169,9 @@ def test_a_shift_is_not_believed_if_a_turn_gains_far_more() -> None:
         assert _verdict(0.08, turn, {"down": down}, CalibrationCheckConfig(), "try")[1] is fits
 
 
-def make_town(folder: Path) -> None:
-    """Frames around one block of a town, whose rings are far apart on the road."""
-    block = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
-    drive = DriveConfig(laps=(block,), lap_shift_m=(0.0,), spacing_m=20.0)
-    record(SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive), folder / "drive")
-
-
 @pytest.fixture(scope="module")
 def town() -> fusionslam.Dataset:
-    folder = artefact("calibration-town", make_town) / "drive"
-    return fusionslam.open_dataset(folder, sensors=["points", "left"])
+    return fusionslam.open_dataset(town_drive(), sensors=["points", "left"])
 
 
 @pytest.mark.parametrize("degrees", [(0.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, -1.0)])
@@ -188,16 +181,12 @@ def test_a_town_is_judged_right(town: fusionslam.Dataset, degrees: Degrees) -> N
     assert np.abs(np.subtract(found.turn.degrees, degrees)).max() <= 0.5
 
 
-def make_quick_town(folder: Path) -> None:
-    small = [*QUICK_TOWN, "sim.drive.spacing_m=6"]
-    config = with_settings(SimConfig(), [each.removeprefix("sim.") for each in small])
-    record(config, folder / "drive")
-
-
 @pytest.mark.nightly
 def test_sensors_of_the_quick_demo_are_judged_right() -> None:
-    town = artefact("calibration-quick-town", make_quick_town) / "drive"
-    recording = fusionslam.open_dataset(town, sensors=["points", "left"])
+    small = [*QUICK_TOWN, "sim.drive.spacing_m=6"]
+    config = with_settings(SimConfig(), [each.removeprefix("sim.") for each in small])
+    town = artefact("calibration-quick-town", lambda folder: record(config, folder / "drive"))
+    recording = fusionslam.open_dataset(town / "drive", sensors=["points", "left"])
     right = check_calibration(recording)
     assert right.fits and abs(right.turn.degrees[1]) <= 0.4
     for degrees in ((0.0, 1.5, 0.0), (0.0, 0.0, -1.5)):

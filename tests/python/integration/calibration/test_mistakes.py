@@ -4,43 +4,33 @@
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from artefacts import artefact
 from cli import succeeds
 from fusionslam import open_dataset
 from fusionslam.calibration.mistakes import warn_of_wrong_calibration
-from fusionslam.sim import DriveConfig, SimConfig, TownConfig, record
+from recordings import town_drive
 
 Matrices = dict[str, NDArray[np.float64]]
-
-
-def make_town(folder: Path) -> None:
-    block = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
-    drive = DriveConfig(laps=(block,), lap_shift_m=(0.0,), spacing_m=20.0)
-    record(SimConfig(town=TownConfig(seed=7, blocks=(1, 1)), drive=drive), folder / "drive")
 
 
 def invert(matrices: Matrices) -> None:
     matrices["Tr"] = np.linalg.inv(np.vstack([matrices["Tr"], [0, 0, 0, 1]]))[:3]
 
 
-def halve(matrices: Matrices) -> None:
+def scale(factor: float, matrices: Matrices) -> None:
+    """As if the images had another size."""
     for number in range(4):
-        matrices[f"P{number}"][:2] /= 2
-
-
-def double(matrices: Matrices) -> None:
-    for number in range(4):
-        matrices[f"P{number}"][:2] *= 2
+        matrices[f"P{number}"][:2] *= factor
 
 
 def miscalibrated(folder: Path, change: Callable[[Matrices], None] | None) -> Path:
-    shutil.copytree(artefact("calibration-town", make_town) / "drive", folder, symlinks=True)
+    shutil.copytree(town_drive(), folder, symlinks=True)
     path = folder / "sequences/00/calib.txt"
     lines = (line.split(":") for line in path.read_text().splitlines())
     matrices = {name: np.array(values.split(), float).reshape(3, 4) for name, values in lines}
@@ -59,8 +49,8 @@ def miscalibrated(folder: Path, change: Callable[[Matrices], None] | None) -> Pa
     [
         (None, ""),
         (invert, "inverse of rectified_from_points"),
-        (halve, "twice the focal length"),
-        (double, "half the focal length"),
+        (partial(scale, 0.5), "twice the focal length"),
+        (partial(scale, 2), "half the focal length"),
     ],
 )
 def test_a_mistaken_calibration_is_told(

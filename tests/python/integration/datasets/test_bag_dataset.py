@@ -35,7 +35,7 @@ from bags import (
     without,
     write_bag,
 )
-from cli import error_of, fails, succeeds
+from cli import error_of, fails, info_of, succeeds
 from error_codes import has_code
 from fusionslam import fuse
 from fusionslam.datasets import open_dataset, write_poses_tum
@@ -252,10 +252,6 @@ def test_bad_messages_are_left_out_and_named_once(tmp_path: Path, caplog: Logs) 
     assert [count for count, _ in dataset.source.refused.values()] == [3, 2]
     warnings = [str(record.args) for record in caplog.records]
     assert ["base -> velodyne -> base" in warning for warning in warnings] == [True, False]
-
-
-def info_of(path: Path) -> str:
-    return " ".join(succeeds("info", path).stdout.split())
 
 
 def test_info_tells_what_is_in_a_bag_and_that_it_can_be_fused(tmp_path: Path) -> None:

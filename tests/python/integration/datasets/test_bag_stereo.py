@@ -32,7 +32,7 @@ from bags import (
     without,
     write_bag,
 )
-from cli import succeeds
+from cli import info_of
 from error_codes import has_code
 from fusionslam import FusionConfig, fuse, open_dataset
 from fusionslam.datasets.bags.reader import Topic
@@ -181,10 +181,6 @@ def test_the_right_camera_is_guessed_by_its_name(
 def test_a_right_calibration_is_never_taken_for_the_left_one() -> None:
     chosen = choose_topics(topics("/s/left/image", "/s/right/image", "/s/right/info"))
     assert "camera_info" not in chosen and chosen["right_camera_info"] == "/s/right/info"
-
-
-def info_of(path: Path, *options: str) -> str:
-    return " ".join(succeeds("info", path, *options).stdout.split())
 
 
 def test_a_pair_of_other_names_can_be_named(tmp_path: Path) -> None:

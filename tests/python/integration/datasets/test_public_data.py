@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cli import succeeds
+from cli import info_of
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.kitti_raw import oxts_poses
 from fusionslam.datasets.pose_files import read_poses_kitti
@@ -47,7 +47,7 @@ def test_labels_beside_scans_are_no_trouble_and_poses_there_come_first(tmp_path:
     assert dataset.body_is_camera and dataset.body_from_points is not None
     chosen = open_dataset(sequence, poses=tmp_path / "dataset/poses/03.txt")
     assert chosen.poses[2, 0, 3] == 2
-    assert "03/poses.txt" in succeeds("info", sequence).stdout
+    assert "03/poses.txt" in info_of(sequence)
     (sequence / "poses.txt").unlink()
     kitti = open_dataset(sequence)
     assert kitti.name == "KITTI odometry 03" and kitti.poses[2, 0, 3] == 2
@@ -115,8 +115,8 @@ def test_poses_are_of_the_imu_turned_upright_and_place_the_scanner(tmp_path: Pat
     """The car faces east in a world of east, north, up; the scanner is above the IMU."""
     dataset = open_dataset(kitti_360(tmp_path))
     assert dataset.numbers[2] == 4 and not dataset.body_is_camera
-    text = succeeds("info", tmp_path).stdout
-    assert "kitti-360" in text and f"{KITTI_360_DRIVE}/poses.txt" in " ".join(text.split())
+    text = info_of(tmp_path)
+    assert "kitti-360" in text and f"{KITTI_360_DRIVE}/poses.txt" in text
     expected = np.eye(4)
     expected[:3, 3] = 1004, 2000, 116
     np.testing.assert_allclose(dataset.poses[2], expected, atol=1e-12)
@@ -323,7 +323,7 @@ def test_a_cut_scan_is_refused_when_it_is_read(make: Make, size: int, tmp_path: 
 @rows("make", [mulran, nclt])
 def test_scans_without_poses_open_and_have_no_images(make: Make, tmp_path: Path) -> None:
     root = make(tmp_path)
-    text = " ".join(succeeds("info", root).stdout.split())
+    text = info_of(root)
     assert f"kind {make.__name__}" in text and ".csv" in text
     next(root.glob("*.csv")).unlink()
     dataset = open_dataset(root, kind=make.__name__)

@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from fusionslam.fleet import lance_extra
 from fusionslam.fleet.place_database import DatabaseSettings, PlaceDatabase
 from fusionslam.fleet.place_rows import LONGEST
 from fusionslam.fleet.places import PlaceFilter
+from fuzz.bit_flips import flipped
 from rows import grouped, rows
 
 lancedb = pytest.importorskip("lancedb", reason="the table of places is an extra")
@@ -361,18 +363,6 @@ def test_damage_is_found_at_once(
         PlaceDatabase.open(folder)
 
 
-def stored_bytes(drives: PlaceDatabase, count: int) -> Iterator[int]:
-    """Flip a bit of the table's data, here and there; yield where while it is flipped."""
-    (file, *_) = sorted((Path(drives.location) / "places.lance/data").iterdir())
-    content = file.read_bytes()
-    for place in np.linspace(0, len(content) - 1, count).astype(int).tolist():
-        changed = bytearray(content)
-        changed[place] ^= 1 << place % 8
-        file.write_bytes(bytes(changed))
-        yield place
-    file.write_bytes(content)
-
-
 @pytest.mark.parametrize("count", [12, pytest.param(1000, marks=pytest.mark.nightly)])
 def test_a_flipped_bit_of_the_table_is_found_or_changes_nothing(
     drives: PlaceDatabase, count: int
@@ -385,9 +375,11 @@ def test_a_flipped_bit_of_the_table_is_found_or_changes_nothing(
             return [[(e.key, e.distance, *vars(e).values()) for e in row] for row in rows], poses
 
     drives.close()
-    expected = repr(read())
+    (file, *_) = sorted((Path(drives.location) / "places.lance/data").iterdir())
+    content, expected = file.read_bytes(), repr(read())
     found = 0
-    for place in stored_bytes(drives, count):
+    for place in np.linspace(0, len(content) - 1, count).astype(int).tolist():
+        file.write_bytes(flipped(content, 8 * place + place % 8))
         try:
             assert repr(read()) == expected, place
         except DataError as error:
@@ -403,12 +395,10 @@ def test_a_place_that_was_changed_is_named_by_whatever_uses_it(empty: PlaceDatab
         with empty._writing() as table:
             before = table.version
             table.update(where="frame = 13", values_sql=dict([change.split(" = ")]))
-        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
-            empty.query(made_vectors(20)[13], k=1)
-        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
-            empty.positions("harbour")
-        with pytest.raises(DataError, check=has_code("damaged", empty.location)):
-            empty.check()
+        query = partial(empty.query, made_vectors(20)[13], k=1)
+        for use in (query, partial(empty.positions, "harbour"), empty.check):
+            with pytest.raises(DataError, check=has_code("damaged", empty.location)):
+                use()
         assert empty.query(made_vectors(20)[2], k=1)[0][0].frame == 2
         with empty._writing() as table:
             table.restore(before)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The index of a database of places: its recall is measured, and nothing is lost by it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -32,6 +32,7 @@ from fusionslam.fleet.places import PlaceFilter, Places
 from fusionslam.fleet.row_search import Search
 from fusionslam.fleet.segment import Segment, delete_segments, digest_of, size_of
 from fusionslam.fleet.vector_index import IndexReport, Kind, write_report
+from fuzz.bit_flips import flipped
 from fuzz.crafted_files import HEADERS, with_header
 from rows import rows
 
@@ -65,16 +66,20 @@ mostly_faiss = pytest.mark.parametrize(
 )
 
 
-@pytest.fixture(scope="module")
-def built(kind: Kind) -> Path:
-    """A database with an index, which tests copy or only read."""
+def database_of(name: str, make: Callable[[], Places], kind: Kind = "faiss") -> Path:
+    """A database of places with an index, which tests copy or only read."""
 
     def build(folder: Path) -> None:
         with PlaceDatabase.create(folder / "database", SETTINGS) as database:
-            database.add(many_places())
+            database.add(make())
             database.build_index(kind=kind)
 
-    return artefact(f"places-of-{kind}", build) / "database"
+    return artefact(name, build) / "database"
+
+
+@pytest.fixture(scope="module")
+def built(kind: Kind) -> Path:
+    return database_of(f"places-of-{kind}", many_places, kind)
 
 
 @pytest.fixture
@@ -85,14 +90,8 @@ def indexed(built: Path, tmp_path: Path) -> Iterator[PlaceDatabase]:
 
 @pytest.fixture(scope="module")
 def segment() -> Path:
-    """A smaller database with an index of FAISS, which tests only read."""
-
-    def build(folder: Path) -> None:
-        with PlaceDatabase.create(folder / "database", SETTINGS) as database:
-            database.add(made_places("all", 5000))
-            database.build_index()
-
-    return artefact("places-of-a-segment", build) / "database"
+    """A smaller one, with an index of FAISS."""
+    return database_of("places-of-a-segment", lambda: made_places("all", 5000))
 
 
 @pytest.fixture
@@ -249,13 +248,6 @@ def test_a_damaged_index_of_lance_is_named(segmented: PlaceDatabase) -> None:
         reader.query(np.zeros(LENGTH))
 
 
-def flipped(content: bytes, place: int) -> bytes:
-    """The content with one bit changed."""
-    changed = bytearray(content)
-    changed[place] ^= 1 << place % 8
-    return bytes(changed)
-
-
 @rows("suffix", [".faiss", ".npy"])
 def test_a_flipped_bit_of_a_segment_is_found_before_it_is_parsed(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
@@ -266,7 +258,7 @@ def test_a_flipped_bit_of_a_segment_is_found_before_it_is_parsed(
     with monkeypatch.context() as patched:
         patched.setattr(np, "load", None)
         for place in np.linspace(0, len(content) - 1, 9).astype(int).tolist():
-            file.write_bytes(flipped(content, place))
+            file.write_bytes(flipped(content, 8 * place + place % 8))
             with pytest.raises(DataError, check=has_code("damaged", path)):
                 Segment(path, digest)
     file.write_bytes(content)

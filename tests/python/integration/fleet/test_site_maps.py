@@ -59,7 +59,7 @@ def joined(drives: Path) -> Path:
         # Two that join one another make it begin anew.
         second = merge(drives, folder)
         assert (names(second.added), names(second.left_out)) == (BOTH, WAITING)
-        assert sessions_of(folder) == BOTH
+        assert keyframes_of(folder).keys() == BOTH
 
     return artefact("site-joined", join)
 
@@ -83,9 +83,10 @@ def merge(root: Path, folder: Path, *names: str) -> SiteMerge:
     return merge_site(folder, "yard", recordings, settings, mapping=MapConfig())
 
 
-def sessions_of(folder: Path) -> set[str]:
+def keyframes_of(folder: Path) -> dict[str, int]:
+    """Of each session of the joint map, by name."""
     with PlaceMap.open(site_map_path(folder, "yard"), read_only=True) as site:
-        return {each.name.rpartition("/")[2] for each in site.sessions}
+        return {each.name.rpartition("/")[2]: each.keyframes for each in site.sessions}
 
 
 def names(sessions: object) -> set[str]:
@@ -107,7 +108,7 @@ def test_drives_that_are_joined_stay_and_the_others_wait(
     ((monday,), _) = planned(drives, places, "b-monday")
     own = [*(places / MAPS / "yard").glob("*b-monday*.fsmap")]
     forget_drive(places, monday.recording)
-    assert sessions_of(places) == {"c-tuesday"}
+    assert keyframes_of(places).keys() == {"c-tuesday"}
     assert len(own) == 1 and not own[0].exists()
     assert "b-monday" not in record_file(places).read_text()
 
@@ -183,12 +184,7 @@ def test_a_changed_drive_is_mapped_and_joined_anew(
     for _ in range(2):
         merged = merge(root, places, *BOTH)
         assert names(merged.left_out) == {"b-monday"} and not merged.added
-        assert sessions_of(places) == BOTH
-
-
-def keyframes_of(folder: Path) -> dict[str, int]:
-    with PlaceMap.open(site_map_path(folder, "yard"), read_only=True) as site:
-        return {each.name.rpartition("/")[2]: each.keyframes for each in site.sessions}
+        assert keyframes_of(places).keys() == BOTH
 
 
 def test_what_is_known_of_a_site_that_is_damaged_is_named(drives: Path, tmp_path: Path) -> None:

@@ -3,10 +3,8 @@
 """Work on a fleet: it goes on where it stopped, and what fails is named and keeps nothing else."""
 
 import json
-import resource
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -44,6 +42,7 @@ from fusionslam.fleet.work import (
     save_failures,
 )
 from fusionslam.pipelines.describe import PipelineConfig
+from permissions import limited_files
 from refusals import refuses
 
 
@@ -197,17 +196,6 @@ def test_a_damaged_chunk_that_is_taken_in_is_made_again(fleet: Path, own_places:
     assert describe_recordings(plan, settings, own_places, engine, taker=reader) == []
     assert [each.key for each in engine.begun] == [path.stem] and len(reader.known) == 9
     assert digests(own_places) == expected
-
-
-@contextmanager
-def limited_files(size: int) -> Iterator[None]:
-    """Let no file become larger; Python ignores the signal, writing fails."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_full_disk_is_named_once_work_stops_and_a_rerun_completes(

@@ -8,8 +8,11 @@ import shutil
 import signal
 import sqlite3
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +26,13 @@ from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.pipelines.place_maps import export_map
 from fusionslam.sensors.frame import Frame
+from fuzz.bit_flips import DATABASES, flip_bits, flipped
 from fuzz.crafted_files import ENDLESS, MAPS
 from map_fixtures import FRAMES, STORED, build
 from map_rows import restore_crcs
 from refusals import refuses
 from rows import rows
-from streets import OPTIONS, at
+from streets import OPTIONS, at, changed
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
@@ -74,9 +78,8 @@ def test_numbers_of_frames_are_integers(short: Path) -> None:
     last = FRAMES[STORED]
     with PlaceMap.open(short, "monday") as site:
         for number in (-1, 2**70, 1.5):
-            wrong: Any = number
             with refuses("frame-number"):
-                site.add(Frame(index=0, number=wrong, points=last.points, odometry=last.odometry))
+                site.add(changed(last, index=0, number=number))
         with pytest.raises(ShapeError):
             site.add(last.points)
         assert len(site) == STORED
@@ -86,8 +89,7 @@ def test_stamps_that_go_back_are_kept_in_the_order_of_the_frames(short: Path) ->
     stamps = [-5, 2**63 - 1, 0]
     with PlaceMap.open(short, "monday") as site:
         for stamp, seen in zip(stamps, FRAMES[STORED:], strict=False):
-            about = {"index": seen.number, "points": seen.points, "odometry": seen.odometry}
-            site.add(Frame(stamp_ns=stamp, **about))
+            site.add(changed(seen, stamp_ns=stamp))
     with PlaceMap.open(short, read_only=True) as site:
         assert site.trajectory("monday")[0][STORED:].tolist() == stamps
         assert site.check() == []
@@ -215,13 +217,7 @@ def seen_from(frame: Frame, mount: Any, scale: float = 1.0) -> Frame:
     assert frame.points is not None
     back = np.linalg.inv(mount)
     points = scale * (frame.points @ back[:3, :3].T + back[:3, 3])
-    return Frame(
-        index=frame.index,
-        stamp_ns=frame.stamp_ns,
-        points=points.astype(np.float32),
-        odometry=frame.odometry,
-        robot_from_points=mount,
-    )
+    return changed(frame, points=points.astype(np.float32), robot_from_points=mount)
 
 
 @rows("mount, scale, code", [(OPTICAL, 1.0, "not-up"), (np.eye(4), 1000.0, "far-points")])
@@ -300,10 +296,9 @@ def test_a_flipped_bit_is_damage(first_part: Path, tmp_path: Path, table: str, c
         path.write_bytes(whole)
         with closing(sqlite3.connect(path)) as database:
             value = database.execute(f"SELECT {column} FROM {table}").fetchone()[0]
-            changed = bytearray(value)
-            changed[int(place * len(value))] ^= 1
+            other = flipped(value, 8 * int(place * len(value)))
             change = f"UPDATE {table} SET {column} = ? WHERE {column} = ?"
-            database.execute(change, (bytes(changed), value))
+            database.execute(change, (other, value))
             database.commit()
         check_damage(path)
 
@@ -397,37 +392,28 @@ def test_ctrl_c_ends_a_statement(short: Path) -> None:
             signal.signal(signal.SIGVTALRM, before)
 
 
-def content(path: Path) -> bytes:
-    """All that a map's file holds, read as others read it; what ``check`` finds is raised."""
-    with MapFile(path, read_only=True) as file:
-        if problems := file.check():
-            raise DataError(problems[0], code="damaged")
-        keyframes = file.keyframes()
-        solution, config = file.solution(), file.setting("config")
-        about = keyframes, file.sessions(), file.edges(), file.vectors(), solution, config
-        return pickle.dumps((about, [file.cloud(each.id) for each in keyframes]))
+def bits_of_all_parts(tried: int, whole: bytes) -> Iterator[int]:
+    """Of the header, of what is not 0, as pages that are not full end in 0, and anywhere."""
+    rng, used = np.random.default_rng(tried), np.flatnonzero(np.frombuffer(whole, np.uint8))
+    for part in (np.arange(100), used, np.arange(len(whole))):
+        for place in rng.choice(part, tried // 3).tolist():
+            yield 8 * place + int(rng.integers(8))
 
 
 @pytest.mark.parametrize("tried", [90, pytest.param(30 * FLIPS, marks=pytest.mark.nightly)])
 def test_a_flipped_bit_anywhere_is_found_or_changes_nothing(
     first_part: Path, tmp_path: Path, tried: int
 ) -> None:
-    path = copy_artefact(first_part, tmp_path / "site.fsmap")
-    with PlaceMap.open(path) as site:
-        site.solve()
-    whole, expected = path.read_bytes(), content(path)
-    rng = np.random.default_rng(tried)
-    used = np.flatnonzero(np.frombuffer(whole, np.uint8))  # bytes of pages that are not full are 0
-    parts = np.arange(100), used, np.arange(len(whole))  # the header, what is not 0, anything
-    places = np.concatenate([rng.choice(part, tried // 3) for part in parts])
-    found = 0
-    for place in places.tolist():
-        damaged = bytearray(whole)
-        damaged[place] ^= 1 << int(rng.integers(8))
-        path.write_bytes(damaged)
-        try:
-            assert content(path) == expected, f"byte {place}"
-        except DataError:
-            found += 1
-    print(f"{len(places)} bits flipped, {found} found")
-    assert found > tried / 3
+    def write(path: Path) -> None:
+        with PlaceMap.open(copy_artefact(first_part, path)) as site:
+            site.solve()
+
+    def check(path: Path) -> None:
+        with MapFile(path, read_only=True) as file:
+            if problems := file.check():
+                raise DataError(problems[0], code="damaged")
+
+    form = replace(DATABASES["map"], write=write, check=check)
+    found = flip_bits(form, tmp_path, partial(bits_of_all_parts, tried))
+    assert not found.silent
+    assert found.refused > tried / 3

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
 from fusionslam.base.arrays import Matrix
@@ -22,15 +21,9 @@ from fusionslam.mapping.localization import (
 )
 from fusionslam.registration import PreparedCloud
 from rows import rows
+from streets import assert_near, at
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-
-
-def at(x: float, y: float, yaw_deg: float) -> Matrix:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    pose[:3, 3] = x, y, 1.7
-    return pose
 
 
 def seen_at(pose: Matrix, seed: int) -> PreparedCloud:
@@ -83,9 +76,7 @@ def sight(
 
 def assert_at(found: Localization, truth: Matrix) -> None:
     assert found.reason is None and found.pose is not None and found.covariance is not None
-    off = np.linalg.inv(truth) @ found.pose
-    assert np.linalg.norm(off[:3, 3]) < 0.1
-    assert np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude()) < 0.5
+    assert_near(found.pose, truth, 0.1, 0.5)
 
 
 @rows("truth", [at(1.0, 0.5, 10), at(-7.0, 1.5, 180), at(9.0, -1.0, -95)])

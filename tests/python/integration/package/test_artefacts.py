@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 
 import artefacts
 from artefacts import ArtefactWarning, artefact, copy_artefact
+from permissions import exit_code_of, fork
 from rows import rows
 
 
@@ -207,17 +209,10 @@ def test_two_processes_at_once_share_it(root: Path) -> None:
             os.sched_yield()
         make(folder)
 
-    children = []
-    for asks in (first, second):
-        child = os.fork()
-        if not child:
-            code = 1
-            try:
-                asks.touch()
-                made = artefact("drive", make_when_both_ask)
-                code = int((made / "link").read_bytes() != b"points")
-            finally:
-                os._exit(code)
-        children.append(child)
-    assert [os.waitpid(child, 0)[1] for child in children] == [0, 0]
+    def ask(asks: Path) -> None:
+        asks.touch()
+        assert (artefact("drive", make_when_both_ask) / "link").read_bytes() == b"points"
+
+    children = [fork(partial(ask, asks)) for asks in (first, second)]
+    assert [exit_code_of(child) for child in children] == [0, 0]
     assert makes(root) == 1

@@ -20,11 +20,12 @@ class Alarm(Exception):
     """What the handler of the tests raises."""
 
 
+def handler(number: int, frame: FrameType | None) -> None:
+    raise Alarm
+
+
 @pytest.fixture(autouse=True)
 def alarm_handler() -> Iterator[None]:
-    def handler(number: int, frame: FrameType | None) -> None:
-        raise Alarm
-
     before = signal.signal(signal.SIGALRM, handler)
     yield
     signal.setitimer(signal.ITIMER_REAL, 0)
@@ -76,9 +77,6 @@ def test_after_an_interrupt_the_same_call_works() -> None:
 
 
 def test_what_others_write_is_not_cut_in_the_middle() -> None:
-    def handler(number: int, frame: FrameType | None) -> None:
-        raise Alarm
-
     # Where tests run in the background, SIGINT may be ignored.
     before = signal.signal(signal.SIGINT, handler)
     done = []

@@ -5,7 +5,6 @@
 import json
 import logging
 import re
-import shutil
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -81,8 +80,7 @@ def made(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def again(made: Path, tmp_path: Path) -> Path:
     """A finished folder that a test may change."""
-    shutil.copytree(made, tmp_path / "again")
-    return tmp_path / "again"
+    return copy_artefact(made, tmp_path / "again")
 
 
 def pieces_of(folder: Path) -> dict[str, int]:

@@ -161,14 +161,6 @@ def test_a_map_is_laid_over_the_truth_and_its_loops_are_what_arrivals_made() -> 
     assert unknown.made.tolist() == [-1, -1, 3, -1] and not unknown.false.any()
 
 
-def written_kinds(folder: Path, run: RatSlamRun) -> tuple[list[str], set[str]]:
-    """What the page says is missing, as codes, and the kinds of its pictures."""
-    page = read_page(write_ratslam_report(folder, run))
-    assert "nan" not in page.text.lower().split()
-    codes = [code for code, words in MISSING.items() if words in page.text]
-    return codes, {path.name.split("_")[1] for path in folder.glob("*.png")}
-
-
 UNKNOWN = {"nodes": [], "actions": [(0, 0, 0)] * 4, "links": [], "view_ids": np.full(4, -1)}
 SINGLE_NODE = {"nodes": HALL[:1], "actions": [(1, 0, 0), *[(0, 0, 0)] * 3], "links": []}
 SINGLE_STEP = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.full((1, 3), 1e-3))
@@ -188,7 +180,10 @@ SINGLE_STEP = little_run(HALL[:1], [(1, 0, 0)], HALL[:1], [], step_seconds=np.fu
 def test_pages_say_what_is_lacking(
     tmp_path: Path, run: RatSlamRun, missing: str, kinds: str
 ) -> None:
-    assert written_kinds(tmp_path, run) == (missing.split(), set(kinds.split()))
+    page = read_page(write_ratslam_report(tmp_path, run))
+    assert "nan" not in page.text.lower().split()
+    assert [code for code, words in MISSING.items() if words in page.text] == missing.split()
+    assert {path.name.split("_")[1] for path in tmp_path.glob("*.png")} == set(kinds.split())
 
 
 def test_runs_over_several_drives_stand_apart(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from fusionslam.report.place_maps import read_drives, write_map_page
 from fusionslam.report.place_maps.contents import drift_factor, fit_loops
 from fusionslam.report.place_maps.figures import draw_cloud, draw_trajectories
 from fusionslam.report.place_maps.page import refused_table, state_table
+from map_fixtures import FRAMES, build
 from pages import Page
 from project import PROJECT
 from streets import OPTIONS, RETURN, WAY, frames
@@ -35,17 +36,13 @@ pytest.importorskip("jinja2", reason="pages are an extra")
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    source = artefact("two-sessions-map", make_map) / "site.fsmap"
-    return copy_artefact(source, tmp_path / "site.fsmap")
-
-
-def make_map(folder: Path) -> None:
     """A map of a drive, and of one elsewhere that nothing joins with it."""
-    path = folder / "site.fsmap"
-    for session, drive in (("monday", frames(WAY)), ("elsewhere", frames(RETURN, 200, place=13))):
-        with PlaceMap.open(path, session, **OPTIONS) as site:
-            for frame in drive:
-                site.add(frame)
+
+    def make(folder: Path) -> None:
+        build(folder / "site.fsmap")
+        build(folder / "site.fsmap", frames(RETURN, 200, place=13), "elsewhere")
+
+    return copy_artefact(artefact("two-sessions-map", make) / "site.fsmap", tmp_path / "site.fsmap")
 
 
 def without_view(page: Path) -> Page:
@@ -94,7 +91,7 @@ def test_the_view_in_3d_is_inside(path: Path, tmp_path: Path, unrendered: None) 
 )
 def test_names_of_sessions_stay_text(tmp_path: Path, name: str) -> None:
     with PlaceMap.open(tmp_path / "a.fsmap", name, **OPTIONS) as site:
-        for frame in frames(WAY)[:3]:
+        for frame in FRAMES[:3]:
             site.add(frame)
         page = write_map_page(tmp_path / "a.html", site, {name: np.array(WAY[:3])})
         figure = draw_trajectories(read_drives(site), site.loops, 0)

@@ -24,7 +24,6 @@ from live_results import (
     assert_same_results,
     ground,
     place,
-    run_offline,
 )
 from place_maps import assert_same_map
 from ros_master import PlayedBag, needs_ros
@@ -83,11 +82,6 @@ def driven(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> D
         {name: mapped.of(name if name == "/tf" else name[1:]) for name in OUTPUTS},
         {name: watched.of(name[1:]) for name in WATCHED},
     )
-
-
-@pytest.fixture(scope="module")
-def offline(played_bag: PlayedBag) -> Offline:
-    return run_offline(played_bag)
 
 
 def messages_of(bag: PlayedBag) -> Iterator[tuple[str, Any]]:

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input to the nodes that recognise places, and what they keep in files."""
 
-import resource
 import shutil
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -15,21 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import Picture, Scan
+from permissions import limited_files
+from refusals import refuses
 from ros_master import needs_ros
-from ros_node import Desk, causes, colored_cloud
+from ros_node import CLOUDS, IDS, VIEWS, Desk, causes, colored_cloud, ids
 from rows import rows
 
 pytestmark = needs_ros
 
-CLOUDS, VIEWS, IDS, LOOPS = (
-    "rgb_cloud",
-    "current_scene_description",
-    "LocalView/Template",
-    "loop_closures",
-)
-IMAGES = "camera/rgb/image_raw"
+IMAGES, LOOPS = "camera/rgb/image_raw", "loop_closures"
 S = 1_000_000_000
 
 
@@ -44,10 +38,6 @@ def views(count: int, first: int = 0, **parameters: Any) -> list[Any]:
     builder = Desk("lv_builder", **parameters)
     builder.give(CLOUDS, *map(cloud, range(first, first + count)))
     return builder.outlet.of(VIEWS)
-
-
-def ids(matcher: Desk) -> list[int]:
-    return [message.current_id for message in matcher.outlet.of(IDS)]
 
 
 def empty(scan: Scan) -> Scan:
@@ -217,19 +207,6 @@ def test_a_node_goes_on_where_it_ended_or_was_killed(
     assert answers(desk)[-3:] == answers(second)[-3:]
 
 
-@contextmanager
-def full_disk(bytes_left: int) -> Iterator[None]:
-    """No file may grow beyond so many bytes."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_left, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, before)
-
-
 @rows("kind", MAKERS)
 def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
     kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -238,7 +215,7 @@ def test_a_full_disk_leaves_the_last_whole_file_and_loses_no_memory(
     desk = each.started()
     desk.give(each.topic, *each.made(0))
     before = answers(each.started())
-    with full_disk(100):
+    with limited_files(100):
         desk.give(each.topic, *each.made(3))
         desk.give(each.topic, *each.made(6))
         desk.node.close()
@@ -281,9 +258,8 @@ def test_a_memory_of_other_parameters_is_refused(
     kind: str, other: dict[str, Any], name: str, tmp_path: Path
 ) -> None:
     each = Remembering(kind, tmp_path).closed()
-    with pytest.raises(ConfigError) as error:
+    with refuses("other-settings", f"~{name}", error=ConfigError):
         each.started(**other)
-    assert (error.value.code, error.value.fields) == ("other-settings", (f"~{name}",))
 
 
 def test_the_threshold_and_the_bound_of_loops_may_change_at_a_start(tmp_path: Path) -> None:
@@ -300,9 +276,8 @@ def test_the_threshold_and_the_bound_of_loops_may_change_at_a_start(tmp_path: Pa
 @rows("node", ["lv_matching", "loop_closure", "ratslam"])
 def test_a_file_that_is_no_memory_is_refused_with_what_to_do(node: str, tmp_path: Path) -> None:
     (tmp_path / "photo.jpg").write_bytes(b"no memory")
-    with pytest.raises(DataError, match=r"photo\.jpg") as error:
+    with pytest.raises(DataError, match=r"photo\.jpg", check=has_code("bad-state")):
         Desk(node, memory={"file": str(tmp_path / "photo.jpg")})
-    assert error.value.code == "bad-state"
     assert (tmp_path / "photo.jpg").read_bytes() == b"no memory"
 
 

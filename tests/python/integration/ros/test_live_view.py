@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from error_codes import has_code
 from foxglove_client import Viewer, cloud_of
 from fusionslam import ConfigError
 from fusionslam.ros.nodes import node_class
@@ -139,9 +140,8 @@ def test_static_transforms_are_shown_together(watched: Watched) -> None:
 
 def test_a_second_view_on_the_port_cannot_start(watched: Watched) -> None:
     port = watched.node._server.port
-    with pytest.raises(ConfigError, match=str(port)) as caught:
+    with pytest.raises(ConfigError, match=str(port), check=has_code("port-in-use")):
         Watched(port=port)
-    assert caught.value.code == "port-in-use"
 
 
 @needs_ros

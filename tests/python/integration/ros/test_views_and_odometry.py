@@ -11,18 +11,13 @@ import pytest
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.messages import Odometry, Scan
 from ros_master import needs_ros
-from ros_node import Desk, causes
+from ros_node import CLOUDS, IDS, VIEWS, Desk, causes, ids
 from rows import rows
 from scenes import place
 
 pytestmark = needs_ros
 
-CLOUDS, VIEWS, IDS, ODOM = (
-    "rgb_cloud",
-    "current_scene_description",
-    "LocalView/Template",
-    "odom",
-)
+ODOM = "odom"
 S = 1_000_000_000
 LOOKS = (0, 1, 2, 3, 1, 2, 4, 2, 1, 3, 2, 1, 0)
 WHERE = (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)
@@ -49,10 +44,6 @@ def odometry(k: int) -> Odometry:
         linear=still,
         angular=still,
     )
-
-
-def ids(matcher: Desk) -> list[int]:
-    return [message.current_id for message in matcher.outlet.of(IDS)]
 
 
 @rows("late", [0, 1])

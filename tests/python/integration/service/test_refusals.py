@@ -32,6 +32,8 @@ from fusionslam.service.workers import Workers
 from rows import grouped, rows
 
 ZEROS = [0.0] * LENGTH
+VECTOR = {"vector": ZEROS}
+JSON = {"Content-Type": "application/json"}
 BIN = np.ones((9, 4), np.float32)
 
 
@@ -130,9 +132,8 @@ def test_a_cloud_cut_anywhere_is_refused_or_read(client: Any, count: int, tmp_pa
     ),
 )
 def test_vectors_that_cannot_be_compared_are_named(client: Any, code: str, body: Any) -> None:
-    head = {"Content-Type": "application/json"}
     body = body if isinstance(body, bytes) else json.dumps(body).encode()
-    assert refusal(client.post("/v1/query", content=body, headers=head)) == (422, code)
+    assert refusal(client.post("/v1/query", content=body, headers=JSON)) == (422, code)
 
 
 def test_an_array_of_other_vectors_is_refused(client: Any) -> None:
@@ -153,7 +154,7 @@ def test_an_array_of_other_vectors_is_refused(client: Any) -> None:
     ],
 )
 def test_parameters_out_of_range_are_named(client: Any, parameters: str) -> None:
-    answer = client.post(f"/v1/query?{parameters}", json={"vector": ZEROS})
+    answer = client.post(f"/v1/query?{parameters}", json=VECTOR)
     status, code = refusal(answer)
     assert status == 422 and code in ("parameter", "unknown-parameter")
     assert answer.json()["fields"][0] == parameters.partition("=")[0]
@@ -215,8 +216,7 @@ def test_bodies_are_cut_off_at_the_limit_with_and_without_a_stated_length(twenty
         answer = client.post("/v1/describe?format=bin", content=BIN.tobytes(), headers=lie)
         assert refusal(answer) == (413, "too-long")
         long = json.dumps({"vectors": [[0.123456789] * LENGTH] * 300})
-        head = {"Content-Type": "application/json"}
-        assert refusal(client.post("/v1/query", content=long, headers=head))[0] == 413
+        assert refusal(client.post("/v1/query", content=long, headers=JSON))[0] == 413
 
 
 def test_too_many_points_vectors_or_candidates_are_refused(twenty: Path) -> None:
@@ -225,7 +225,7 @@ def test_too_many_points_vectors_or_candidates_are_refused(twenty: Path) -> None
         assert refusal(answer) == (413, "too-many-points")
         answer = client.post("/v1/query", json={"vectors": [ZEROS] * 3})
         assert refusal(answer) == (413, "too-many-vectors")
-        answer = client.post("/v1/query?k=4", json={"vector": ZEROS})
+        answer = client.post("/v1/query?k=4", json=VECTOR)
         assert refusal(answer) == (422, "parameter")
 
 
@@ -263,7 +263,6 @@ def test_an_internal_error_shows_no_traceback(
 
 
 OTHER = "another-key-for-tests-9876543210"
-VECTOR = {"vector": [0.0] * LENGTH}
 
 
 @pytest.fixture
@@ -424,8 +423,7 @@ def test_a_body_that_is_on_its_way_takes_no_place(twenty: Path) -> None:
 
     with serving(twenty, max_bodies_of_one=1) as client:
         state = client.app.state.shared
-        head = {"Content-Type": "application/json"}
-        assert client.post("/v1/query", content=body(), headers=head).status_code == 200
+        assert client.post("/v1/query", content=body(), headers=JSON).status_code == 200
         assert {waiting for waiting, _ in taken} == {0}
         with state.bodies.place("testclient"):
             assert refusal(client.post("/v1/query", json=VECTOR)) == (503, "busy")

@@ -3,10 +3,7 @@
 """Bags that are cut, damaged, on full disks, or expand to more than a limit."""
 
 import bz2
-import os
-import resource
 import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +17,7 @@ from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2 import writer as rosbag2_writer
 
 from bags import SECOND, START, SUFFIXES, drive, odometry, picture, same, without, write_bag
-from cli import succeeds
+from cli import info_of, succeeds
 from error_codes import has_code
 from fusionslam.base import files
 from fusionslam.datasets import open_bag, open_dataset, open_writer
@@ -29,6 +26,7 @@ from fusionslam.datasets.bags.dataset import BagDataset
 from fusionslam.datasets.bags.stores import bound_decompression
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import Event
+from permissions import limited_files, small_disk
 from rows import rows
 
 Logs = pytest.LogCaptureFixture
@@ -117,7 +115,7 @@ def test_one_message_that_cannot_be_decoded_is_left_out_counted_and_named(
     assert len(dataset) == (4 if topic == "/points" else 5)
     assert all(len(frame.points) == 41 and frame.images["left"].any() for frame in dataset)
     assert len(dataset.motion("odometry")) == (100 if topic == "/odom" else 101)
-    out = " ".join(succeeds("info", path).stdout.split())
+    out = info_of(path)
     assert f"1 message: {topic}, arrived at {MIDDLE / 1e9:.3f} s" in out
 
 
@@ -231,14 +229,9 @@ def test_an_error_while_writing_keeps_what_was_written_and_the_bag_before(
 
 def fill(path: Path, limit: int | None = None) -> str:
     """Write pictures until they do not fit; what is said then."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit or hard, hard))
-    try:
-        with pytest.raises(DataError) as full, open_writer(path) as bag:
-            for k in range(20):
-                bag.write(Event("/image", START + k, picture(START + k, (640, 480))))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with limited_files(limit), pytest.raises(DataError) as full, open_writer(path) as bag:
+        for k in range(20):
+            bag.write(Event("/image", START + k, picture(START + k, (640, 480))))
     return str(full.value)
 
 
@@ -264,16 +257,11 @@ def test_a_file_that_may_not_grow_keeps_what_can_be_read(tmp_path: Path, suffix:
 
 @rows("suffix", SUFFIXES)
 def test_a_full_disk_keeps_what_is_whole(tmp_path: Path, suffix: str) -> None:
-    mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(tmp_path)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("mounting a small tmpfs needs root")
-    try:
+    with small_disk(tmp_path, "12m"):
         path = tmp_path / f"drive.{suffix}"
         message = fill(path)
         assert "No space left" in message or "disk is full" in message
         check_partial(path, message)
-    finally:
-        subprocess.run(["umount", str(tmp_path)], check=True)
 
 
 def test_a_broken_message_or_one_of_another_definition_is_refused(tmp_path: Path) -> None:

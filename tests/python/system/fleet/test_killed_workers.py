@@ -21,6 +21,7 @@ from fleets import FRAMES, InProcess, chunk_files, describe_fleet, digests
 from fusionslam.fleet.chunk import StoredChunk
 from fusionslam.fleet.place_database import PlaceDatabase
 from fusionslam.fleet.segment import delete_segments
+from permissions import small_disk
 from project import SUPPORT
 from refusals import refuses
 from rows import rows
@@ -171,13 +172,8 @@ def test_the_table_of_what_dies_has_a_row_for_each_case() -> None:
 def test_a_full_disk_is_named_and_no_segment_is_left(tmp_path: Path, space: str) -> None:
     """The vectors take 1.6 MB, FAISS's file 0.5 MB."""
     pytest.importorskip("faiss", reason="FAISS is of an extra")
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={space}", "tmpfs", str(tmp_path)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no file system can be mounted")
-    try:
+    with small_disk(tmp_path, space):
         with refuses("cannot-write"):
             made_segment(tmp_path / "segments")
         assert not [path for path in tmp_path.rglob("*") if path.suffix == ".faiss"]
         delete_segments(tmp_path / "segments", but="")
-    finally:
-        subprocess.run(["umount", str(tmp_path)], check=True)

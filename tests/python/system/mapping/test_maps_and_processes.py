@@ -17,6 +17,7 @@ from fusionslam import DataError
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
+from fuzz.bit_flips import flipped
 from fuzz.changed_files import HOWS, change_at_random_moments
 from fuzz.killed_writers import (
     ACKNOWLEDGED,
@@ -27,7 +28,7 @@ from fuzz.killed_writers import (
     kill_writer,
 )
 from map_fixtures import FRAMES, STORED
-from permissions import bound_by_permissions, exit_code_of, fork
+from permissions import bound_by_permissions, exit_code_of, fork, small_disk
 from refusals import refuses
 from rows import rows
 from streets import OPTIONS
@@ -125,10 +126,7 @@ def test_a_map_that_may_not_be_read_is_named(short: Path) -> None:
 
 
 def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
-    mount = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(tmp_path)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no file system can be mounted")
-    try:
+    with small_disk(tmp_path, "4m"):
         path = tmp_path / "site.fsmap"
         kept = 0
         with PlaceMap.open(path, "monday", **OPTIONS) as site:
@@ -138,8 +136,6 @@ def test_a_full_file_system_keeps_what_was_acknowledged(tmp_path: Path) -> None:
             assert len(site) == kept > 2
         with PlaceMap.open(path, read_only=True) as site:
             assert len(site) == kept and site.check() == []
-    finally:
-        subprocess.run(["umount", "--lazy", str(tmp_path)], check=True)
 
 
 @rows("read_only", [True, False])
@@ -270,8 +266,7 @@ def test_lost_changes_of_a_killed_process_are_told(
     whole = log.read_bytes()
     rng = random.Random(3)
     for place in [40, len(whole) - 30_000, *rng.sample(range(len(whole)), 8)]:
-        damaged = bytearray(whole)
-        damaged[place] ^= 1 << rng.randrange(8)
+        damaged = flipped(whole, 8 * place + rng.randrange(8))
         log.write_bytes(damaged) if damage == "flipped" else log.unlink(missing_ok=True)
         with refuses("lost-changes"):
             MapFile(path, read_only=read_only)

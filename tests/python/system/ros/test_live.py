@@ -12,16 +12,11 @@ import yaml
 
 from fusionslam.ratslam import OnlineRatSlam
 from fusionslam.ros.ros1.files import launch_environment, package_folder
-from live_results import OUTPUTS, PATIENT_PAIRING, Offline, assert_same_results, run_offline
+from live_results import OUTPUTS, PATIENT_PAIRING, Offline, assert_same_results
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 from rows import rows
 
 pytestmark = needs_ros
-
-
-@pytest.fixture(scope="module")
-def offline(played_bag: PlayedBag) -> Offline:
-    return run_offline(played_bag)
 
 
 def play(world: RosWorld, *arguments: str) -> int:

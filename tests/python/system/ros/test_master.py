@@ -12,16 +12,12 @@ import benchmarks.ros.world as world_of_ros
 from bags import drive, write_bag
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.sensors.messages import Scan
+from robot_checks import REMAPPINGS
 from ros_master import Listener, RosWorld, needs_ros, wait_until
 
 pytestmark = [needs_ros, pytest.mark.nightly]
 
-TOPICS = (
-    "velodyne_points:=/points",
-    "camera/rgb/image_raw:=/camera/image",
-    "camera/rgb/camera_info:=/camera/camera_info",
-)
-FUSION = (*TOPICS, "_online/robot_frame:=base", "_node/report:=0.2")
+FUSION = (*REMAPPINGS, "_online/robot_frame:=base", "_node/report:=0.2")
 EVENTS = drive(2.0)
 STAMPS = [event.message.stamp_ns for event in EVENTS if isinstance(event.message, Scan)]
 

@@ -16,7 +16,6 @@ from live_results import (
     Offline,
     assert_same_loops,
     assert_same_results,
-    run_offline,
 )
 from place_maps import assert_same_map
 from ros_master import PlayedBag
@@ -29,11 +28,6 @@ IDLE_S = 3.0
 PATIENT = ("_node.queue:=1000", f"_node.idle:={IDLE_S}")
 PAIRING = [f"_online.{name}:={value}" for name, value in flatten(PATIENT_PAIRING).items()]
 ORDER = "_order.wait:=600.0"
-
-
-@pytest.fixture(scope="module")
-def offline(played_bag: PlayedBag) -> Offline:
-    return run_offline(played_bag)
 
 
 @pytest.mark.parametrize(

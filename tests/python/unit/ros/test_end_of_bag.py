@@ -132,10 +132,17 @@ class Quiet(Node[CommonConfig]):
 silences: list[str] = []
 
 
-class HeldUp:
-    """A middleware on a machine that holds the node up for a minute before each look."""
+class Middleware:
+    """Reports nothing, and does nothing of what it is asked for."""
 
     parameters: ClassVar = {"node": {"report": 1e9, "patience": 1e9}}
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *given, **named: 0
+
+
+class HeldUp(Middleware):
+    """A middleware on a machine that holds the node up for a minute before each look."""
 
     def __init__(self, messages: list[bool], monkeypatch: pytest.MonkeyPatch) -> None:
         def work(worker: Any, timeout_s: float) -> bool:
@@ -149,9 +156,6 @@ class HeldUp:
     def is_shut_down(self) -> bool:
         self.seconds += 60
         return not self.messages
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *given, **named: 0
 
 
 @rows("looks, count", [(9, 0), (12, 1), (90, 1)])
@@ -183,16 +187,11 @@ class Beating(Quiet):
 nodes: list[Any] = []
 
 
-class Ending:
+class Ending(Middleware):
     """A middleware that shuts down once the node has beaten."""
-
-    parameters: ClassVar = {"node": {"report": 1e9, "patience": 1e9}}
 
     def is_shut_down(self) -> bool:
         return bool(nodes[-1].beats)
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *given, **named: 0
 
 
 def test_nothing_beats_once_a_node_is_closed() -> None:
@@ -218,10 +217,8 @@ class Taking(Quiet):
         self.kept = [each.header.stamp.sec for each in self.taken]
 
 
-class Flooding:
+class Flooding(Middleware):
     """A middleware that shuts down with messages on their way, and goes on delivering them."""
-
-    parameters: ClassVar = {"node": {"report": 1e9, "patience": 1e9}}
 
     def subscribe(self, entry: Input, take: Callable[[Delivery], None], *, queue: int) -> None:
         def deliver(number: int) -> None:
@@ -237,9 +234,6 @@ class Flooding:
 
     def is_shut_down(self) -> bool:
         return True
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *given, **named: 0
 
 
 def test_what_waits_when_a_node_is_interrupted_is_taken_and_no_more() -> None:
