@@ -63,7 +63,7 @@ run_pytest() {
 }
 run_pytest \
   tests/python/*/package/test_{array_layouts,refused_arrays,gil}.py \
-  tests/python/*/descriptors/test_{descriptors,paper_m2dp,color_bins,robust}.py \
+  tests/python/*/descriptors/test_{descriptors,paper_m2dp,color_bins,m2dp_presets}.py \
   tests/python/*/fusion/test_{colorize,fuse,ground,rectify,stereo}.py \
   tests/python/*/views/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py \
   tests/python/*/views/test_alignment.py
