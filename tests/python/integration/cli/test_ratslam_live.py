@@ -62,8 +62,12 @@ def test_ctrl_c_keeps_map_and_live_view(
 def test_a_live_view_that_cannot_be_written_costs_no_map(
     tmp_path: Path, words: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: Any) -> None:
-        raise OSError(28, "No space left on device")
+    write = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        if "live.rrd" in path.name:
+            raise OSError(28, "No space left on device")
+        return write(path, data)
 
     monkeypatch.setattr(Path, "write_bytes", full)
     line = fails(1, *words, "--live", tmp_path / "live.rrd")
