@@ -133,13 +133,30 @@ def run_peers(python: Path, clouds: Sequence[Cloud], poses: Floats) -> Iterator[
 def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
     """Find the loops of clouds by Scan Context and what votes beside it, verified."""
     detector = LoopDetector(PLAIN, window=WINDOW, fusion=CLOUDS, verify=True)
+    return run_detector(detector, clouds, poses)
+
+
+def run_detector(
+    detector: LoopDetector,
+    clouds: Sequence[Cloud],
+    poses: Floats,
+    *,
+    stamps_ns: Integers | None = None,
+    odometry: Floats | None = None,
+) -> VerifiedRun:
+    """Find the loops of clouds by a detector that verifies them.
+
+    ``poses`` and ``odometry`` are float64 (N, 4, 4), world_from_cloud and odom_from_cloud.
+    """
     count = len(clouds)
     match, probability = np.full(count, -1), np.zeros(count)
     estimates, accepted = np.full((count, 4, 4), np.nan), np.zeros(count, np.bool_)
     seconds = np.zeros(count)
     for row, cloud in enumerate(clouds):
+        stamp = None if stamps_ns is None else int(stamps_ns[row])
+        moved = None if odometry is None else odometry[row]
         start = time.process_time()
-        accepted[row] = detector.add(cloud) is not None
+        accepted[row] = detector.add(cloud, stamp_ns=stamp, odometry=moved) is not None
         seconds[row] = time.process_time() - start
         best = detector.nearest
         if best is not None and may_be_right(best):
@@ -149,6 +166,7 @@ def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
         OURS,
         clouds,
         poses,
+        stamps_ns=stamps_ns,
         match=match,
         match_from_query=estimates,
         probability=probability,
@@ -187,6 +205,7 @@ def as_run(
     clouds: Sequence[Cloud],
     poses: Floats,
     *,
+    stamps_ns: Integers | None = None,
     match: Integers,
     match_from_query: Floats,
     probability: Floats,
@@ -201,7 +220,7 @@ def as_run(
         dataset="town",
         frames=np.arange(count),
         numbers=np.arange(count),
-        stamps_ns=np.arange(count),
+        stamps_ns=np.arange(count) if stamps_ns is None else stamps_ns,
         poses=poses,
         body_from_cloud=np.tile(np.eye(4), (count, 1, 1)),
         points=np.array([len(cloud) for cloud in clouds]),

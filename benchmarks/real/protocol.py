@@ -1,0 +1,70 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Counts the revisits of a recording, and what became of them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.real.recordings import Rule
+from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.evaluation import VerifiedRun
+from fusionslam.evaluation.loops.judge import pose_differences
+from fusionslam.evaluation.loops.precision_recall import sweep_thresholds
+
+RIGHT = (1.0, 8.0)
+"""Metres and degrees that the pose of a right loop is off at most."""
+
+
+class Found(NamedTuple):
+    """What a detector found of the revisits.
+
+    Attributes:
+        frames, revisits: number of them.
+        recall: share of the revisits with an accepted loop that is right; None without revisits.
+        full: share found at the threshold of probability at which all poses are right.
+        accepted, wrong: loops, and those of them that are off by more than ``RIGHT``.
+        metres: median and 95 % of the errors of accepted loops; NaN without one.
+        milliseconds: of processor time a frame, the mean.
+    """
+
+    frames: int
+    revisits: int
+    recall: float | None
+    full: float | None
+    accepted: int
+    wrong: int
+    metres: Floats
+    milliseconds: float
+
+
+def find_revisits(poses: Floats, stamps_ns: Integers, rule: Rule) -> Mask:
+    """Bool (N,): frames that revisit a place by a rule; ``poses`` are world_from_cloud."""
+    rows = np.arange(len(poses))
+    older = rows[:, None] - rows > rule.frames
+    older &= stamps_ns[:, None] - stamps_ns > rule.seconds * 1e9
+    apart = np.linalg.norm(poses[:, None, :3, 3] - poses[None, :, :3, 3], axis=2)
+    # The trace of a rotation between two poses is the sum of the products of their elements.
+    trace = np.einsum("aij,bij->ab", poses[:, :3, :3], poses[:, :3, :3])
+    turned = np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
+    return np.asarray((older & (apart < rule.metres) & (turned < rule.degrees)).any(axis=1))
+
+
+def judge(run: VerifiedRun, rule: Rule) -> Found:
+    """Judge the loops of a run by the true poses."""
+    assert run.poses is not None  # each recording has them
+    revisits = find_revisits(run.poses, run.stamps_ns, rule)
+    metres, degrees = (errors[:, 0] for errors in pose_differences(run.matches, run.poses))
+    right = (metres <= RIGHT[0]) & (degrees <= RIGHT[1])
+    apart = np.where(run.match >= 0, 1 - run.probability, np.inf)
+    accepted = run.accepted
+    return Found(
+        frames=len(run),
+        revisits=int(revisits.sum()),
+        recall=float((accepted & right)[revisits].mean()) if revisits.any() else None,
+        full=sweep_thresholds(apart, right, revisits)["recall_at_full_precision"],
+        accepted=int(accepted.sum()),
+        wrong=int((accepted & ~right).sum()),
+        metres=np.percentile(metres[accepted], [50, 95]) if accepted.any() else np.full(2, np.nan),
+        milliseconds=float(np.mean(run.seconds["match"]) * 1e3),
+    )
