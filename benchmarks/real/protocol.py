@@ -37,17 +37,40 @@ class Found(NamedTuple):
     metres: Floats
     milliseconds: float
 
+    def cells(self) -> list[str]:
+        """Cells of a table, "-" where there is no figure."""
+        shares = (self.recall, self.full)
+        return [
+            str(self.frames),
+            str(self.revisits),
+            *("-" if share is None else f"{share:.3f}" for share in shares),
+            str(self.accepted),
+            str(self.wrong),
+            *(f"{value:.3f}" if self.accepted else "-" for value in self.metres),
+            f"{self.milliseconds:.0f}",
+        ]
+
+
+def find_older(stamps_ns: Integers, rule: Rule) -> Mask:
+    """Bool (N, N): whether the frame of a column is old enough for that of a row."""
+    rows = np.arange(len(stamps_ns))
+    older = rows[:, None] - rows > rule.frames
+    return older & (stamps_ns[:, None] - stamps_ns > rule.seconds * 1e9)
+
+
+def find_near(poses: Floats, rule: Rule) -> Mask:
+    """Bool (N, N): whether two frames are of one place; ``poses`` are world_from_cloud."""
+    places, turns = poses[:, :3, 3], poses[:, :3, :3]
+    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    # The trace of a rotation between two poses is the sum of the products of their elements.
+    trace = np.einsum("aij,bij->ab", turns, turns)
+    degrees = np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
+    return np.asarray((apart < rule.metres) & (degrees < rule.degrees), np.bool_)
+
 
 def find_revisits(poses: Floats, stamps_ns: Integers, rule: Rule) -> Mask:
-    """Bool (N,): frames that revisit a place by a rule; ``poses`` are world_from_cloud."""
-    rows = np.arange(len(poses))
-    older = rows[:, None] - rows > rule.frames
-    older &= stamps_ns[:, None] - stamps_ns > rule.seconds * 1e9
-    apart = np.linalg.norm(poses[:, None, :3, 3] - poses[None, :, :3, 3], axis=2)
-    # The trace of a rotation between two poses is the sum of the products of their elements.
-    trace = np.einsum("aij,bij->ab", poses[:, :3, :3], poses[:, :3, :3])
-    turned = np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
-    return np.asarray((older & (apart < rule.metres) & (turned < rule.degrees)).any(axis=1))
+    """Bool (N,): frames that revisit a place by a rule."""
+    return np.asarray((find_near(poses, rule) & find_older(stamps_ns, rule)).any(axis=1))
 
 
 def judge(run: VerifiedRun, rule: Rule) -> Found:

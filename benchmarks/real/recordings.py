@@ -27,6 +27,9 @@ DRIFT_SEED = 1
 _BODY_FROM_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
 """From x right, y down, z ahead to x ahead, y left, z up."""
 _KITCHEN_HZ = 30.0
+STEPS = {"kitti_bev_05": 4, "kitti_bev_06": 2}
+"""Each fourth and each second frame is taken."""
+_CUBE_M, _KITTI_HEIGHT_M = 0.4, 1.73
 
 
 @dataclass(frozen=True)
@@ -80,17 +83,15 @@ class Recording:
         options = self.options()
         return LoopDetector(self.descriptor, config=options.pop("loops"), **options)
 
-    def frames(self, *, with_odometry: bool = False) -> Iterator[Frame]:
+    def frames(self) -> Iterator[Frame]:
         """Make the frames of the recording, for maps."""
-        for number, (cloud, stamp) in enumerate(
-            zip(self.clouds, self.stamps_ns.tolist(), strict=True)
-        ):
+        for number, cloud in enumerate(self.clouds):
             yield Frame(
                 number=number,
-                stamp_ns=stamp,
+                stamp_ns=int(self.stamps_ns[number]),
                 points=cloud.points,
                 colors=cloud.colors,
-                odometry=self.odometry[number] if with_odometry else None,
+                odometry=self.odometry[number],
             )
 
 
@@ -101,8 +102,8 @@ def read_hku(data: Path, name: str) -> Recording:
         name=name,
         clouds=_split(stored),
         stamps_ns=_nanoseconds(stored["stamps"]),
-        poses=homogeneous_all(stored["optimised"]),
-        odometry=homogeneous_all(stored["odometry"]),
+        poses=whole_poses(stored["optimised"]),
+        odometry=whole_poses(stored["odometry"]),
         rule=Rule(3.0, seconds=30.0),
     )
 
@@ -110,7 +111,7 @@ def read_hku(data: Path, name: str) -> Recording:
 def read_balm(data: Path, name: str) -> Recording:
     """A LiDAR that sees all round, 74 m through a yard."""
     stored = _read(data / "real" / f"{name}.npz")
-    poses = homogeneous_all(stored["poses"])
+    poses = whole_poses(stored["poses"])
     return Recording(
         name=name,
         clouds=_split(stored),
@@ -131,7 +132,7 @@ def read_kitti(data: Path, name: str) -> Recording:
         clouds=_split(stored),
         stamps_ns=_nanoseconds(np.loadtxt(kitti / "times" / "times_00.txt")[rows]),
         poses=read_poses_kitti(kitti / "poses" / "00.txt")[rows] @ mounted,
-        odometry=homogeneous_all(stored["laser_odometry"]),
+        odometry=whole_poses(stored["laser_odometry"]),
         rule=Rule(10.0, seconds=30.0),
     )
 
@@ -142,7 +143,7 @@ def read_kitchen(data: Path, name: str) -> Recording:
     turn = _BODY_FROM_OPTICAL[:3, :3].astype(np.float32).T
     ends, rgb = stored["offsets"], stored["rgb"]
     points = (stored["xyz_mm"] * np.float32(0.001)) @ turn
-    poses = _BODY_FROM_OPTICAL @ homogeneous_all(stored["poses"]) @ _BODY_FROM_OPTICAL.T
+    poses = _BODY_FROM_OPTICAL @ whole_poses(stored["poses"]) @ _BODY_FROM_OPTICAL.T
     return Recording(
         name=name,
         clouds=[Cloud(points[a:b], rgb[a:b]) for a, b in itertools.pairwise(ends)],
@@ -169,6 +170,30 @@ def read_flight(data: Path, name: str) -> Recording:
     )
 
 
+def read_from_above(data: Path, name: str) -> Recording:
+    """KITTI 05 or 06 as seen from above: columns of cubes, filled from the ground upwards."""
+    stored = _read(data / "real" / f"{name}.npz")
+    sequence, step = name[-2:], STEPS[name]
+    times = np.loadtxt(data / "kitti" / "times" / f"times_{sequence}.txt")
+    poses = whole_poses(stored["poses"])[::step]
+    return Recording(
+        name=name,
+        clouds=[_fill_columns(counts) for counts in stored["counts"][::step]],
+        stamps_ns=_nanoseconds(times[::step]),
+        poses=poses,
+        odometry=add_drift(poses, DRIFT_SEED),
+        rule=Rule(5.0, seconds=30.0),
+    )
+
+
+def _fill_columns(counts: NDArray[np.uint8]) -> Cloud:
+    """One point in the middle of each cube that is taken for occupied."""
+    layer, row, column = np.nonzero(np.arange(counts.max())[:, None, None] < counts)
+    ahead, left = ((75 - (cell + 10) + 0.5) * _CUBE_M for cell in (row, column))
+    up = (layer + 0.5) * _CUBE_M - _KITTI_HEIGHT_M
+    return Cloud(np.column_stack([ahead, left, up]).astype(np.float32))
+
+
 READERS: Mapping[str, tuple[str, Callable[[Path, str], Recording]]] = {
     "hku_1": ("real/hku_1.npz", read_hku),
     "hku_2": ("real/hku_2.npz", read_hku),
@@ -176,11 +201,25 @@ READERS: Mapping[str, tuple[str, Callable[[Path, str], Recording]]] = {
     "redkitchen": ("real/redkitchen.npz", read_kitchen),
     "euroc_v101": ("euroc_v101/poses.txt", read_flight),
     "kitti00_keyframes": ("real/kitti00_keyframes.npz", read_kitti),
+    "kitti_bev_05": ("real/kitti_bev_05.npz", read_from_above),
+    "kitti_bev_06": ("real/kitti_bev_06.npz", read_from_above),
 }
 """A file that must be there, and what reads the recording, by name."""
 
 
-def homogeneous_all(poses: Floats) -> Floats:
+MAPPED = ("hku_1", "balm_realworld", "redkitchen", "euroc_v101", "kitti00_keyframes")
+"""Recordings that maps are made of."""
+SECOND: Mapping[str, tuple[str, str]] = {"hku_2": ("hku_1", "real/T_HKU1_from_HKU2.txt")}
+"""By a second session's name: that of the first, and the file of first_from_second."""
+
+
+def read_recording(data: Path, name: str) -> Recording | None:
+    """Read a recording; None if it is not there."""
+    file, read = READERS[name]
+    return read(data, name) if (data / file).exists() else None
+
+
+def whole_poses(poses: Floats) -> Floats:
     """Float64 (N, 4, 4) of (N, 3, 4)."""
     whole = np.tile(np.eye(4), (len(poses), 1, 1))
     whole[:, :3] = poses
