@@ -178,7 +178,7 @@ def read_from_above(data: Path, name: str) -> Recording:
     poses = whole_poses(stored["poses"])[::step]
     return Recording(
         name=name,
-        clouds=[_fill_columns(counts) for counts in stored["counts"][::step]],
+        clouds=[fill_columns(counts) for counts in stored["counts"][::step]],
         stamps_ns=_nanoseconds(times[::step]),
         poses=poses,
         odometry=add_drift(poses, DRIFT_SEED),
@@ -186,7 +186,7 @@ def read_from_above(data: Path, name: str) -> Recording:
     )
 
 
-def _fill_columns(counts: NDArray[np.uint8]) -> Cloud:
+def fill_columns(counts: NDArray[np.uint8]) -> Cloud:
     """One point in the middle of each cube that is taken for occupied."""
     layer, row, column = np.nonzero(np.arange(counts.max())[:, None, None] < counts)
     ahead, left = ((75 - (cell + 10) + 0.5) * _CUBE_M for cell in (row, column))
