@@ -25,14 +25,17 @@ from benchmarks.accuracy.loop_peers import OURS, note, peers_python, run_detecto
 from benchmarks.accuracy.mapped_drives import MappedDrive
 from benchmarks.accuracy.markdown import read_rows, table, write_between
 from benchmarks.accuracy.pose_graphs import ate
-from benchmarks.real.plain import join, recognise, recognise_all
-from benchmarks.real.protocol import RIGHT, find_older, find_revisits, judge
+from benchmarks.real.plain import can_describe, join, recognise, recognise_all
+from benchmarks.real.protocol import RIGHT, find_older, find_revisits, judge, spread
 from benchmarks.real.recordings import MAPPED, READERS, SECOND, Recording, read_recording
 
 PAGE = ROOT / "docs" / "results" / "real.md"
+README = ROOT / "README.md"
 SCANS = (10, 60)
 """Keyframes of the local maps that the peers get."""
 PLAIN = "scan_context"
+QUOTED = (OURS, "MapClosures, local maps of 60", "KISS-SLAM's closer, local maps of 60")
+"""Those whose loops the README shows."""
 LOOPS = (
     *("recording", "found by", "frames", "revisits", "recall of the accepted"),
     *("recall at full precision", "accepted", "wrong", "error: median, m", "95 %, m", "ms a frame"),
@@ -42,7 +45,7 @@ MAPS = (
     *("false ones of them", "refused", "ms a keyframe"),
 )
 FIXES = (
-    *("recording", "map of", "frames are asked", "frames", "found", "within 0.5 m"),
+    *("recording", "frames are asked", "map of", "frames", "found", "within 0.5 m"),
     *("beyond 1 m", "error: median, m", "95 %, m", "ms a frame"),
 )
 DESCRIPTORS = ("descriptor", "top-1", "one of ten", "F1max", "R@100P", "ms a frame")
@@ -61,7 +64,7 @@ def find_loops(recording: Recording, python: Path | None) -> Iterator[Row]:
         for scans, peer in run_peers(python, clouds, odometry, older, SCANS):
             found = judge(replace(peer, poses=poses, stamps_ns=stamps), rule)
             yield [recording.name, f"{peer.descriptor} of {scans}", *found.cells()]
-    if ours.revisits:
+    if ours.revisits and can_describe(recording, PLAIN):
         *_, full, milliseconds = recognise(recording, PLAIN).cells()
         counts = [str(ours.frames), str(ours.revisits)]
         unproven = [*counts, "-", full, *"----", milliseconds]
@@ -103,10 +106,10 @@ def localize(second: Recording, first: Recording, mapped: MappedDrive) -> Iterat
         counts = [len(fixes), len(errors), (errors <= 0.5).sum(), (errors > 1.0).sum()]
         yield [
             second.name,
-            first.name,
             asked,
+            first.name,
             *map(str, counts),
-            *(f"{value:.3f}" for value in np.percentile(errors, [50, 95])),
+            *spread(errors),
             f"{np.mean([fix.seconds for fix in fixes]) * 1e3:.0f}",
         ]
 
@@ -118,7 +121,8 @@ def recognise_places(recording: Recording) -> Iterator[Row]:
         yield [name, *each.cells()]
     detector = recording.detector()
     proposing = [detector.descriptor, *detector.voters]
-    yield [" + ".join(proposing), *join([found[name] for name in proposing])]
+    several = [found.get(name) or recognise(recording, name) for name in proposing]
+    yield [" + ".join(proposing), *join(several)]
 
 
 class Measured:
@@ -160,6 +164,7 @@ class Measured:
             write_between(PAGE, marker, table(header, with_other_rows(marker, rows)))
         for name, rows in self.descriptors.items():
             write_between(PAGE, f"descriptors {name}", table(DESCRIPTORS, rows))
+        write_between(README, "real", headline(read_rows(PAGE, "loops")))
 
 
 def find_in_first(second: Recording, data: Path, folder: Path) -> list[Row]:
@@ -179,6 +184,22 @@ def with_other_rows(marker: str, measured: Sequence[Row]) -> list[Row]:
     known = {tuple(row[:2]): row for row in read_rows(PAGE, marker)}
     order = list(READERS)
     return sorted((known | found).values(), key=lambda row: order.index(row[0]))
+
+
+def headline(rows: Iterable[Row]) -> str:
+    """Table of the revisits found by accepted loops, and of the wrong ones among all accepted."""
+    shown: dict[str, dict[str, str]] = {}
+    revisits = {}
+    for name, found_by, _, count, recall, _, accepted, wrong, *_ in rows:
+        if found_by in QUOTED:
+            share = "" if recall == "-" else f"{recall}; "
+            shown.setdefault(name, {})[found_by] = f"{share}{wrong} of {accepted} wrong"
+            revisits[name] = count
+    lines = [
+        [name, revisits[name], *(found.get(each, "-") for each in QUOTED)]
+        for name, found in shown.items()
+    ]
+    return table(["recording", "revisits", *QUOTED], lines)
 
 
 def show(header: Sequence[str], rows: Iterable[Row]) -> list[Row]:

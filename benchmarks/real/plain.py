@@ -61,13 +61,15 @@ class Recognised:
         return [*(f"{value:.3f}" for value in figures), f"{self.milliseconds:.1f}"]
 
 
+def can_describe(recording: Recording, name: str) -> bool:
+    """Whether a descriptor takes the clouds: they have what it needs of points, and a z axis."""
+    lacks_up = recording.registration.gravity is False and needs_up(name, DescriptorConfig())
+    return not lacks_up and missing_data(recording.clouds[0], name) is None
+
+
 def recognise_all(recording: Recording) -> Iterator[Recognised]:
     """Recognise places by every descriptor that takes the clouds."""
-    config = DescriptorConfig()
-    for name in NAMES:
-        lacks_up = needs_up(name, config) and recording.registration.gravity is False
-        if not lacks_up and not missing_data(recording.clouds[0], name):
-            yield recognise(recording, name)
+    return (recognise(recording, name) for name in NAMES if can_describe(recording, name))
 
 
 def recognise(recording: Recording, name: str) -> Recognised:

@@ -24,7 +24,7 @@ class Found(NamedTuple):
         recall: share of the revisits with an accepted loop that is right; None without revisits.
         full: share found at the threshold of probability at which all poses are right.
         accepted, wrong: loops, and those of them that are off by more than ``RIGHT``.
-        metres: median and 95 % of the errors of accepted loops; NaN without one.
+        metres: errors of the accepted loops.
         milliseconds: of processor time a frame, the mean.
     """
 
@@ -46,7 +46,7 @@ class Found(NamedTuple):
             *("-" if share is None else f"{share:.3f}" for share in shares),
             str(self.accepted),
             str(self.wrong),
-            *(f"{value:.3f}" if self.accepted else "-" for value in self.metres),
+            *spread(self.metres),
             f"{self.milliseconds:.0f}",
         ]
 
@@ -88,6 +88,12 @@ def judge(run: VerifiedRun, rule: Rule) -> Found:
         full=sweep_thresholds(apart, right, revisits)["recall_at_full_precision"],
         accepted=int(accepted.sum()),
         wrong=int((accepted & ~right).sum()),
-        metres=np.percentile(metres[accepted], [50, 95]) if accepted.any() else np.full(2, np.nan),
+        metres=metres[accepted],
         milliseconds=float(np.mean(run.seconds["match"]) * 1e3),
     )
+
+
+def spread(errors: Floats) -> list[str]:
+    """Median and 95 % of errors in metres."""
+    known = len(errors) > 0
+    return [f"{value:.3f}" for value in np.percentile(errors, [50, 95])] if known else ["-", "-"]
