@@ -12,7 +12,7 @@ WORLDS = ("small_house", "warehouse")
 
 def data_folder() -> Path:
     """For what makes no sense without it: ends the program where it is not there."""
-    folder = _find_folder()
+    folder = find_folder()
     if not (folder / "kitti").is_dir():
         sys.exit(f"{folder} holds no kitti/: FUSIONSLAM_TEST_DATA must name the test data")
     return folder
@@ -20,9 +20,10 @@ def data_folder() -> Path:
 
 def world_files() -> dict[str, Path]:
     """The worlds that are there, by name."""
-    files = {name: _find_folder() / "worlds" / f"{name}.glb" for name in WORLDS}
+    files = {name: find_folder() / "worlds" / f"{name}.glb" for name in WORLDS}
     return {name: file for name, file in files.items() if file.is_file()}
 
 
-def _find_folder() -> Path:
+def find_folder() -> Path:
+    """Return where the test data should be."""
     return Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))

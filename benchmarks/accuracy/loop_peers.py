@@ -93,10 +93,27 @@ def note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def run_peer(python: Path, scans: int, clouds: Sequence[Cloud], poses: Floats) -> list[VerifiedRun]:
+def peers_of(scans: int) -> tuple[str, ...]:
+    """Names of the peers of local maps of so many scans."""
+    return PEERS[1 if scans == 1 else 10]
+
+
+def run_peer(
+    python: Path,
+    scans: int,
+    clouds: Sequence[Cloud],
+    poses: Floats,
+    older: Integers | None = None,
+) -> list[VerifiedRun]:
     """Find the loops of clouds joined to local maps, by the peers of ``scans``.
 
-    ``poses`` are float64 (N, 4, 4), world_from_cloud.
+    Args:
+        python: interpreter of the peers' environment.
+        scans: joined to a local map.
+        clouds: N of them.
+        poses: float64 (N, 4, 4), world_from_cloud.
+        older: int64 (N,), number of the first clouds that are candidates of each; None for those
+            outside the window.
     """
     with tempfile.TemporaryDirectory() as folder:
         given, found = Path(folder) / "given.npz", Path(folder) / "found.npz"
@@ -105,7 +122,7 @@ def run_peer(python: Path, scans: int, clouds: Sequence[Cloud], poses: Floats) -
             points=np.concatenate([cloud.points for cloud in clouds]),
             ends=np.cumsum([len(cloud) for cloud in clouds]),
             poses=poses,
-            window=WINDOW,
+            older=np.arange(len(clouds)) - WINDOW if older is None else older,
             scans=scans,
         )
         command = [str(python), str(FOLDER / "worker.py"), str(given), str(found)]
@@ -116,30 +133,56 @@ def run_peer(python: Path, scans: int, clouds: Sequence[Cloud], poses: Floats) -
     result["probability"] = score / (1 + score)  # only their order counts
     return [
         as_run(name, clouds, poses, **{key: values[row] for key, values in result.items()})
-        for row, name in enumerate(PEERS[scans])
+        for row, name in enumerate(peers_of(scans))
     ]
 
 
-def run_peers(python: Path, clouds: Sequence[Cloud], poses: Floats) -> Iterator[VerifiedRun]:
-    """Run the peers; those that fail are left out, with the reason on stderr."""
-    for scans, names in PEERS.items():
-        note("; ".join(names))
+def run_peers(
+    python: Path,
+    clouds: Sequence[Cloud],
+    poses: Floats,
+    older: Integers | None = None,
+    scans: Sequence[int] = tuple(PEERS),
+) -> Iterator[tuple[int, VerifiedRun]]:
+    """Run the peers on local maps of each number of ``scans``, with which a run is yielded.
+
+    Those that fail are left out, with the reason on stderr. Other arguments as of ``run_peer``.
+    """
+    for joined in scans:
+        note(f"{'; '.join(peers_of(joined))}, of {joined}")
         try:
-            yield from run_peer(python, scans, clouds, poses)
+            yield from ((joined, run) for run in run_peer(python, joined, clouds, poses, older))
         except (OSError, subprocess.CalledProcessError) as error:
-            note(f"without {'; '.join(names)}: {last_line(error)}")
+            note(f"without {'; '.join(peers_of(joined))}: {last_line(error)}")
 
 
 def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
     """Find the loops of clouds by Scan Context and what votes beside it, verified."""
     detector = LoopDetector(PLAIN, window=WINDOW, fusion=CLOUDS, verify=True)
+    return run_detector(detector, clouds, poses)
+
+
+def run_detector(
+    detector: LoopDetector,
+    clouds: Sequence[Cloud],
+    poses: Floats,
+    *,
+    stamps_ns: Integers | None = None,
+    odometry: Floats | None = None,
+) -> VerifiedRun:
+    """Find the loops of clouds by a detector that verifies them.
+
+    ``poses`` and ``odometry`` are float64 (N, 4, 4), world_from_cloud and odom_from_cloud.
+    """
     count = len(clouds)
     match, probability = np.full(count, -1), np.zeros(count)
     estimates, accepted = np.full((count, 4, 4), np.nan), np.zeros(count, np.bool_)
     seconds = np.zeros(count)
     for row, cloud in enumerate(clouds):
+        stamp = None if stamps_ns is None else int(stamps_ns[row])
+        moved = None if odometry is None else odometry[row]
         start = time.process_time()
-        accepted[row] = detector.add(cloud) is not None
+        accepted[row] = detector.add(cloud, stamp_ns=stamp, odometry=moved) is not None
         seconds[row] = time.process_time() - start
         best = detector.nearest
         if best is not None and may_be_right(best):
@@ -149,6 +192,7 @@ def run_ours(clouds: Sequence[Cloud], poses: Floats) -> VerifiedRun:
         OURS,
         clouds,
         poses,
+        stamps_ns=stamps_ns,
         match=match,
         match_from_query=estimates,
         probability=probability,
@@ -187,6 +231,7 @@ def as_run(
     clouds: Sequence[Cloud],
     poses: Floats,
     *,
+    stamps_ns: Integers | None = None,
     match: Integers,
     match_from_query: Floats,
     probability: Floats,
@@ -201,7 +246,7 @@ def as_run(
         dataset="town",
         frames=np.arange(count),
         numbers=np.arange(count),
-        stamps_ns=np.arange(count),
+        stamps_ns=np.arange(count) if stamps_ns is None else stamps_ns,
         poses=poses,
         body_from_cloud=np.tile(np.eye(4), (count, 1, 1)),
         points=np.array([len(cloud) for cloud in clouds]),
@@ -227,7 +272,7 @@ def compare(seed: int, python: Path | None) -> list[Evaluation]:
     note(f"town of seed {seed}, {len(clouds)} scans: {OURS}")
     runs = [run_ours(clouds, poses)]
     if python is not None:
-        runs += run_peers(python, clouds, poses)
+        runs += [run for _, run in run_peers(python, clouds, poses)]
     plain = evaluate(run_plain(clouds, poses), protocols=PROTOCOLS, window=WINDOW)
     found = [*(evaluate_verified(run, protocols=PROTOCOLS, window=WINDOW) for run in runs), plain]
     note(table(HEADER, list(rows([found]))))

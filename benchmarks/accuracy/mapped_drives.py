@@ -80,6 +80,7 @@ class MappedDrive:
             self.frames = site.frames(session)
             self.poses = site.trajectory(session)[1]
             self.edges, self.loops = site.edges, site.loops
+            self.parts = sum(len(each.parts) for each in site.sessions)
         self.true_keyframes = true[self.frames]
         self.true_from_map = fit_motion(self.poses, self.true_keyframes)
 
@@ -102,7 +103,14 @@ class MappedDrive:
         return seconds
 
     def localize(
-        self, name: str, frames: Frames, true: Floats, *, stride: int = STRIDE, view: float = 180.0
+        self,
+        name: str,
+        frames: Frames,
+        true: Floats,
+        *,
+        stride: int = STRIDE,
+        view: float = 180.0,
+        alone: bool = True,
     ) -> list[Fix]:
         """Localise each ``stride``-th frame of another drive, without any guess.
 
@@ -112,23 +120,28 @@ class MappedDrive:
             true: float64 (m, 4, 4), world_from_robot of them, by their numbers.
             stride: between frames that are localised.
             view: keyframes turned farther than this from a frame, in degrees, are not near it.
+            alone: whether the poses of the frames before are forgotten, which confirm one by the
+                frames' odometry.
         """
         path = self.path.with_name(f"{self.path.stem}-by-{name}.json")
         if path.exists():
             return [Fix(**values) for values in json.loads(path.read_text())]
         with PlaceMap.open(self.path, read_only=True) as site:
             fixes = [
-                self._localize(site, frame, true[frame.number], view)
+                self._localize(site, frame, true[frame.number], view, alone)
                 for frame in frames()
                 if frame.number % stride == 0
             ]
         save(path, [asdict(fix) for fix in fixes])
         return fixes
 
-    def _localize(self, site: PlaceMap, frame: Frame, true: Matrix, view: float) -> Fix:
+    def _localize(
+        self, site: PlaceMap, frame: Frame, true: Matrix, view: float, alone: bool
+    ) -> Fix:
         apart = np.array([difference(each, true) for each in self.true_keyframes])
         near = float(apart[apart[:, 1] <= view, 0].min(initial=np.inf))
-        site.forget_motion()
+        if alone:
+            site.forget_motion()
         started = time.process_time()
         found = site.localize(frame)
         seconds = time.process_time() - started

@@ -6,7 +6,7 @@ worker.py INPUT.npz OUTPUT.npz
 
 INPUT: points float32 (P, 3) of all clouds and where each ends, ends int64 (N,); poses float64
 (N, 4, 4), world_from_cloud, by which ``scans`` clouds are joined to a local map of the middle one;
-window, frames before the query that are no candidates.
+older int64 (N,), the number of the first clouds, which are the candidates of each.
 OUTPUT: of each cloud the candidate with the most inliers, its pose, score and whether it was
 accepted. Arrays (1, N, ...) of what MapClosures says; (2, N, ...) where there are local maps, of
 which KISS-SLAM's closer judges those that MapClosures accepts. The score is the number of inliers;
@@ -25,7 +25,7 @@ from map_closures.config import MapClosuresConfig
 from map_closures.map_closures import MapClosures
 
 CANDIDATES = 100
-"""Asked of MapClosures, whose own candidates include frames within the window."""
+"""Asked of MapClosures, whose own candidates include frames that are too young."""
 
 
 def local_map(clouds: list[Any], poses: Any, row: int, scans: int, size: float) -> VoxelMap:
@@ -40,7 +40,7 @@ def local_map(clouds: list[Any], poses: Any, row: int, scans: int, size: float) 
 def find_loops(given: Any) -> dict[str, Any]:
     """Return match, match_from_query, score, accepted and seconds of each cloud."""
     clouds = np.split(given["points"], given["ends"][:-1])
-    count, window, scans = len(clouds), int(given["window"]), int(given["scans"])
+    count, limits, scans = len(clouds), given["older"], int(given["scans"])
     config, closer = MapClosuresConfig(), LoopCloser(LoopCloserConfig())
     detector, maps = MapClosures(config), []
     judges = 2 if scans > 1 else 1
@@ -55,7 +55,7 @@ def find_loops(given: Any) -> dict[str, Any]:
             maps.append(joined.open3d_pcd_with_normals())
         start = time.process_time()
         found = detector.get_top_k_closures(row, points, CANDIDATES)
-        older = [each for each in found if each.source_id < row - window]
+        older = [each for each in found if each.source_id < limits[row]]
         if older:
             best = max(older, key=lambda each: each.number_of_inliers)
             match[:, row], score[:, row] = best.source_id, best.number_of_inliers

@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Place recognition, loops, maps and localisation on real recordings. Markdown tables.
+
+python -m benchmarks.real                        # every recording that is there
+python -m benchmarks.real hku_1                  # this one
+python -m benchmarks.real hku_1 --without-peers  # without MapClosures and KISS-SLAM's closer
+python -m benchmarks.real --write                # and put the tables into the docs
+
+The recordings are part of the test data, which FUSIONSLAM_TEST_DATA names. Rows of recordings that
+are not measured stay as they are in the docs. The peers run in the environment of
+``benchmarks.accuracy.loop_peers``; without it the program says so and goes on.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy.data import ROOT, find_folder
+from benchmarks.accuracy.loop_peers import OURS, note, peers_python, run_detector, run_peers
+from benchmarks.accuracy.mapped_drives import MappedDrive
+from benchmarks.accuracy.markdown import read_rows, table, write_between
+from benchmarks.accuracy.pose_graphs import ate
+from benchmarks.real.plain import can_describe, join, recognise, recognise_all
+from benchmarks.real.protocol import RIGHT, find_older, find_revisits, judge, spread
+from benchmarks.real.recordings import MAPPED, READERS, SECOND, Recording, read_recording
+
+PAGE = ROOT / "docs" / "results" / "real.md"
+README = ROOT / "README.md"
+SCANS = (10, 60)
+"""Keyframes of the local maps that the peers get."""
+PLAIN = "scan_context"
+QUOTED = (OURS, "MapClosures, local maps of 60", "KISS-SLAM's closer, local maps of 60")
+"""Those whose loops the README shows."""
+LOOPS = (
+    *("recording", "found by", "frames", "revisits", "recall of the accepted"),
+    *("recall at full precision", "accepted", "wrong", "error: median, m", "95 %, m", "ms a frame"),
+)
+MAPS = (
+    *("recording", "frames", "keyframes", "parts", "ATE of odometry, m", "ATE, m", "believed"),
+    *("false ones of them", "refused", "ms a keyframe"),
+)
+FIXES = (
+    *("recording", "frames are asked", "map of", "frames", "found", "within 0.5 m"),
+    *("beyond 1 m", "error: median, m", "95 %, m", "ms a frame"),
+)
+DESCRIPTORS = ("descriptor", "top-1", "one of ten", "F1max", "R@100P", "ms a frame")
+Row = list[str]
+
+
+def find_loops(recording: Recording, python: Path | None) -> Iterator[Row]:
+    """Yield a row for each of those that find loops: ours, the peers, Scan Context alone."""
+    clouds, poses, stamps = recording.clouds, recording.poses, recording.stamps_ns
+    rule, odometry = recording.rule, recording.odometry
+    run = run_detector(recording.detector(), clouds, poses, stamps_ns=stamps, odometry=odometry)
+    ours = judge(run, rule)
+    yield [recording.name, OURS, *ours.cells()]
+    if python is not None:
+        older = find_older(stamps, rule).sum(axis=1)
+        for scans, peer in run_peers(python, clouds, odometry, older, SCANS):
+            found = judge(replace(peer, poses=poses, stamps_ns=stamps), rule)
+            yield [recording.name, f"{peer.descriptor} of {scans}", *found.cells()]
+    if ours.revisits and can_describe(recording, PLAIN):
+        *_, full, milliseconds = recognise(recording, PLAIN).cells()
+        counts = [str(ours.frames), str(ours.revisits)]
+        unproven = [*counts, "-", full, *"----", milliseconds]
+        yield [recording.name, "Scan Context, without proof", *unproven]
+
+
+def make_map(recording: Recording, folder: Path) -> MappedDrive:
+    return MappedDrive(
+        folder / recording.name,
+        recording.poses,
+        recording.odometry,
+        recording.frames,
+        session=recording.name,
+        descriptor=recording.descriptor,
+        **recording.options(),
+    )
+
+
+def judge_map(recording: Recording, mapped: MappedDrive) -> Row:
+    odometry = mapped.odometry[mapped.frames]
+    ates = [ate(poses, mapped.true_keyframes) for poses in (odometry, mapped.poses)]
+    believed = [edge for edge in mapped.loops if edge.state == "believed"]
+    counts = [len(recording.clouds), len(mapped.frames), mapped.parts]
+    loops = [len(believed), sum(mapped.is_false(edge, RIGHT) for edge in believed)]
+    return [
+        recording.name,
+        *map(str, counts),
+        *(f"{value:.3f}" for value in ates),
+        *map(str, [*loops, len(mapped.loops) - len(believed)]),
+        f"{np.mean(mapped.seconds) * 1e3:.0f}",
+    ]
+
+
+def localize(second: Recording, first: Recording, mapped: MappedDrive) -> Iterator[Row]:
+    """Yield a row for frames that are asked alone, and one for those of a robot that goes on."""
+    for asked, alone in (("alone", True), ("one after the other", False)):
+        fixes = mapped.localize(asked, second.frames, second.poses, stride=1, alone=alone)
+        errors = np.array([fix.error for fix in fixes if fix.error is not None])
+        counts = [len(fixes), len(errors), (errors <= 0.5).sum(), (errors > 1.0).sum()]
+        yield [
+            second.name,
+            asked,
+            first.name,
+            *map(str, counts),
+            *spread(errors),
+            f"{np.mean([fix.seconds for fix in fixes]) * 1e3:.0f}",
+        ]
+
+
+def recognise_places(recording: Recording) -> Iterator[Row]:
+    """Yield a row for each descriptor, and one for the detector's own and its voters together."""
+    found = {each.name: each for each in recognise_all(recording)}
+    for name, each in found.items():
+        yield [name, *each.cells()]
+    detector = recording.detector()
+    proposing = [detector.descriptor, *detector.voters]
+    several = [found.get(name) or recognise(recording, name) for name in proposing]
+    yield [" + ".join(proposing), *join(several)]
+
+
+class Measured:
+    """The tables of some recordings.
+
+    Attributes:
+        loops, maps, fixes: rows of the tables over all recordings.
+        descriptors: rows of the table of each recording, by its name.
+    """
+
+    def __init__(self) -> None:
+        self.loops: list[Row] = []
+        self.maps: list[Row] = []
+        self.fixes: list[Row] = []
+        self.descriptors: dict[str, list[Row]] = {}
+
+    def measure(self, name: str, data: Path, folder: Path, python: Path | None) -> None:
+        """Measure a recording; one that is not there is skipped with a line on stderr."""
+        recording = read_recording(data, name)
+        if recording is None:
+            note(f"without {name}, which is not in {data}")
+            return
+        note(f"{name}, {len(recording.clouds)} clouds")
+        self.loops += show(LOOPS, find_loops(recording, python))
+        if name in MAPPED:
+            self.maps += show(MAPS, [judge_map(recording, make_map(recording, folder))])
+        if name in SECOND:
+            self.fixes += show(FIXES, find_in_first(recording, data, folder))
+        if find_revisits(recording.poses, recording.stamps_ns, recording.rule).any():
+            self.descriptors[name] = show(DESCRIPTORS, recognise_places(recording))
+
+    def write(self) -> None:
+        """Put the tables into the page, which keeps the rows of what was not measured."""
+        for marker, header, rows in (
+            ("loops", LOOPS, self.loops),
+            ("maps", MAPS, self.maps),
+            ("sessions", FIXES, self.fixes),
+        ):
+            write_between(PAGE, marker, table(header, with_other_rows(marker, rows)))
+        for name, rows in self.descriptors.items():
+            write_between(PAGE, f"descriptors {name}", table(DESCRIPTORS, rows))
+        write_between(README, "real", headline(read_rows(PAGE, "loops")))
+
+
+def find_in_first(second: Recording, data: Path, folder: Path) -> list[Row]:
+    """Find the frames of a second session in the map of the first; none if that is not there."""
+    name, file = SECOND[second.name]
+    first = read_recording(data, name)
+    if first is None:
+        note(f"without the map of {name}, which is not in {data}")
+        return []
+    poses = np.loadtxt(data / file) @ second.poses
+    return list(localize(replace(second, poses=poses), first, make_map(first, folder)))
+
+
+def with_other_rows(marker: str, measured: Sequence[Row]) -> list[Row]:
+    """Add the rows of the page that were not measured now, in the order of the recordings."""
+    found = {tuple(row[:2]): row for row in measured}
+    known = {tuple(row[:2]): row for row in read_rows(PAGE, marker)}
+    order = list(READERS)
+    return sorted((known | found).values(), key=lambda row: order.index(row[0]))
+
+
+def headline(rows: Iterable[Row]) -> str:
+    """Table of the revisits found by accepted loops, and of the wrong ones among all accepted."""
+    shown: dict[str, dict[str, str]] = {}
+    revisits = {}
+    for name, found_by, _, count, recall, _, accepted, wrong, *_ in rows:
+        if found_by in QUOTED:
+            share = "" if recall == "-" else f"{recall}; "
+            shown.setdefault(name, {})[found_by] = f"{share}{wrong} of {accepted} wrong"
+            revisits[name] = count
+    lines = [
+        [name, revisits[name], *(found.get(each, "-") for each in QUOTED)]
+        for name, found in shown.items()
+    ]
+    return table(["recording", "revisits", *QUOTED], lines)
+
+
+def show(header: Sequence[str], rows: Iterable[Row]) -> list[Row]:
+    """Print a table as soon as it is known."""
+    listed = list(rows)
+    print(f"{table(header, listed)}\n", flush=True)
+    return listed
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*READERS, []], help="recordings")
+    parser.add_argument("--data", type=Path, help="the test data")
+    parser.add_argument("--write", action="store_true", help="put the tables into the docs")
+    parser.add_argument("--without-peers", action="store_true", help="ours alone")
+    arguments = parser.parse_args()
+    python = None if arguments.without_peers else peers_python()
+    measured = Measured()
+    with tempfile.TemporaryDirectory() as folder:
+        for name in arguments.names or READERS:
+            measured.measure(name, arguments.data or find_folder(), Path(folder), python)
+    if arguments.write:
+        measured.write()
+
+
+if __name__ == "__main__":
+    main()
