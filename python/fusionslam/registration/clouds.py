@@ -321,6 +321,12 @@ class PreparedCloud:
         """Points, covariances and tree for the refinement."""
         return prepare_refinement(self.points)
 
+    @cached_property
+    def moved_points(self) -> RefinedCloud:
+        """The same for the cloud that is moved: of a local map a part, which finds as much."""
+        step = 1 + (len(self) - 1) // _MOST_MOVED if self.further else 1
+        return self.refined if step == 1 else prepare_refinement(self.points[::step])
+
 
 def check_points(points: Any) -> Points:
     array = np.asarray(points)
@@ -346,6 +352,8 @@ ROOM_REACH = 12.0
 """Metres. Clouds of cars reach 15 and more, those in rooms 3 to 8."""
 _GAP_DEG = 10
 """Wider gaps are out of the view, as they are for the overlap."""
+_MOST_MOVED = 3000
+"""Points of a local map that are refined against another one: more take time alone."""
 _STEPS_PER_M = 128
 """Coordinates are multiples of this part of a metre: stored in 16 bits they stay as they are."""
 

@@ -268,7 +268,7 @@ def _candidates(
     """Refined poses, the cheaper first."""
 
     def refined(start: Matrix, distance: float) -> tuple[Matrix, Floats]:
-        return refine(source.refined, target.refined, start, distance, config.iterations)
+        return refine(source.moved_points, target.refined, start, distance, config.iterations)
 
     def refined_once(start: Matrix) -> _Candidate:
         pose, information = refined(start, config.distance)
