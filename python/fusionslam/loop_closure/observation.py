@@ -152,9 +152,11 @@ class FrameObserver:
             mount = robot_from_cloud(frame, self.fusion)
         if odometry is None and frame is not None and frame.odometry is not None:
             odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
-        lengths = self.registration
+        lengths, level = self.registration, None
+        if lengths.gravity == "auto" and lengths.method != "planar":
+            level = find_level(whole.points, odometry, mount)
         if is_first and self.fits_lengths:
-            lengths = fit_lengths([whole], lengths)
+            lengths = fit_lengths([_leveled(whole, level)], lengths)
         seen, piece, joined = whole, None, list[Piece]()
         if lengths.local_map and odometry is not None:
             piece = Piece.of(cloud, whole, odometry, lengths)
@@ -165,9 +167,6 @@ class FrameObserver:
             whole = join_clouds(zip(poses, wholes, strict=True), voxel)
             described = [cloud, *(each.cloud for each in joined)]
             cloud = whole if is_whole else join_clouds(zip(poses, described, strict=True), voxel)
-        level = None
-        if lengths.gravity == "auto" and lengths.method != "planar":
-            level = find_level(seen.points, odometry, mount)
         upright, upright_whole = _leveled(cloud, level), _leveled(whole, level)
         vectors, radius = self._describe(upright, frame, is_first=is_first)
         for name in self.voters:

@@ -10,8 +10,6 @@ from fusionslam._core import GroundPlaneConfig, remove_ground_plane, voxel_downs
 from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Matrix, Points
 
-MOST_TILT = 60.0
-"""Degrees. A sensor that is tilted more lies on its side, and nothing is known of its cloud."""
 _LEVEL = 3.0
 """Degrees. Less tilt changes nothing: registration finds it, and grounds are not flatter."""
 _GROUND_TILT = 50.0
@@ -56,14 +54,14 @@ def find_level(
         odometry: float64 (4, 4), odom_from_cloud; None if unknown.
         mounting: float64 (4, 4), robot_from_cloud; None if unknown.
     """
-    told = np.array([0.0, 0.0, 1.0])
-    source = "cloud"
+    told, source = np.array([0.0, 0.0, 1.0]), "cloud"
     for name, pose in (("mounting", mounting), ("odometry", odometry)):
-        if pose is not None and pose[2, 2] > np.cos(np.radians(MOST_TILT)):
+        if pose is not None:
             told, source = np.array(pose[2, :3], np.float64), name
-    ground = find_ground(points)
-    if ground is not None and _degrees(ground @ told) > (_TRUSTED if source != "cloud" else 0):
-        told, source = ground, "ground"
+    turn = _turn_up(told)
+    ground = find_ground(points if source == "cloud" else points @ turn.T.astype(np.float32))
+    if ground is not None and _degrees(ground[2]) > (_TRUSTED if source != "cloud" else 0):
+        told, source = turn.T @ ground, "ground"
     tilt = _degrees(told[2])
     return Level(None if tilt < _LEVEL else _turn_up(told), tilt, source)
 
@@ -98,6 +96,8 @@ def find_ground(points: Points) -> Floats | None:
 def _turn_up(up: Floats) -> Matrix:
     """The smallest rotation, float64 (3, 3), that turns a unit vector to z."""
     x, y, z = up / np.linalg.norm(up)
+    if z < -1 + 1e-9:  # upside down: any axis will do
+        return np.diag([1.0, -1.0, -1.0])
     return np.array(
         [
             [1 - x * x / (1 + z), -x * y / (1 + z), -x],

@@ -72,9 +72,9 @@ def fit_lengths(
     Returns:
         The configuration with smaller voxels, cells and distances, in proportion to 20 m, a tenth
         at least, if the clouds reach less than 12 m (``measure_reach``, the median of the clouds).
-        Standard deviations stay as they are. Where ``local_map`` is None, it becomes 0.4 of the
-        reach if clouds show less than half of the circle, and 0.15 of it if they fill fewer than
-        3000 voxels. The configuration itself if nothing changes.
+        Standard deviations stay as they are. Where ``local_map`` is None and up is known
+        (``gravity``), it becomes 0.4 of the reach if clouds show less than half of the circle, and
+        0.15 of it if they fill fewer than 3000 voxels. The configuration itself if nothing changes.
 
     Raises:
         ShapeError: neither a cloud nor an array of points.
@@ -90,7 +90,7 @@ def fit_lengths(
     if reach < ROOM_REACH:
         factor = max(reach / _STREET, _LEAST)
         changes = {name: factor * getattr(config, name) for name in _LENGTHS}
-    if config.local_map is None and config.method != "planar":
+    if config.local_map is None and config.gravity and config.method != "planar":
         voxel = changes.get("voxel", config.voxel)
         share = float(np.median([_joined_share(points, voxel) for points in shown]))
         if share:
