@@ -21,7 +21,14 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.data import ROOT, find_folder
-from benchmarks.accuracy.loop_peers import OURS, note, peers_python, run_detector, run_peers
+from benchmarks.accuracy.loop_peers import (
+    OURS,
+    note,
+    peers_of,
+    peers_python,
+    run_detector,
+    run_peers,
+)
 from benchmarks.accuracy.mapped_drives import MappedDrive
 from benchmarks.accuracy.markdown import read_rows, table, write_between
 from benchmarks.accuracy.pose_graphs import ate
@@ -31,11 +38,9 @@ from benchmarks.real.recordings import MAPPED, READERS, SECOND, Recording, read_
 
 PAGE = ROOT / "docs" / "results" / "real.md"
 README = ROOT / "README.md"
-SCANS = (10, 60)
-"""Keyframes of the local maps that the peers get."""
 PLAIN = "scan_context"
-QUOTED = (OURS, "MapClosures, local maps of 60", "KISS-SLAM's closer, local maps of 60")
-"""Those whose loops the README shows."""
+QUOTED = (OURS, *peers_of(10))
+"""Those whose loops the README shows; of peers with their longest local maps."""
 LOOPS = (
     *("recording", "found by", "frames", "revisits", "recall of the accepted"),
     *("recall at full precision", "accepted", "wrong", "error: median, m", "95 %, m", "ms a frame"),
@@ -61,7 +66,7 @@ def find_loops(recording: Recording, python: Path | None) -> Iterator[Row]:
     yield [recording.name, OURS, *ours.cells()]
     if python is not None:
         older = find_older(stamps, rule).sum(axis=1)
-        for scans, peer in run_peers(python, clouds, odometry, older, SCANS):
+        for scans, peer in run_peers(python, clouds, odometry, older, recording.joined):
             found = judge(replace(peer, poses=poses, stamps_ns=stamps), rule)
             yield [recording.name, f"{peer.descriptor} of {scans}", *found.cells()]
     if ours.revisits and can_describe(recording, PLAIN):
@@ -191,10 +196,10 @@ def headline(rows: Iterable[Row]) -> str:
     shown: dict[str, dict[str, str]] = {}
     revisits = {}
     for name, found_by, _, count, recall, _, accepted, wrong, *_ in rows:
-        if found_by in QUOTED:
-            share = "" if recall == "-" else f"{recall}; "
-            shown.setdefault(name, {})[found_by] = f"{share}{wrong} of {accepted} wrong"
-            revisits[name] = count
+        share = "" if recall == "-" else f"{recall}; "
+        by = found_by.split(" of ")[0]
+        shown.setdefault(name, {})[by] = f"{share}{wrong} of {accepted} wrong"
+        revisits[name] = count
     lines = [
         [name, revisits[name], *(found.get(each, "-") for each in QUOTED)]
         for name, found in shown.items()

@@ -60,6 +60,8 @@ class Recording:
         rule: when a frame revisits a place.
         descriptor: the default one for such clouds.
         registration: how clouds are registered.
+        joined: keyframes of the local maps of peers. Sixty where these last less long than a
+            revisit is old: others would share scans with their candidates.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Recording:
     rule: Rule
     descriptor: str = "m2dp"
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    joined: tuple[int, ...] = (10,)
 
     def options(self) -> dict[str, Any]:
         """How loops are found, as of ``PlaceMap.open``; all else is the default."""
@@ -105,6 +108,7 @@ def read_hku(data: Path, name: str) -> Recording:
         poses=whole_poses(stored["optimised"]),
         odometry=whole_poses(stored["odometry"]),
         rule=Rule(3.0, seconds=30.0),
+        joined=(10, 60),
     )
 
 
@@ -183,6 +187,7 @@ def read_from_above(data: Path, name: str) -> Recording:
         poses=poses,
         odometry=add_drift(poses, DRIFT_SEED),
         rule=Rule(5.0, seconds=30.0),
+        joined=(10, 60),
     )
 
 
