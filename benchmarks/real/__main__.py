@@ -216,7 +216,7 @@ def show(header: Sequence[str], rows: Iterable[Row]) -> list[Row]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", choices=[*READERS, []], help="recordings")
+    parser.add_argument("names", nargs="*", choices=["all", *READERS], default="all")
     parser.add_argument("--data", type=Path, help="the test data")
     parser.add_argument("--write", action="store_true", help="put the tables into the docs")
     parser.add_argument("--without-peers", action="store_true", help="ours alone")
@@ -224,7 +224,7 @@ def main() -> None:
     python = None if arguments.without_peers else peers_python()
     measured = Measured()
     with tempfile.TemporaryDirectory() as folder:
-        for name in arguments.names or READERS:
+        for name in READERS if "all" in arguments.names else arguments.names:
             measured.measure(name, arguments.data or find_folder(), Path(folder), python)
     if arguments.write:
         measured.write()
