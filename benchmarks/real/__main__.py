@@ -66,7 +66,9 @@ def find_loops(recording: Recording, python: Path | None) -> Iterator[Row]:
     yield [recording.name, OURS, *ours.cells()]
     if python is not None:
         older = find_older(stamps, rule).sum(axis=1)
-        for scans, peer in run_peers(python, clouds, odometry, older, recording.joined):
+        # Noise on made odometry must not bend their local maps.
+        path = poses if recording.recorded_odometry is None else odometry
+        for scans, peer in run_peers(python, clouds, path, older, recording.joined):
             found = judge(replace(peer, poses=poses, stamps_ns=stamps), rule)
             yield [recording.name, f"{peer.descriptor} of {scans}", *found.cells()]
     if ours.revisits and can_describe(recording, PLAIN):
