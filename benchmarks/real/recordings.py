@@ -5,6 +5,7 @@
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ _KITCHEN_HZ = 30.0
 STEPS = {"kitti_bev_05": 4, "kitti_bev_06": 2}
 """Each fourth and each second frame is taken."""
 _CUBE_M, _KITTI_HEIGHT_M = 0.4, 1.73
+"""Edge of the cubes seen from above, and of the sensor above the road."""
 
 
 @dataclass(frozen=True)
@@ -56,20 +58,29 @@ class Recording:
         clouds: N of them.
         stamps_ns: int64 (N,).
         poses: float64 (N, 4, 4), world_from_cloud, taken for the truth.
-        odometry: float64 (N, 4, 4), odom_from_cloud.
+        recorded_odometry: float64 (N, 4, 4), odom_from_cloud; None if there is none.
         rule: when a frame revisits a place.
         descriptor: the default one for such clouds.
         registration: how clouds are registered.
+        joined: keyframes of the local maps of peers. Sixty where these last less long than a
+            revisit is old: others would share scans with their candidates.
     """
 
     name: str
     clouds: list[Cloud]
     stamps_ns: Integers
     poses: Floats
-    odometry: Floats
+    recorded_odometry: Floats | None = None
     rule: Rule
     descriptor: str = "m2dp"
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    joined: tuple[int, ...] = (10,)
+
+    @cached_property
+    def odometry(self) -> Floats:
+        """Float64 (N, 4, 4), odom_from_cloud; where none was recorded, the poses with noise."""
+        recorded = self.recorded_odometry
+        return add_drift(self.poses, DRIFT_SEED) if recorded is None else recorded
 
     def options(self) -> dict[str, Any]:
         """How loops are found, as of ``PlaceMap.open``; all else is the default."""
@@ -103,8 +114,9 @@ def read_hku(data: Path, name: str) -> Recording:
         clouds=_split(stored),
         stamps_ns=_nanoseconds(stored["stamps"]),
         poses=whole_poses(stored["optimised"]),
-        odometry=whole_poses(stored["odometry"]),
+        recorded_odometry=whole_poses(stored["odometry"]),
         rule=Rule(3.0, seconds=30.0),
+        joined=(10, 60),
     )
 
 
@@ -117,7 +129,6 @@ def read_balm(data: Path, name: str) -> Recording:
         clouds=_split(stored),
         stamps_ns=_nanoseconds(stored["stamps"]),
         poses=poses,
-        odometry=add_drift(poses, DRIFT_SEED),
         rule=Rule(5.0, seconds=20.0),
     )
 
@@ -132,7 +143,7 @@ def read_kitti(data: Path, name: str) -> Recording:
         clouds=_split(stored),
         stamps_ns=_nanoseconds(np.loadtxt(kitti / "times" / "times_00.txt")[rows]),
         poses=read_poses_kitti(kitti / "poses" / "00.txt")[rows] @ mounted,
-        odometry=whole_poses(stored["laser_odometry"]),
+        recorded_odometry=whole_poses(stored["laser_odometry"]),
         rule=Rule(10.0, seconds=30.0),
     )
 
@@ -149,7 +160,6 @@ def read_kitchen(data: Path, name: str) -> Recording:
         clouds=[Cloud(points[a:b], rgb[a:b]) for a, b in itertools.pairwise(ends)],
         stamps_ns=_nanoseconds(stored["frames"] / _KITCHEN_HZ),
         poses=poses,
-        odometry=add_drift(poses, DRIFT_SEED),
         rule=Rule(0.5, 45.0, frames=30),
         descriptor="cm2dp",
     )
@@ -163,7 +173,6 @@ def read_flight(data: Path, name: str) -> Recording:
         clouds=[flight.cloud(number) for number in range(len(flight.stamps))],
         stamps_ns=flight.stamps,
         poses=flight.poses,
-        odometry=add_drift(flight.poses, DRIFT_SEED),
         rule=Rule(NEAR_M, NEAR_DEG, seconds=APART_S),
         descriptor="cm2dp",
         registration=RegistrationConfig(gravity=False),
@@ -181,8 +190,8 @@ def read_from_above(data: Path, name: str) -> Recording:
         clouds=[fill_columns(counts) for counts in stored["counts"][::step]],
         stamps_ns=_nanoseconds(times[::step]),
         poses=poses,
-        odometry=add_drift(poses, DRIFT_SEED),
         rule=Rule(5.0, seconds=30.0),
+        joined=(10, 60),
     )
 
 

@@ -129,3 +129,21 @@ def test_rows_of_recordings_that_were_not_measured_stay(
         ["redkitchen", "ours", "4"],
         ["euroc_v101", "ours", "3"],
     ]
+
+
+def test_the_headline_has_the_longest_local_maps_of_a_peer() -> None:
+    def row(by: str, recall: str, accepted: str, wrong: str) -> list[str]:
+        return ["hku_1", by, "314", "40", recall, "0.5", accepted, wrong, "-", "-", "1"]
+
+    rows = [
+        row("fusionslam", "0.375", "32", "0"),
+        row("MapClosures, local maps of 10", "0.275", "14", "2"),
+        row("MapClosures, local maps of 60", "0.725", "43", "3"),
+        row("Scan Context, without proof", "-", "-", "-"),
+        ["kitti00_keyframes", "fusionslam", "152", "0", "-", "-", "0", "0", "-", "-", "1"],
+    ]
+    lines = [line.strip("| ").split(" | ") for line in real.headline(rows).splitlines()]
+    assert lines[2:] == [
+        ["hku_1", "40", "0.375; 0 of 32 wrong", "0.725; 3 of 43 wrong", "-"],
+        ["kitti00_keyframes", "0", "0 of 0 wrong", "-", "-"],
+    ]
