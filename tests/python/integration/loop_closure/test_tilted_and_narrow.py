@@ -11,13 +11,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
-from fusionslam import Cloud, DataError, Loop, LoopDetector
+from fusionslam import Cloud, DataError, Loop, LoopDetector, PlaceMap
 from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.loop_closure.local_maps import MOST_JOINED, Piece, pieces_to_join
+from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import PreparedCloud, RegistrationConfig, register
 from fusionslam.registration.clouds import pack_arrays, unpacking
+from fusionslam.sensors.frame import Frame
 from rows import rows
-from streets import WAY, assert_near, at
+from streets import OPTIONS, WAY, assert_near, at
 
 pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
@@ -134,6 +136,36 @@ def test_narrow_clouds_are_joined_and_their_loops_are_right() -> None:
     again = pickle.loads(pickle.dumps(detector)).stored_frame(23).unpack()
     np.testing.assert_array_equal(again.points, last.points)
     np.testing.assert_array_equal(again.further[0][0], last.further[0][0])
+
+
+@pytest.mark.slow
+def test_a_map_of_a_tilted_narrow_sensor_finds_its_robot(tmp_path: Path) -> None:
+    pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
+    mount = turned((0, 20, 5))
+    frames = [
+        Frame(
+            index=k,
+            stamp_ns=(k + 1) * 10**9,
+            points=seen_by(mount, narrow(scan_blocks(pose, k, 15_000))),
+            odometry=pose @ mount,  # the scanner is the robot
+        )
+        for k, pose in enumerate(TWICE)
+    ]
+    path = tmp_path / "site.fsmap"
+    near = MapConfig(keyframe_distance=1.0)
+    with PlaceMap.open(path, session="monday", config=near, **OPTIONS) as site:
+        steps = [site.add(frame) for frame in frames[:12]]
+        assert [step.keyframe for step in steps] == [*range(12)]
+        # Local maps share their scans: only odometry says how far the robot went.
+        assert {edge.kind for edge in site.edges} == {"odometry"}
+    with PlaceMap.open(path, read_only=True) as site:
+        assert site.config["registration"]["local_map"] == pytest.approx(7, abs=2)
+        map_from_world = np.linalg.inv(TWICE[0] @ mount)
+        found = [site.localize(frame) for frame in frames[12:]]
+        assert sum(each.pose is not None for each in found) >= 10
+        for each, pose in zip(found, TWICE[12:], strict=True):
+            if each.pose is not None:
+                assert_near(each.pose, map_from_world @ pose @ mount, 0.3, 1.0)
 
 
 @pytest.mark.slow
