@@ -7,7 +7,6 @@ import math
 import operator
 import os
 import threading
-from collections import deque
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
@@ -33,7 +32,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure.config import LoopConfig, default_threshold, fitted_threshold
-from fusionslam.loop_closure.local_maps import MOST_JOINED, Piece
+from fusionslam.loop_closure.local_maps import Piece, RecentPieces
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import FrameMemory, Kept
 from fusionslam.loop_closure.observation import (
@@ -74,6 +73,10 @@ class LoopDetector:
     At ``max_frames`` stored frames it forgets a quarter: of those older than the window the ones
     whose nearest candidate, when they were added, was nearest. These show places that older frames
     show as well, so the first visit to a place is kept.
+
+    Clouds that are verified are levelled by odometry or the ground they show, and narrow or sparse
+    ones are joined with those of the frames before, by odometry (``RegistrationConfig.local_map``).
+    The log says so. Frames that a local map is joined of are no candidates.
 
     Scans are taken as of one moment. Where points have times and odometry is known, covariances of
     loops grow with the motion within both scans, and a warning says how far the robot turned.
@@ -150,7 +153,7 @@ class LoopDetector:
         self._kept: MutableMapping[int, Kept] | None = None
         self._memory = self._new_memory()
         self._gate = SequenceGate(self.config)
-        self._recent: deque[tuple[int, Piece]] = deque(maxlen=MOST_JOINED)
+        self._recent = RecentPieces()
         self._motion = ScanMotion()
         self._lock = threading.RLock()
         self._pool: ThreadPoolExecutor | None = None
@@ -210,8 +213,8 @@ class LoopDetector:
         """Find the loop that this frame closes, if any, and store the frame.
 
         Args:
-            frame_or_cloud: a frame, or a cloud, metres, z up with the sensor at the origin if
-                loops are verified (``RegistrationConfig.gravity``).
+            frame_or_cloud: a frame, or a cloud, metres, the sensor at the origin if loops are
+                verified. It is levelled (``RegistrationConfig.gravity``).
             stamp_ns: of the frame if None.
             odometry: float64 (4, 4), odom_from_cloud; None for that of the frame, if it has any.
 
@@ -283,7 +286,7 @@ class LoopDetector:
                 map is joined; None for those that were added last.
         """
         if before is None:
-            before = [piece for _, piece in self._recent]
+            before = self._recent.pieces
         return self._observer.observe(
             frame_or_cloud,
             stamp_ns=stamp_ns,
@@ -351,11 +354,10 @@ class LoopDetector:
                         f"descriptor: {given}, expected float32 ({length},) of {self.descriptor}"
                     )
             number = self._added
-            if seen.piece is not None:
-                recent = [each for each, _ in self._recent]
-                # What both local maps show alike is not seen again.
-                excluded = {*excluded, *recent[len(recent) - seen.joined :]}
-                self._recent.append((number, seen.piece))
+            if seen.piece is not None and seen.cloud is not None:
+                # What both local maps show is not seen again.
+                excluded = {*excluded, *self._recent.numbers_since(seen.joined, number)}
+                self._recent.add(number, seen.piece, seen.cloud.config.local_map or 0.0)
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
             if not np.any(own):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Local maps: the clouds of the last frames, joined by odometry in the frame of the newest."""
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,12 +10,15 @@ import numpy as np
 
 from fusionslam._core import nearest_ranges, voxel_downsample
 from fusionslam.base.arrays import Floats32, Matrix
+from fusionslam.geometry.keyframes import is_keyframe
 from fusionslam.registration import RegistrationConfig
 from fusionslam.registration.clouds import View
 from fusionslam.sensors.frame import Cloud
 
-MOST_JOINED = 30
+_MOST = 30
 """Frames of a local map: more take time and show nothing new."""
+_TURN = 10.0
+"""Degrees: a frame that is turned further shows something new, wherever it is."""
 _VIEWS = 5
 """Of them, those whose free space is remembered, evenly spaced."""
 
@@ -46,6 +50,35 @@ class Piece:
         return cls(described, thinned, ranges, odometry)
 
 
+class RecentPieces:
+    """Pieces of the last frames: those that moved or turned since the one before."""
+
+    def __init__(self) -> None:
+        self._pieces: deque[tuple[int, Piece]] = deque(maxlen=_MOST)
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The newest is the last."""
+        return [piece for _, piece in self._pieces]
+
+    def numbers_since(self, joined: int, number: int) -> range:
+        """Return the numbers of the frames before ``number`` from the oldest of ``joined`` on."""
+        first = max(len(self._pieces) - joined, 0)
+        return range(self._pieces[first][0] if joined and self._pieces else number, number)
+
+    def add(self, number: int, piece: Piece, length: float) -> None:
+        """Take what a frame gives; ``length`` is that of local maps, metres."""
+        if self._pieces:
+            step = np.linalg.inv(self._pieces[-1][1].odometry) @ piece.odometry
+            if not is_keyframe(step, length / _MOST, _TURN):
+                return
+        self._pieces.append((number, piece))
+
+    def clear(self) -> None:
+        """Begin anew: odometry of the next frame says nothing of those before."""
+        self._pieces.clear()
+
+
 def pieces_to_join(pieces: Sequence[Piece], odometry: Matrix, length: float) -> list[Piece]:
     """Return the last pieces along ``length`` metres of odometry before a pose, the oldest first.
 
@@ -60,7 +93,7 @@ def pieces_to_join(pieces: Sequence[Piece], odometry: Matrix, length: float) -> 
     way, place = 0.0, odometry[:3, 3]
     for piece in reversed(pieces):
         way += float(np.linalg.norm(piece.odometry[:3, 3] - place))
-        if way > length or len(joined) == MOST_JOINED:
+        if way > length or len(joined) == _MOST:
             break
         place = piece.odometry[:3, 3]
         joined.append(piece)

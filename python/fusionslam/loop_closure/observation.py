@@ -65,6 +65,14 @@ class Observation:
     joined: int = 0
     level: Level | None = None
 
+    def scan(self) -> PreparedCloud | None:
+        """Prepare the frame's own cloud, where ``cloud`` is that of a local map; else None."""
+        if self.piece is None or self.cloud is None:
+            return None
+        return PreparedCloud(
+            self.piece.whole, self.cloud.config, colored=self.piece.cloud, level=self.level
+        )
+
 
 @checked
 def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> FusionConfig:

@@ -91,6 +91,8 @@ class MapWriter:
         self._last_stamp_ns = 0
         self._doubt: Refusal | None = None
         """Why odometry since the last keyframe may be wrong."""
+        self._scans: tuple[PreparedCloud | None, PreparedCloud | None] = None, None
+        """Of the last keyframe and of the new one, where their clouds are local maps."""
         self._stretch: list[StoredKeyframe] = []  # that goes on
         if self._last is not None:
             self._last_odometry = _odom_from_robot(self._last)
@@ -133,6 +135,10 @@ class MapWriter:
             )
         assert seen.cloud is not None
         seen.cloud.moved = self.motion.within(seen.span)
+        scan = seen.scan()
+        if scan is not None:
+            scan.moved = seen.cloud.moved
+        self._scans = self._scans[1], scan
         seen = replace(seen, span=None)
         cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
@@ -227,9 +233,12 @@ class MapWriter:
         step = np.linalg.inv(before.odometry) @ after.odometry
         covariance = odometry_covariance(step, self.settings.map)
         edges = [Edge(number, "odometry", *ends, step, covariance, "believed")]
-        if cloud.further:  # both show the same scans, which odometry joined
-            return edges
         stored = self._detector.stored_frame(before.id).unpack()
+        if cloud.further or stored.further:  # local maps share scans, which odometry joined
+            last, new = self._scans
+            if last is None or new is None:
+                return edges
+            stored, cloud = last, new
         found = register(cloud, stored, step, search=False)
         if found.target_from_source is not None and found.covariance is not None:
             pose, covariance = found.target_from_source, found.covariance

@@ -5,7 +5,6 @@
 import logging
 import os
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
@@ -28,7 +27,7 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
-from fusionslam.loop_closure.local_maps import MOST_JOINED, Piece, join_clouds
+from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
 from fusionslam.mapping.clouds import FileClouds, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.edge import Edge, check_pose
@@ -105,7 +104,7 @@ class PlaceMap:
         self._lock = threading.RLock()
         self.file, self._session_name, self._given = file, session, settings
         self._sight = ScanMotion()
-        self._pieces: deque[Piece] = deque(maxlen=MOST_JOINED)
+        self._pieces = RecentPieces()
         """Within scans that are localised."""
         self._load()
 
@@ -367,11 +366,11 @@ class PlaceMap:
             odometry = frame_or_cloud.odometry if odometry is None else odometry
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount
         seen = self.detector.observe(
-            frame_or_cloud, stamp_ns=stamp_ns, odometry=moved, before=self._pieces
+            frame_or_cloud, stamp_ns=stamp_ns, odometry=moved, before=self._pieces.pieces
         )
         assert seen.cloud is not None
-        if seen.piece is not None:
-            self._pieces.append(seen.piece)
+        if seen.piece is not None and (length := self.settings.registration.local_map):
+            self._pieces.add(0, seen.piece, length)
         self._sight.follow(stamp_ns, moved)
         seen.cloud.moved = self._sight.within(seen.span)
         found = self._localizer.localize(seen, self.detector.nearest_frames(seen.vectors))

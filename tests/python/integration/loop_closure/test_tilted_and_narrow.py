@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from clouds import scan_blocks
 from fusionslam import Cloud, DataError, Loop, LoopDetector, PlaceMap
 from fusionslam.base.arrays import Floats, Matrix, Points
-from fusionslam.loop_closure.local_maps import MOST_JOINED, Piece, pieces_to_join
+from fusionslam.loop_closure.local_maps import Piece, RecentPieces, pieces_to_join
 from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import PreparedCloud, RegistrationConfig, register
 from fusionslam.registration.clouds import pack_arrays, unpacking
@@ -156,8 +156,8 @@ def test_a_map_of_a_tilted_narrow_sensor_finds_its_robot(tmp_path: Path) -> None
     with PlaceMap.open(path, session="monday", config=near, **OPTIONS) as site:
         steps = [site.add(frame) for frame in frames[:12]]
         assert [step.keyframe for step in steps] == [*range(12)]
-        # Local maps share their scans: only odometry says how far the robot went.
-        assert {edge.kind for edge in site.edges} == {"odometry"}
+        # Local maps share their scans: steps are measured by the scans themselves.
+        assert sum(edge.kind == "loop" and edge.b == edge.a + 1 for edge in site.edges) >= 8
     with PlaceMap.open(path, read_only=True) as site:
         assert site.config["registration"]["local_map"] == pytest.approx(7, abs=2)
         map_from_world = np.linalg.inv(TWICE[0] @ mount)
@@ -200,8 +200,14 @@ def test_local_maps_end_at_their_length_at_jumps_and_at_a_number_of_frames() -> 
     assert [each.odometry[0, 3] for each in joined] == [51, 52]
     assert len(pieces_to_join(pieces, at(53, 0, 0), 40)) == 3  # the jump is longer
     assert not pieces_to_join(pieces, at(99, 0, 0), 40)
-    still = [piece(0) for _ in range(100)]
-    assert len(pieces_to_join(still, at(0, 0, 0), 1)) == MOST_JOINED
+    near = RecentPieces()
+    for number in range(100):  # 3 m in steps that are too small to show anything new
+        near.add(number, piece(0.03 * number), 6.0)
+    places = [each.odometry[0, 3] for each in pieces_to_join(near.pieces, at(3, 0, 0), 6)]
+    np.testing.assert_allclose(places, np.arange(0, 2.98, 0.21), atol=1e-9)
+    assert near.numbers_since(2, 100) == range(91, 100)
+    near.clear()
+    assert not near.pieces and not near.numbers_since(2, 100)
 
 
 def test_without_odometry_clouds_stay_single() -> None:
