@@ -42,14 +42,18 @@ Raises:
   module.def(
       "count_overlap",
       [](const PointsArg& points, const PointsArg& other, const RangesArg& other_ranges,
-         const TransformArg& other_from_points, double distance) {
+         const TransformArg& other_from_points, double distance,
+         const std::vector<std::pair<RangesArg, TransformArg>>& further) {
+        std::vector<SensorView> views{{other_ranges.ranges(), identity_transform}};
+        for (const auto& [ranges, view_from_other] : further)
+          views.push_back({ranges.ranges(), view_from_other.values});
         return counts_by_name(without_gil([&] {
-          return count_overlap(points.view(), other.view(), other_ranges.ranges(),
-                               other_from_points.values, distance);
+          return count_overlap(points.view(), other.view(), views, other_from_points.values,
+                               distance);
         }));
       },
       "points"_a, "other"_a, "other_ranges"_a, "other_from_points"_a, py::kw_only(),
-      "distance"_a = 0.5,
+      "distance"_a = 0.5, "further"_a = py::tuple(),
       R"(Counts the points of a cloud by what another sensor saw where they are.
 
 Args:
@@ -59,6 +63,9 @@ Args:
     other_from_points: float64 (4, 4), rigid.
     distance: metres. Points this near agree, and points this much nearer than the nearest range
         in their direction and the eight about it are before it.
+    further: of a cloud joined of several scans, what its sensor saw from other places: pairs of
+        nearest_ranges and float64 (4, 4) view_from_other. A point is before a surface if any view
+        saw its place to be free; else the view counts that could have seen it best.
 
 Returns:
     Number of points by name: "agreeing" (a point of the other cloud is near); of the rest "before"

@@ -166,7 +166,7 @@ def read_kitchen(data: Path, name: str) -> Recording:
 
 
 def read_flight(data: Path, name: str) -> Recording:
-    """Stereo keyframes of a drone (EuRoC V1_01) that turns freely: no axis points up."""
+    """Stereo keyframes of a drone (EuRoC V1_01) that turns freely and seldom sees the ground."""
     flight = Flight(data / name)
     return Recording(
         name=name,

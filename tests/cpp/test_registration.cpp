@@ -51,6 +51,30 @@ TEST_CASE("each point is counted by what the other sensor saw") {
   CHECK(counts({-5, 0, 0}) == Counts{0, 0, 0, 0, 1});
 }
 
+TEST_CASE("what any view of a joined cloud saw counts, and each point once") {
+  const std::vector<float> seen = wall();
+  Transform further_back = identity_transform;  // view_from_cloud: 10 m behind, the wall is 20 m off
+  further_back[3] = 10;
+  std::vector<float> moved = seen;
+  for (std::size_t i = 0; i < moved.size(); i += 3) moved[i] += 10;
+  const std::vector<SensorView> views{{nearest_ranges(view(seen), 2), identity_transform},
+                                      {nearest_ranges(view(moved), 2), further_back}};
+  const auto counts = [&](const std::vector<float>& point) {
+    const OverlapCounts c = count_overlap(view(point), view(seen), views, identity_transform, 0.5);
+    return std::vector<std::size_t>{c.agreeing, c.before, c.open, c.behind, c.outside};
+  };
+  using Counts = std::vector<std::size_t>;
+  CHECK(counts({10, 5, 0}) == Counts{1, 0, 0, 0, 0});
+  CHECK(counts({-5, 1.5F, 0}) == Counts{0, 1, 0, 0, 0});  // out of the first view, free in the second
+  CHECK(counts({12, 6, 0}) == Counts{0, 0, 0, 1, 0});
+  CHECK(counts({-15, 0, 0}) == Counts{0, 0, 0, 0, 1});
+  check_refused<ShapeError>(
+      [&] {
+        count_overlap(view(seen), view(seen), std::vector<SensorView>{}, identity_transform, 0.5);
+      },
+      "views");
+}
+
 TEST_CASE("points are moved into the other sensor's frame") {
   const std::vector<float> seen = wall(), point{0, 5, 0};
   Transform ahead = identity_transform;

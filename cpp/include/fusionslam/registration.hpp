@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include "fusionslam/sensors.hpp"
@@ -39,6 +40,18 @@ struct OverlapCounts {
 /// most 100 m, ShapeError if `seen` is no complete grid, DataError for points that are
 /// not finite, ranges that are negative or not finite, and transforms that are not rigid.
 OverlapCounts count_overlap(PointsView points, PointsView other, const NearestRanges& seen,
+                            const Transform& other_from_points, double distance);
+
+/// What a sensor saw from one of the places that a cloud was joined of.
+struct SensorView {
+  NearestRanges seen;
+  Transform view_from_cloud = identity_transform;
+};
+
+/// The same for a cloud that was joined of several views. A point is before a surface if it is in
+/// the free space of any view; else it is hidden, open or outside by the view that could have seen
+/// it best, in this order. Throws ShapeError without views, too.
+OverlapCounts count_overlap(PointsView points, PointsView other, std::span<const SensorView> views,
                             const Transform& other_from_points, double distance);
 
 }  // namespace fusionslam

@@ -152,6 +152,16 @@ class View {
   std::vector<bool> in_view_;
 };
 
+/// outer * inner.
+Transform compose(const Transform& outer, const Transform& inner) {
+  Transform product{};
+  for (std::size_t row = 0; row < 4; ++row)
+    for (std::size_t column = 0; column < 4; ++column)
+      for (std::size_t k = 0; k < 4; ++k)
+        product[4 * row + column] += outer[4 * row + k] * inner[4 * k + column];
+  return product;
+}
+
 /// Whether it is a rotation, to 1e-2 as in text with few digits, and a translation.
 bool is_rigid(const Transform& motion) {
   const auto dot = [&](std::size_t i, std::size_t j) {
@@ -206,27 +216,53 @@ NearestRanges nearest_ranges(PointsView points, double step) {
 
 OverlapCounts count_overlap(PointsView points, PointsView other, const NearestRanges& seen,
                             const Transform& other_from_points, double distance) {
-  check_input(seen, other_from_points, distance);
+  const SensorView view{seen, identity_transform};
+  return count_overlap(points, other, {&view, 1}, other_from_points, distance);
+}
+
+OverlapCounts count_overlap(PointsView points, PointsView other, std::span<const SensorView> views,
+                            const Transform& other_from_points, double distance) {
+  if (views.empty()) throw ShapeError("views: none, expected one or more");
+  for (const SensorView& view : views) {
+    check_input(view.seen, other_from_points, distance);
+    if (!is_rigid(view.view_from_cloud)) throw DataError("a view's transform is no rigid motion");
+  }
   detail::check_points(points, 0, "the overlap");
   detail::check_points(other, 0, "the overlap");
   const auto near = static_cast<float>(distance);
   const NearTable others(other, near);
-  const View view(seen);
-  OverlapCounts counts;
-  const DirectionGrid grid = grid_of(other_from_points, seen.rows, seen.columns);
-  for_each_block(points, grid, [&](const DirectionBlock& block, std::size_t size) {
-    for (std::size_t i = 0; i < size; ++i) {
-      if (others.has({block.x[i], block.y[i], block.z[i]})) {
-        ++counts.agreeing;
-      } else if (!view.contains(block.cell[i], block.range[i])) {
-        ++counts.outside;
-      } else if (const float nearest = view.nearest(block.cell[i]); nearest == 0) {
-        ++counts.open;
-      } else {
-        ++(block.range[i] < nearest - near ? counts.before : counts.behind);
+  enum class Fate : std::uint8_t { outside, open, behind, before, agreeing };
+  std::vector<Fate> fates(points.size, Fate::outside);
+  Fate* fate = fates.data();
+  for_each_block(points, grid_of(other_from_points, views[0].seen.rows, views[0].seen.columns),
+                 [&](const DirectionBlock& block, std::size_t size) {
+                   for (std::size_t i = 0; i < size; ++i, ++fate)
+                     if (others.has({block.x[i], block.y[i], block.z[i]})) *fate = Fate::agreeing;
+                 });
+  for (const auto& [seen, view_from_cloud] : views) {
+    const View view(seen);
+    const DirectionGrid grid =
+        grid_of(compose(view_from_cloud, other_from_points), seen.rows, seen.columns);
+    fate = fates.data();
+    for_each_block(points, grid, [&](const DirectionBlock& block, std::size_t size) {
+      for (std::size_t i = 0; i < size; ++i, ++fate) {
+        if (*fate >= Fate::before || !view.contains(block.cell[i], block.range[i])) continue;
+        const float nearest = view.nearest(block.cell[i]);
+        const Fate here = nearest == 0                        ? Fate::open
+                          : block.range[i] < nearest - near ? Fate::before
+                                                              : Fate::behind;
+        *fate = std::max(*fate, here);
       }
-    }
-  });
+    });
+  }
+  OverlapCounts counts;
+  for (const Fate fate : fates) {
+    counts.agreeing += fate == Fate::agreeing;
+    counts.before += fate == Fate::before;
+    counts.behind += fate == Fate::behind;
+    counts.open += fate == Fate::open;
+    counts.outside += fate == Fate::outside;
+  }
   return counts;
 }
 

@@ -7,6 +7,7 @@ import math
 import operator
 import os
 import threading
+from collections import deque
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
@@ -32,6 +33,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure.config import LoopConfig, default_threshold, fitted_threshold
+from fusionslam.loop_closure.local_maps import MOST_JOINED, Piece
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import FrameMemory, Kept
 from fusionslam.loop_closure.observation import (
@@ -148,6 +150,7 @@ class LoopDetector:
         self._kept: MutableMapping[int, Kept] | None = None
         self._memory = self._new_memory()
         self._gate = SequenceGate(self.config)
+        self._recent: deque[tuple[int, Piece]] = deque(maxlen=MOST_JOINED)
         self._motion = ScanMotion()
         self._lock = threading.RLock()
         self._pool: ThreadPoolExecutor | None = None
@@ -268,14 +271,31 @@ class LoopDetector:
         *,
         stamp_ns: int | None = None,
         odometry: Matrix | None = None,
+        before: Sequence[Piece] | None = None,
     ) -> Observation:
         """Describe a frame for ``add_observation``; other threads and processes may do so.
 
         Arguments and errors as of ``add``.
+
+        Args:
+            frame_or_cloud, stamp_ns, odometry: of the frame.
+            before: ``Observation.piece`` of the frames before, the newest last, of which its local
+                map is joined; None for those that were added last.
         """
+        if before is None:
+            before = [piece for _, piece in self._recent]
         return self._observer.observe(
-            frame_or_cloud, stamp_ns=stamp_ns, odometry=odometry, is_first=not len(self._memory)
+            frame_or_cloud,
+            stamp_ns=stamp_ns,
+            odometry=odometry,
+            is_first=not len(self._memory),
+            before=before,
         )
+
+    def break_odometry(self) -> None:
+        """Begin new local maps: odometry of the next frame says nothing of those before."""
+        with self._lock:
+            self._recent.clear()
 
     @checked
     def add_observation(
@@ -330,9 +350,14 @@ class LoopDetector:
                     raise ShapeError(
                         f"descriptor: {given}, expected float32 ({length},) of {self.descriptor}"
                     )
+            number = self._added
+            if seen.piece is not None:
+                recent = [each for each, _ in self._recent]
+                # What both local maps show alike is not seen again.
+                excluded = {*excluded, *recent[len(recent) - seen.joined :]}
+                self._recent.append((number, seen.piece))
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
-            number = self._added
             if not np.any(own):
                 self._added += 1
                 return _Pending(number)

@@ -3,7 +3,7 @@
 """What a loop detector, a map or a fleet needs of a frame, computed before the frame is added."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -25,7 +25,9 @@ from fusionslam.descriptors import (
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.local_maps import Piece, join_clouds, pieces_to_join, views_of
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
+from fusionslam.registration.leveling import Level, find_level
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import Span, span_of
 
@@ -46,7 +48,10 @@ class Observation:
         span: when the cloud's points were measured; None if unknown, or the cloud knows how it
             moved.
         radius: for normals, if this first frame fixed it.
-        points: number of points of the cloud that was described.
+        points: number of points of the frame's cloud.
+        piece: what it gives to the local maps of the next frames; None if there are none.
+        joined: number of frames before it that its own local map is joined of.
+        level: how the cloud was levelled; None if it was not asked.
     """
 
     vectors: Vectors
@@ -56,6 +61,9 @@ class Observation:
     span: Span | None = None
     radius: float | None = None
     points: int = 0
+    piece: Piece | None = None
+    joined: int = 0
+    level: Level | None = None
 
 
 @checked
@@ -114,6 +122,7 @@ class FrameObserver:
         odometry: Matrix | None = None,
         is_first: bool = False,
         fused: Cloud | None = None,
+        before: Sequence[Piece] = (),
     ) -> Observation:
         """Describe a frame; arguments and errors as of ``LoopDetector.add``.
 
@@ -121,6 +130,7 @@ class FrameObserver:
             frame_or_cloud, stamp_ns, odometry: of the frame.
             is_first: whether it fixes the radius of normals and lengths of registration.
             fused: the frame's cloud, if it is fused already.
+            before: of the frames before, the newest last, for its local map.
         """
         if not isinstance(frame_or_cloud, Frame | Cloud):
             raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
@@ -130,27 +140,54 @@ class FrameObserver:
             stamp_ns = frame.stamp_ns if stamp_ns is None else stamp_ns
             cloud = fuse(frame, self.fusion) if fused is None else fused
         assert cloud is not None
-        vectors, radius = self._describe(cloud, frame, is_first=is_first)
+        points = len(cloud)
         if not self.verifies:
-            return Observation(vectors, stamp_ns, radius=radius, points=len(cloud))
+            vectors, radius = self._describe(cloud, frame, is_first=is_first)
+            return Observation(vectors, stamp_ns, radius=radius, points=points)
         whole = cloud  # that is registered
         if frame is not None and self._has_whole_scans:
             whole = fuse(frame, fusion_of_scans(self.fusion, self.registration))
-        for name in self.voters:
-            config = for_clouds(self.describe, name, self.fusion, frame)
-            vectors[name_voter(name)], problem = describe_or_zeros(whole, name, config)
-            if problem is not None:
-                logger.debug("no candidates by %s: %s", name, problem)
-        lengths = self.registration
-        if is_first and self.fits_lengths:
-            lengths = fit_lengths([whole], lengths)
-        prepared = PreparedCloud(whole, lengths, colored=cloud)
-        if is_first and lengths.method != "planar":
-            _warn_of_narrow_views(prepared)
+        mount: Matrix | None = None  # robot_from_cloud
+        if frame is not None and frame.robot_from_points is not None:
+            mount = robot_from_cloud(frame, self.fusion)
         if odometry is None and frame is not None and frame.odometry is not None:
             odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
+        lengths, level = self.registration, None
+        if lengths.gravity == "auto" and lengths.method != "planar":
+            level = find_level(whole.points, odometry, mount)
+        if is_first and self.fits_lengths:
+            lengths = fit_lengths([_leveled(whole, level)], lengths)
+        seen, piece, joined = whole, None, list[Piece]()
+        if lengths.local_map and odometry is not None:
+            piece = Piece.of(cloud, whole, odometry, lengths)
+            joined = pieces_to_join(before, odometry, lengths.local_map)
+            poses = [np.eye(4), *(np.linalg.inv(odometry) @ each.odometry for each in joined)]
+            voxel, is_whole = lengths.voxel / 2, cloud is whole
+            wholes = [whole, *(each.whole for each in joined)]
+            whole = join_clouds(zip(poses, wholes, strict=True), voxel)
+            described = [cloud, *(each.cloud for each in joined)]
+            cloud = whole if is_whole else join_clouds(zip(poses, described, strict=True), voxel)
+        upright, upright_whole = _leveled(cloud, level), _leveled(whole, level)
+        vectors, radius = self._describe(upright, frame, is_first=is_first)
+        for name in self.voters:
+            config = for_clouds(self.describe, name, self.fusion, frame)
+            vectors[name_voter(name)], problem = describe_or_zeros(upright_whole, name, config)
+            if problem is not None:
+                logger.debug("no candidates by %s: %s", name, problem)
+        prepared = PreparedCloud(
+            whole,
+            lengths,
+            colored=cloud,
+            level=level,
+            seen=seen.points,
+            further=views_of(joined, odometry) if joined and odometry is not None else (),
+        )
+        if is_first and lengths.method != "planar":
+            _say_how_it_is_taken(prepared, level)
         span = None if frame is None else span_of(frame)
-        return Observation(vectors, stamp_ns, prepared, odometry, span, radius, len(cloud))
+        return Observation(
+            vectors, stamp_ns, prepared, odometry, span, radius, points, piece, len(joined), level
+        )
 
     def _describe(
         self, cloud: Cloud, frame: Frame | None, *, is_first: bool
@@ -229,9 +266,20 @@ def can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
     raise FusionSlamError(f"loops cannot be verified: {why}", code="missing-extra", fields=("map",))
 
 
-def _warn_of_narrow_views(cloud: PreparedCloud) -> None:
-    """Say that some poses of sectors in rooms are wrong however probable they look."""
-    if cloud.is_sector and cloud.shows_room and len(cloud):
+def _leveled(cloud: Cloud, level: Level | None) -> Cloud:
+    if level is None or level.level_from_cloud is None:
+        return cloud
+    points = np.ascontiguousarray(cloud.points @ level.level_from_cloud.T, np.float32)
+    return replace(cloud, points=points)
+
+
+def _say_how_it_is_taken(cloud: PreparedCloud, level: Level | None) -> None:
+    """Say what was found of the first cloud, and that views of rooms look alike."""
+    if level is not None and level.level_from_cloud is not None:
+        logger.info("clouds are levelled: tilted by %.0f deg (%s)", level.tilt, level.source)
+    if cloud.config.local_map:
+        logger.info("clouds along %.2g m are joined to local maps", cloud.config.local_map)
+    elif cloud.is_sector and cloud.shows_room and len(cloud):
         logger.warning(
             "the first scan shows less than half of the circle, in a room: such views look alike, "
             "and some of the loops will be wrong; on a level floor registration.method=planar "

@@ -63,6 +63,11 @@ class PairComparisons:
         self._known: dict[Hashable, tuple[object, float]] = {}
         self.seconds = 0.0
 
+    @property
+    def reach(self) -> float:
+        """Way behind a frame that its local map shows as well, metres; 0 of single clouds."""
+        return self._cloud.config.local_map or 0.0
+
     def frame(self, match: int) -> StoredFrame:
         """Return an earlier frame."""
         if match not in self._frames:
@@ -81,7 +86,7 @@ class PairComparisons:
         return self._once(("search", match), lambda: search_poses(self._cloud, image))
 
     def register(self, match: int, guess: Matrix | None, *, thorough: bool) -> Registration:
-        """Register the clouds, from a guess or by a search."""
+        """Register the clouds, from a pose that ``search`` returned or by a search of its own."""
         key = "register", match, None if guess is None else guess.tobytes(), thorough
         return self._once(
             key,
@@ -91,6 +96,7 @@ class PairComparisons:
                 guess,
                 search=guess is None,
                 thorough=thorough,
+                leveled=True,
             ),
         )
 
@@ -146,7 +152,7 @@ def verify_candidates(
             covariance=found.covariance,
             overlap=found.overlap,
             probability=found.probability or 0.0,
-            reason=_refusal(found, config),
+            reason=_refusal(found, config, pairs.reach),
             match_stamp_ns=pairs.frame(match).stamp_ns,
         )
         if best is None or _rank(loop) > _rank(best):
@@ -191,15 +197,14 @@ _SEARCHED = 2
 """Times as many poses are searched as are registered."""
 
 
-def _refusal(found: Registration, config: LoopConfig) -> Refusal | None:
+def _refusal(found: Registration, config: LoopConfig, reach: float) -> Refusal | None:
     """Why a registered pose is no loop by itself; None if it is one."""
     if found.estimate is None:
         return found.reason
     apart, probability = float(np.linalg.norm(found.estimate[:3, 3])), found.probability or 0.0
-    if apart > config.max_distance:
-        return Refusal(
-            "far", apart, f"poses {apart:.1f} m apart, more than {config.max_distance:g}"
-        )
+    most = config.max_distance + reach
+    if apart > most:
+        return Refusal("far", apart, f"poses {apart:.1f} m apart, more than {most:g}")
     if found.reason is None and probability < config.min_probability:
         text = f"probability {probability:.2f}, less than {config.min_probability:g}"
         return Refusal("improbable", probability, text)

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds of keyframes as a map's file holds them."""
 
-from collections.abc import Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import voxel_downsample
@@ -34,36 +33,6 @@ def unpack_cloud(packed: bytes) -> Cloud:
     """
     with unpacking(packed) as arrays:
         return Cloud(unpack_points(arrays["points"]), arrays.get("colors"))
-
-
-MOST_POINTS = 4_000_000
-"""Points of clouds that are joined before voxels thin them, so that memory is bounded."""
-
-
-def join_clouds(placed: Iterable[tuple[Matrix, Cloud]], voxel: float) -> Cloud:
-    """Return one point for each voxel of all clouds, coloured if all are.
-
-    Args:
-        placed: map_from_cloud, float64 (4, 4), and the cloud.
-        voxel: its side, metres.
-    """
-    joined = Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
-    waiting: list[Cloud] = []
-    for pose, cloud in placed:
-        points = (cloud.points @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
-        waiting.append(Cloud(points, cloud.colors))
-        if sum(map(len, waiting)) > max(MOST_POINTS, len(joined)):
-            joined, waiting = _thin([joined, *waiting], voxel), []
-    joined = _thin([joined, *waiting], voxel)
-    return joined if len(joined) else Cloud(joined.points, None)
-
-
-def _thin(clouds: Sequence[Cloud], voxel: float) -> Cloud:
-    points = np.concatenate([cloud.points for cloud in clouds])
-    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
-    shades = np.concatenate(colors) if len(colors) == len(clouds) else None
-    kept, kept_colors, _ = voxel_downsample(points, shades, size=voxel)
-    return Cloud(kept, None if shades is None else kept_colors)
 
 
 class FileClouds(MutableMapping[int, Kept]):

@@ -89,7 +89,9 @@ class MapSettings:
         """What maps must have in common for their keyframes to be compared, but for lengths."""
         values = {key: value for key, value in self.dump().items() if key in _COMPARED}
         values["descriptors"].pop("normal_radius")
-        return values | {"registration": without_lengths(self.registration)}
+        registration = without_lengths(self.registration)
+        registration.pop("local_map", None)
+        return values | {"registration": registration}
 
     @property
     def lengths(self) -> dict[str, float]:

@@ -80,6 +80,7 @@ class MapWriter:
     ) -> None:
         self.settings, self.is_torn = settings, False
         self.motion = ScanMotion()
+        detector.break_odometry()
         self._name, self._file, self._content = name, file, content
         self._detector, self._kept = detector, kept
         mine = content.keyframes_of(content.sessions.get(name or "", -1))
@@ -123,6 +124,8 @@ class MapWriter:
             last = self._last  # by which, and by odometry since, the robot's pose is known
             pose = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
             return MapStep(None, (), (), pose, back)
+        if self._doubt is not None:
+            self._detector.break_odometry()
         seen = self._detector.observe(frame, stamp_ns=frame.stamp_ns, odometry=robot @ mount)
         if not np.any(seen.vectors[self._detector.descriptor]):
             raise DataError(
@@ -224,6 +227,8 @@ class MapWriter:
         step = np.linalg.inv(before.odometry) @ after.odometry
         covariance = odometry_covariance(step, self.settings.map)
         edges = [Edge(number, "odometry", *ends, step, covariance, "believed")]
+        if cloud.further:  # both show the same scans, which odometry joined
+            return edges
         stored = self._detector.stored_frame(before.id).unpack()
         found = register(cloud, stored, step, search=False)
         if found.target_from_source is not None and found.covariance is not None:

@@ -5,6 +5,7 @@
 import logging
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
@@ -27,7 +28,8 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
-from fusionslam.mapping.clouds import FileClouds, join_clouds, unpack_cloud
+from fusionslam.loop_closure.local_maps import MOST_JOINED, Piece, join_clouds
+from fusionslam.mapping.clouds import FileClouds, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.edge import Edge, check_pose
 from fusionslam.mapping.grids import (
@@ -103,6 +105,7 @@ class PlaceMap:
         self._lock = threading.RLock()
         self.file, self._session_name, self._given = file, session, settings
         self._sight = ScanMotion()
+        self._pieces: deque[Piece] = deque(maxlen=MOST_JOINED)
         """Within scans that are localised."""
         self._load()
 
@@ -363,8 +366,12 @@ class PlaceMap:
             stamp_ns = frame_or_cloud.stamp_ns if stamp_ns is None else stamp_ns
             odometry = frame_or_cloud.odometry if odometry is None else odometry
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount
-        seen = self.detector.observe(frame_or_cloud, stamp_ns=stamp_ns, odometry=moved)
+        seen = self.detector.observe(
+            frame_or_cloud, stamp_ns=stamp_ns, odometry=moved, before=self._pieces
+        )
         assert seen.cloud is not None
+        if seen.piece is not None:
+            self._pieces.append(seen.piece)
         self._sight.follow(stamp_ns, moved)
         seen.cloud.moved = self._sight.within(seen.span)
         found = self._localizer.localize(seen, self.detector.nearest_frames(seen.vectors))
@@ -416,6 +423,7 @@ class PlaceMap:
     def forget_motion(self) -> None:
         """Localise without regard to what was localised before, as after the robot was carried."""
         self._localizer.forget()
+        self._pieces.clear()
 
     @_one_at_a_time
     def forget(self, session: str) -> None:

@@ -81,7 +81,9 @@ def verify_each(
         DataError: a frame cannot be used, or the folder holds results of other data.
     """
     source = config.fusion.source
-    config = merged(config, {"loop_closure": {"voters": (), "max_frames": 0}})
+    # Descriptors are those of single clouds.
+    single = {"loop_closure": {"voters": (), "max_frames": 0}, "registration": {"local_map": 0.0}}
+    config = merged(config, single)
     values = config.model_dump(mode="json")
     claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
     runs = _with_same_frames(runs)

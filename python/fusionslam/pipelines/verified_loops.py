@@ -85,7 +85,8 @@ def verify_recording(
         folder: output folder.
         name: the detector's descriptor, "cm2dp" or "cm2dp:author".
         config: of all stages; loops must not be unverified.
-        jobs: number of frames described in parallel, while one is verified.
+        jobs: number of frames described in parallel, while one is verified; local maps are
+            described one after the other.
         bad_frames: "skip" leaves out frames that cannot be used; as for ``describe_dataset``.
         command: the command line to store with the results.
         step: progress callback.
@@ -179,6 +180,9 @@ def _observe_all(
         yield index, observe(index)
         if len(detector):
             break
+    if detector.registration_config.local_map:  # each is joined with those that were added
+        yield from ((index, observe(index)) for index in pending)
+        return
     rest = list(pending)
     with ordered_results(observe, rest, jobs) as observed:
         yield from zip(rest, observed, strict=True)

@@ -5,7 +5,7 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,10 +21,12 @@ from fusionslam._core import (
 )
 from fusionslam.base.archive import load_arrays
 from fusionslam.base.argument_types import checked
-from fusionslam.base.arrays import Floats, Floats32, Image, Integers, Mask, Points
+from fusionslam.base.arrays import Floats, Floats32, Image, Integers, Mask, Matrix, Points
 from fusionslam.errors import DataError, FusionSlamError, ShapeError
+from fusionslam.geometry.rigid import is_rigid
 from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
+from fusionslam.registration.leveling import Level, find_level
 from fusionslam.registration.map_extra import (
     RefinedCloud,
     count_features,
@@ -48,20 +50,28 @@ class SearchedCloud(NamedTuple):
     features: int
 
 
+View = tuple[Floats32, Matrix]
+"""What a sensor saw from one place, as ``nearest_ranges`` returns it, and view_from_cloud."""
+
+
 @checked
 class PreparedCloud:
     """A cloud that is registered with several others: what they all need is computed once.
 
-    Its voxels and the range in each direction are kept, stored and sent between processes.
+    Its voxels and the range in each direction are kept, stored and sent between processes. They
+    are levelled where ``gravity`` is "auto"; poses of registrations are those of the cloud given.
 
     Attributes:
-        points: float32 (N, 3): one point for each voxel, to 8 mm.
+        level: float64 (3, 3), the rotation that levels the cloud; None if it stays as it is.
+        points: float32 (N, 3), levelled: one point for each voxel, to 8 mm.
         search_points: float32 (M, 3): one point for each voxel of the search by features, which is
             for clouds without ``gravity``; else empty.
         colors: uint8 (N, 3), sRGB, of the points; None if none has any.
         is_colored: bool (N,): points whose colours are known.
         scene: range image for method planar, which keeps nothing else; None for others.
         ranges: float32 (rows, columns): how far the sensor saw, as ``nearest_ranges`` returns.
+        further: what it saw from other places, of a cloud that is joined of several scans; each
+            with float64 (4, 4), view_from_cloud of the levelled cloud.
         moved: float64 (2, 6): motion while the cloud was taken, from its stamp to the first and the
             last point, as ``ScanMotion.within`` returns; None, as at first, if it is unknown.
             Covariances of poses grow with it.
@@ -71,6 +81,10 @@ class PreparedCloud:
         config: that of the registrations.
         colored: the part of a cloud without colours whose colours are known, as the camera's of a
             LiDAR's full circle; None if there is none.
+        level: how it is levelled; None finds it by the ground alone.
+        seen: float32 (M, 3), the scan that was taken at the origin, of a cloud that is joined of
+            several; None is the cloud itself.
+        further: the other scans' views.
 
     Raises:
         ShapeError: neither a cloud nor an array of points.
@@ -84,6 +98,9 @@ class PreparedCloud:
         config: RegistrationConfig | None = None,
         *,
         colored: Cloud | None = None,
+        level: Level | None = None,
+        seen: Points | None = None,
+        further: Sequence[View] = (),
     ) -> None:
         self.config = config or RegistrationConfig()
         self.moved: Floats | None = None
@@ -91,6 +108,10 @@ class PreparedCloud:
         self.scene = build_planar(cloud) if self.config.method == "planar" else None
         if self.scene is not None:
             points = points[:0]
+        if level is None and self.config.gravity == "auto":
+            level = find_level(points)
+        self.level = None if level is None or self.scene is not None else level.level_from_cloud
+        points = self._leveled(points)
         self.points = _round(_voxels(points, None, self.config.voxel)[0])
         # Of all points: voxels of voxels lose a part of the poses that features find.
         searched = points[:0] if self.config.gravity else points
@@ -100,9 +121,26 @@ class PreparedCloud:
         if colored is None and isinstance(cloud, Cloud):
             colored = cloud
         if colored is not None and colored.colors is not None:
-            self._take_colors(check_points(colored.points), colored.colors)
-        ranges: Floats32 = nearest_ranges(points, step=self.config.view_step)
-        self.ranges: Floats32 = ranges.astype(np.float16).astype(np.float32)  # as it is stored
+            self._take_colors(self._leveled(check_points(colored.points)), colored.colors)
+        near = points if seen is None else self._leveled(check_points(seen))
+        self.ranges: Floats32 = _as_stored(nearest_ranges(near, step=self.config.view_step))
+        back = np.eye(4)  # cloud_from_level
+        if self.level is not None:
+            back[:3, :3] = self.level.T
+        self.further = [(_as_stored(ranges), view @ back) for ranges, view in further]
+
+    def _leveled(self, points: Points) -> Points:
+        if self.level is None:
+            return points
+        return np.ascontiguousarray(points @ self.level.T, np.float32)
+
+    @property
+    def level_from_cloud(self) -> Matrix:
+        """float64 (4, 4): the rotation that levels the cloud."""
+        pose = np.eye(4)
+        if self.level is not None:
+            pose[:3, :3] = self.level
+        return pose
 
     def _take_colors(self, points: Points, colors: Image) -> None:
         """Give each voxel the colour of the coloured voxel in its place."""
@@ -137,6 +175,11 @@ class PreparedCloud:
             arrays["scene"] = np.frombuffer(self.scene.to_bytes(), np.uint8)
         if self.moved is not None:
             arrays["moved"] = self.moved
+        if self.level is not None:
+            arrays["level"] = self.level
+        if self.further:
+            arrays["further"] = np.array([ranges for ranges, _ in self.further], np.float16)
+            arrays["views"] = np.array([view for _, view in self.further])
         return pack_arrays(arrays)
 
     @classmethod
@@ -165,6 +208,14 @@ class PreparedCloud:
             self.colors = colors
         scene = arrays.get("scene")
         self.scene = None if scene is None else Scene.from_bytes(scene.tobytes())
+        self.level = arrays.get("level")
+        further, views = arrays.get("further", ()), arrays.get("views", ())
+        self.further = [
+            (ranges.astype(np.float32), view) for ranges, view in zip(further, views, strict=True)
+        ]
+        poses = [self.level_from_cloud, *(view for _, view in self.further)]
+        if not all(pose.shape == (4, 4) and is_rigid(pose) for pose in poses):
+            raise ValueError("its level or a view is no rigid motion")
         self.moved = arrays.get("moved")
         if (moved := self.moved) is None:
             return
@@ -224,10 +275,13 @@ class PreparedCloud:
     @cached_property
     def is_sector(self) -> bool:
         """Whether it shows less than half of the circle, gaps of up to 10 degrees included."""
+        circle = self.ranges.shape[1]
         columns = np.flatnonzero((self.ranges > 0).any(axis=0))
+        if self.further:
+            turns = np.arctan2(self.points[:, 1], self.points[:, 0]) / (2 * np.pi)
+            columns = np.unique(np.floor(turns * circle).astype(np.int64) % circle)
         if not columns.size:
             return True
-        circle = self.ranges.shape[1]
         gaps = np.diff(columns, append=columns[:1] + circle) - 1
         outside = gaps[gaps > circle * _GAP_DEG / 360].sum()
         return bool(circle - outside < circle / 2)
@@ -235,7 +289,7 @@ class PreparedCloud:
     @property
     def has_search_image(self) -> bool:
         """Whether poses are searched by its images from above."""
-        return self.scene is None and self.config.gravity
+        return self.scene is None and bool(self.config.gravity)
 
     @cached_property
     def search_image(self) -> SearchImage:
@@ -267,6 +321,12 @@ class PreparedCloud:
         """Points, covariances and tree for the refinement."""
         return prepare_refinement(self.points)
 
+    @cached_property
+    def moved_points(self) -> RefinedCloud:
+        """The same for the cloud that is moved: of a local map a part, which finds as much."""
+        step = 1 + (len(self) - 1) // _MOST_MOVED if self.further else 1
+        return self.refined if step == 1 else prepare_refinement(self.points[::step])
+
 
 def check_points(points: Any) -> Points:
     array = np.asarray(points)
@@ -284,11 +344,16 @@ def check_points(points: Any) -> Points:
     return array.astype(np.float32)
 
 
-_KEPT = ("config", "points", "search_points", "colors", "is_colored", "ranges", "scene", "moved")
+_KEPT = (
+    *("config", "level", "points", "search_points", "colors", "is_colored"),
+    *("ranges", "further", "scene", "moved"),
+)
 ROOM_REACH = 12.0
 """Metres. Clouds of cars reach 15 and more, those in rooms 3 to 8."""
 _GAP_DEG = 10
 """Wider gaps are out of the view, as they are for the overlap."""
+_MOST_MOVED = 3000
+"""Points of a local map that are refined against another one: more take time alone."""
 _STEPS_PER_M = 128
 """Coordinates are multiples of this part of a metre: stored in 16 bits they stay as they are."""
 
@@ -349,6 +414,11 @@ def unpack_points(steps: NDArray[np.signedinteger[Any]]) -> Points:
     if steps.ndim != 2 or steps.shape[1] != 3 or steps.dtype not in (np.int16, np.int64):
         raise ValueError(f"points of shape {steps.shape}, {steps.dtype}: expected integers (N, 3)")
     return (steps / np.float32(_STEPS_PER_M)).astype(np.float32)
+
+
+def _as_stored(ranges: Floats32) -> Floats32:
+    rounded: Floats32 = ranges.astype(np.float16).astype(np.float32)
+    return rounded
 
 
 def _voxels(points: Points, colors: Image | None, size: float) -> tuple[Points, Image | None]:

@@ -28,9 +28,18 @@ class RegistrationConfig(Section):
     )
     distance: float = option(1.0, "farthest neighbours of the refinement", unit="m", gt=0)
     iterations: int = option(30, "steps of the refinement", ge=1, le=1000)
-    gravity: bool = option(
-        True,
-        "z points up in both clouds: poses that tilt are refused, and ground is no overlap",
+    gravity: bool | Literal["auto"] = option(
+        "auto",
+        "poses that tilt are refused, and ground is no overlap; auto: clouds are levelled first, "
+        "by odometry and the ground they show; true: z points up in them; false: nobody knows",
+    )
+    local_map: float | None = option(
+        None,
+        "clouds along this much of odometry are joined and registered as one; 0 is single clouds; "
+        "none joins narrow and sparse ones, as the first cloud tells, unless lengths are given",
+        unit="m",
+        ge=0,
+        le=1000,
     )
     max_tilt: float = option(8.0, "largest tilt against each other", unit="deg", ge=0, le=180)
     ground_height: float = option(

@@ -58,13 +58,14 @@ def register(
     *,
     search: bool = True,
     thorough: bool = True,
+    leveled: bool = False,
     config: RegistrationConfig | None = None,
 ) -> Registration:
     """Find the pose of a cloud in the frame of another one.
 
     Method "global": a guess is refined by GICP; without one, or if its overlap is too small, a pose
-    is searched and refined. Where z points up in both clouds (``gravity``) the search correlates
-    images from above (``search_poses``); else KISS-Matcher matches features, and both clouds are
+    is searched and refined. Where up is known in both (``gravity``) the search correlates images
+    from above (``search_poses``); else KISS-Matcher matches features, and both clouds are
     tried as if taken from one pose, as views that look alike may be. Where KISS-Matcher is not
     installed, as on Python 3.13 and later, a guess is judged alone. Method "planar", for robots on
     a floor: range images are aligned in x, y and yaw. Equal input gives equal bits.
@@ -78,6 +79,7 @@ def register(
         search: whether a pose is searched if the guess is refused.
         thorough: without ``gravity``, whether a search that fails is repeated with the features of
             more points, which takes some five times as long.
+        leveled: whether the guess is one of ``search_poses``, between the levelled clouds.
         config: that of prepared clouds if None.
 
     Returns:
@@ -99,7 +101,10 @@ def register(
     start = None if guess is None else _check_rigid(guess)
     one, other = _prepared(source, config), _prepared(target, config)
     if one.scene is None or other.scene is None:
+        if start is not None and not leveled:
+            start = other.level_from_cloud @ start @ inverse(one.level_from_cloud)
         result = _register_globally(one, other, start, search, thorough, config)
+        result = _tilted_back(result, one, other)
     else:
         result = register_planar(one.scene, other.scene, start, config)
     if result.target_from_source is not None and result.covariance is not None:
@@ -111,6 +116,23 @@ def register(
             covariance += carry_covariance(back, motion_covariance(other.moved, other.points))
         result = replace(result, covariance=covariance)
     return replace(result, seconds=time.perf_counter() - started)
+
+
+def _tilted_back(
+    leveled: Registration, source: PreparedCloud, target: PreparedCloud
+) -> Registration:
+    """Return the pose of levelled clouds as that of the clouds that were given."""
+    if leveled.estimate is None or (source.level is None and target.level is None):
+        return leveled
+    there, back = source.level_from_cloud, inverse(target.level_from_cloud)
+    pose, covariance = leveled.target_from_source, leveled.covariance
+    return replace(
+        leveled,
+        estimate=back @ leveled.estimate @ there,
+        target_from_source=None if pose is None else back @ pose @ there,
+        covariance=None if covariance is None else carry_covariance(inverse(there), covariance),
+        degenerate=leveled.degenerate @ there[:3, :3],
+    )
 
 
 @checked
@@ -128,7 +150,8 @@ def search_poses(
         most: number of poses; their turns differ by 24 degrees or more.
 
     Returns:
-        Poses and their correlations; none if a cloud has nothing above the ground nearby.
+        Poses of the levelled clouds and their correlations; none if a cloud has nothing above the
+        ground nearby.
     """
     image = target if isinstance(target, SearchImage) else target.search_image
     cell = source.config.search_cell
@@ -245,7 +268,7 @@ def _candidates(
     """Refined poses, the cheaper first."""
 
     def refined(start: Matrix, distance: float) -> tuple[Matrix, Floats]:
-        return refine(source.refined, target.refined, start, distance, config.iterations)
+        return refine(source.moved_points, target.refined, start, distance, config.iterations)
 
     def refined_once(start: Matrix) -> _Candidate:
         pose, information = refined(start, config.distance)
@@ -317,7 +340,12 @@ def _overlap(
 ) -> tuple[float, int]:
     """Share of a cloud's points that another confirms, of those that it could; their number."""
     counts = count_overlap(
-        one.above_ground, other.above_ground, other.ranges, other_from_one, distance=distance
+        one.above_ground,
+        other.above_ground,
+        other.ranges,
+        other_from_one,
+        distance=distance,
+        further=other.further,
     )
     against = counts["before"] + _HIDDEN_WEIGHT * (counts["behind"] + counts["open"])
     agreeing = counts["agreeing"]

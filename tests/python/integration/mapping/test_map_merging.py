@@ -59,7 +59,8 @@ def with_lengths(factor: float) -> RegistrationConfig:
     """All lengths that are fitted to rooms, in this proportion."""
     config = RegistrationConfig()
     fitted = config.model_dump().keys() - without_lengths(config).keys()
-    return merged(config, {name: factor * getattr(config, name) for name in fitted})
+    lengths = {name: getattr(config, name) for name in fitted if name != "local_map"}
+    return merged(config, {name: factor * length for name, length in lengths.items()})
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ from PIL import Image
 
 from fusionslam import Cloud, ConfigError, DataError
 from fusionslam.base.arrays import Matrix
-from fusionslam.mapping import clouds
-from fusionslam.mapping.clouds import join_clouds
+from fusionslam.loop_closure import local_maps
+from fusionslam.loop_closure.local_maps import join_clouds
 from fusionslam.mapping.geojson import MapOrigin, geographic, write_geojson
 from fusionslam.mapping.grids import (
     GridConfig,
@@ -164,7 +164,7 @@ def placed(count: int, *, colored: bool = True) -> Iterator[tuple[Matrix, Cloud]
 
 def test_few_points_at_a_time_give_the_same_voxels(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = join_clouds(placed(10), 1.0)
-    monkeypatch.setattr(clouds, "MOST_POINTS", 50_000)
+    monkeypatch.setattr(local_maps, "MOST_POINTS", 50_000)
     joined = join_clouds(placed(10), 1.0)
     cells = [
         {tuple(cell) for cell in np.floor(cloud.points).astype(int).tolist()}
@@ -175,7 +175,7 @@ def test_few_points_at_a_time_give_the_same_voxels(monkeypatch: pytest.MonkeyPat
 
 
 def test_memory_does_not_grow_with_the_number_of_clouds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clouds, "MOST_POINTS", 50_000)
+    monkeypatch.setattr(local_maps, "MOST_POINTS", 50_000)
     peaks = []
     for count in (8, 32):
         tracemalloc.start()

@@ -88,6 +88,18 @@ def test_points_are_moved_into_the_frame_of_the_other_sensor() -> None:
     assert [found[name] for name in NAMES] == [1, 1, 0, 1, 0]
 
 
+def test_what_a_further_view_saw_to_be_free_counts() -> None:
+    wall_behind = wall(10) * np.array([-1, 1, 1], np.float32)  # seen by turning around
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    points = np.array([[-5, 0, 0], [5, 0, 0], [-12, 0, 0]], np.float32)
+    alone = count_overlap(points, SEEN, RANGES, np.eye(4))
+    assert alone["outside"] == 2 and alone["before"] == 1
+    further = [(nearest_ranges(wall_behind @ turned[:3, :3].astype(np.float32).T), turned)]
+    both = count_overlap(points, SEEN, RANGES, np.eye(4), further=further)
+    assert both["before"] == 2 and both["outside"] + both["behind"] == 1
+    assert sum(both.values()) == 3
+
+
 @rows("distance", [0.05, 0.3, 2.0])
 def test_agreement_is_that_of_an_exhaustive_search(distance: float) -> None:
     rng = np.random.default_rng(8)
