@@ -130,7 +130,7 @@ class FrameObserver:
         odometry: Matrix | None = None,
         is_first: bool = False,
         fused: Cloud | None = None,
-        before: Sequence[Piece] = (),
+        before: Sequence[Piece] | None = None,
     ) -> Observation:
         """Describe a frame; arguments and errors as of ``LoopDetector.add``.
 
@@ -138,7 +138,8 @@ class FrameObserver:
             frame_or_cloud, stamp_ns, odometry: of the frame.
             is_first: whether it fixes the radius of normals and lengths of registration.
             fused: the frame's cloud, if it is fused already.
-            before: of the frames before, the newest last, for its local map.
+            before: of the frames before, the newest last, for its local map; None leaves the
+                cloud single.
         """
         if not isinstance(frame_or_cloud, Frame | Cloud):
             raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
@@ -166,7 +167,7 @@ class FrameObserver:
         if is_first and self.fits_lengths:
             lengths = fit_lengths([_leveled(whole, level)], lengths)
         seen, piece, joined = whole, None, list[Piece]()
-        if lengths.local_map and odometry is not None:
+        if lengths.local_map and odometry is not None and before is not None:
             piece = Piece.of(cloud, whole, odometry, lengths)
             joined = pieces_to_join(before, odometry, lengths.local_map)
             poses = [np.eye(4), *(np.linalg.inv(odometry) @ each.odometry for each in joined)]

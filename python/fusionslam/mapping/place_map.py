@@ -104,8 +104,9 @@ class PlaceMap:
         self._lock = threading.RLock()
         self.file, self._session_name, self._given = file, session, settings
         self._sight = ScanMotion()
-        self._pieces = RecentPieces()
         """Within scans that are localised."""
+        self._pieces = RecentPieces()
+        """Of those scans."""
         self._load()
 
     @classmethod

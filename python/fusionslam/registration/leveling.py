@@ -14,11 +14,11 @@ _LEVEL = 3.0
 """Degrees. Less tilt changes nothing: registration finds it, and grounds are not flatter."""
 _GROUND_TILT = 50.0
 """Degrees. The largest plane below a sensor that is tilted further may be a wall."""
-_TRUSTED = 8.0
-"""Degrees. Grounds that slope more against gravity are rare: odometry's z axis is not up then."""
 _SHARE, _BELOW = 0.25, 0.03
 """Share of voxels in the plane and below it. Hand-held, of planes that hold fewer, one in ten was
 over 10 degrees off; of others none (Livox Avia, 70 degrees wide)."""
+_LITTLE, _MUCH_BELOW = 0.15, 0.1
+"""The same of what may be a ground."""
 _FEWEST, _POINTS = 50, 1500
 _ITERATIONS = 400
 """Of RANSAC: a plane of a fifth of the points is missed once in 25 times."""
@@ -45,9 +45,10 @@ def find_level(
 ) -> Level:
     """Find which way is up in a cloud, from whatever knows it.
 
-    Odometry of an inertial system, or a robot's frame, has a z axis that points up; it is believed
-    unless the cloud shows a ground that slopes by over 8 degrees against it. Without both, the
-    ground tells, and else the cloud's z axis.
+    The ground that the cloud shows is believed first: odometry of scans alone tilts as it drifts.
+    Where none is seen, odometry tells, of which the z axis points up in inertial systems and on
+    robots; without it the robot's frame, and else the cloud's z axis. The ground is looked for
+    within 50 degrees of what they tell.
 
     Args:
         points: float32 (N, 3), metres, the sensor at the origin.
@@ -59,9 +60,12 @@ def find_level(
         if pose is not None:
             told, source = np.array(pose[2, :3], np.float64), name
     turn = _turn_up(told)
-    ground = find_ground(points if source == "cloud" else points @ turn.T.astype(np.float32))
-    if ground is not None and _degrees(ground[2]) > (_TRUSTED if source != "cloud" else 0):
-        told, source = turn.T @ ground, "ground"
+    plane = _largest_plane(points if source == "cloud" else points @ turn.T.astype(np.float32))
+    if plane is not None:
+        ground = turn.T @ plane.normal
+        # Of a plane that holds little, two must say the same: most sensors are mounted level.
+        if plane.is_ground or (plane.may_be_ground and _degrees(ground[2]) < _LEVEL):
+            told, source = ground, "ground"
     tilt = _degrees(told[2])
     return Level(None if tilt < _LEVEL else _turn_up(told), tilt, source)
 
@@ -72,6 +76,27 @@ def find_ground(points: Points) -> Floats | None:
     The ground is the largest plane below the sensor, within 50 degrees of z, with nearly nothing
     below it.
     """
+    plane = _largest_plane(points)
+    return plane.normal if plane is not None and plane.is_ground else None
+
+
+class _Plane(NamedTuple):
+    """A plane below the sensor: its unit normal, and shares of the voxels in and below it."""
+
+    normal: Floats
+    share: float
+    below: float
+
+    @property
+    def is_ground(self) -> bool:
+        return self.share >= _SHARE and self.below <= _BELOW
+
+    @property
+    def may_be_ground(self) -> bool:
+        return self.share >= _LITTLE and self.below <= _MUCH_BELOW
+
+
+def _largest_plane(points: Points) -> _Plane | None:
     if len(points) < _FEWEST:
         return None
     reach = float(np.median(np.linalg.norm(points, axis=1)))
@@ -87,10 +112,11 @@ def find_ground(points: Points) -> Floats | None:
     if not plane.any() or plane[3] <= 0:  # no plane, or one above the sensor
         return None
     heights = near @ plane[:3] + plane[3]
-    share = np.mean(np.abs(heights) < thickness)
-    below = np.mean(heights < -2 * thickness)
-    normal: Floats = plane[:3] / np.linalg.norm(plane[:3])
-    return normal if share >= _SHARE and below <= _BELOW else None
+    return _Plane(
+        plane[:3] / np.linalg.norm(plane[:3]),
+        float(np.mean(np.abs(heights) < thickness)),
+        float(np.mean(heights < -2 * thickness)),
+    )
 
 
 def _turn_up(up: Floats) -> Matrix:

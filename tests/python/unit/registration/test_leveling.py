@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which way is up: by odometry, by how a sensor is mounted, by the ground, in this order."""
+"""Which way is up: by the ground, by odometry, by how a sensor is mounted, in this order."""
 
 import numpy as np
 import pytest
@@ -15,10 +15,15 @@ from streets import at
 SCAN = scan_blocks(at(0, 0, 0), 1)
 
 
-def tilted(angles: tuple[float, float, float]) -> tuple[Points, Matrix]:
-    """The scan of a sensor that is turned about z, y and x, and the pose that odometry gives."""
+def turned_by(angles: tuple[float, float, float]) -> Matrix:
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("zyx", angles, degrees=True).as_matrix()
+    return pose
+
+
+def tilted(angles: tuple[float, float, float]) -> tuple[Points, Matrix]:
+    """The scan of a sensor that is turned about z, y and x, and the pose that odometry gives."""
+    pose = turned_by(angles)
     return (SCAN @ pose[:3, :3]).astype(np.float32), pose
 
 
@@ -46,33 +51,50 @@ def test_the_ground_tells_what_is_up(angles: tuple[float, float, float]) -> None
     )
 
 
-def test_odometry_is_believed_before_the_ground_unless_its_z_axis_is_not_up() -> None:
-    points, pose = tilted(ANGLES)
-    nearly = pose.copy()
-    nearly[:3, :3] = Rotation.from_euler("x", 2, degrees=True).as_matrix() @ pose[:3, :3]
-    level = find_level(points, nearly)
-    assert level.source == "odometry"
-    assert off_level(nearly) == pytest.approx(2, abs=0.01)
-    # Visual odometry begins with the identity, whatever the camera's tilt.
-    assert find_level(points, np.eye(4)).source == "ground"
-    assert off_level(np.eye(4)) < 1
+def test_the_ground_is_believed_before_odometry_that_drifts_or_begins_tilted() -> None:
+    _, pose = tilted(ANGLES)
+    drifted = pose.copy()
+    drifted[:3, :3] = Rotation.from_euler("x", 12, degrees=True).as_matrix() @ pose[:3, :3]
+    for odometry in (pose, drifted, np.eye(4)):  # visual odometry begins with the identity
+        assert off_level(odometry) < 1
 
 
-def test_a_mounting_tells_where_odometry_does_not() -> None:
-    points, pose = tilted((0, 120, 0))  # no ground is looked for on this side
-    assert find_level(points, mounting=pose).source == "mounting"
-    upright = (points @ find_level(points, mounting=pose).level_from_cloud.T).astype(np.float32)
-    assert find_ground(upright) is not None
-    assert find_level(points, odometry=pose, mounting=np.eye(4)).source == "odometry"
+def test_little_ground_counts_where_the_sensor_is_mounted_level() -> None:
+    """Above a car's roof, say, odometry has drifted by 10 degrees."""
+    rng = np.random.default_rng(0)
+    ground = rng.uniform([-20, -20, -2.02], [20, 20, -1.98], (600, 3))
+    things = rng.uniform([-20, -20, -1.9], [20, 20, 8], (2400, 3))
+    points = np.concatenate([ground, things]).astype(np.float32)
+    assert find_ground(points) is None
+    drifted = turned_by((0, 10, 0))
+    assert find_level(points, drifted).level_from_cloud is None
+    tilt = turned_by((0, 20, 0))  # of the sensor: then odometry tells
+    assert find_level((points @ tilt[:3, :3]).astype(np.float32), tilt).source == "odometry"
 
 
-@rows("angle", [90, 179.99, 180])
-def test_odometry_levels_sensors_on_their_side_and_upside_down(angle: float) -> None:
-    points, pose = tilted((0, 0, angle))
-    level = find_level(points, pose)
-    assert level.level_from_cloud is not None and level.source == "odometry"
-    np.testing.assert_allclose(level.level_from_cloud @ pose[2, :3], [0, 0, 1], atol=1e-6)
-    assert np.linalg.det(level.level_from_cloud) == pytest.approx(1)
+def bushes(pose: Matrix) -> Points:
+    """What shows no ground, seen by a sensor that is turned."""
+    points = np.random.default_rng(0).normal(0, 5, (3000, 3))
+    return (points @ pose[:3, :3]).astype(np.float32)
+
+
+@rows("angle", [20, 90, 179.99, 180])
+def test_without_a_ground_odometry_tells_and_else_the_mounting(angle: float) -> None:
+    """Even of sensors on their side or upside down."""
+    pose = turned_by((0, 0, angle))
+    for level, source in (
+        (find_level(bushes(pose), pose, np.eye(4)), "odometry"),
+        (find_level(bushes(pose), mounting=pose), "mounting"),
+    ):
+        assert level.level_from_cloud is not None and level.source == source
+        np.testing.assert_allclose(level.level_from_cloud @ pose[2, :3], [0, 0, 1], atol=1e-6)
+        assert np.linalg.det(level.level_from_cloud) == pytest.approx(1)
+
+
+def test_the_ground_is_found_on_the_side_that_odometry_tells() -> None:
+    points, pose = tilted((0, 120, 0))
+    assert find_ground(points) is None or find_level(points, pose).source == "ground"
+    assert find_level(points, pose).tilt == pytest.approx(120, abs=1)
 
 
 def test_level_clouds_stay_as_they_are() -> None:
