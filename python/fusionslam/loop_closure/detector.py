@@ -74,7 +74,7 @@ class LoopDetector:
     whose nearest candidate, when they were added, was nearest. These show places that older frames
     show as well, so the first visit to a place is kept.
 
-    Clouds that are verified are levelled by odometry or the ground they show, and narrow or sparse
+    Clouds that are verified are levelled by the ground they show or odometry, and narrow or sparse
     ones are joined with those of the frames before, by odometry (``RegistrationConfig.local_map``).
     The log says so. Frames that a local map is joined of are no candidates.
 

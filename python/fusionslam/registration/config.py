@@ -31,7 +31,7 @@ class RegistrationConfig(Section):
     gravity: bool | Literal["auto"] = option(
         "auto",
         "poses that tilt are refused, and ground is no overlap; auto: clouds are levelled first, "
-        "by odometry and the ground they show; true: z points up in them; false: nobody knows",
+        "by the ground they show or odometry; true: z points up in them; false: nobody knows",
     )
     local_map: float | None = option(
         None,

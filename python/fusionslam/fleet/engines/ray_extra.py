@@ -18,8 +18,9 @@ from fusionslam.fleet.engines import Work, WorkerDiedError
 
 _STORE_BYTES = 200_000_000
 """Of objects between workers: only names of chunks pass, clouds stay in files."""
-_PATIENCE_S = 60.0
-"""How long a cluster may take to give us a first worker, or another one after all were lost."""
+_PATIENCE_S = 300.0
+"""How long a cluster may take to give us a first worker, or another one after all were lost. On two
+cores with ten busy processes a worker has taken more than one minute to start."""
 _AUTH = "RAY_AUTH_MODE"
 _CONSTANTS = "ray._private.ray_constants"
 _FAILED_STARTS = 5
