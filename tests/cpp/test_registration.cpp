@@ -53,7 +53,8 @@ TEST_CASE("each point is counted by what the other sensor saw") {
 
 TEST_CASE("what any view of a joined cloud saw counts, and each point once") {
   const std::vector<float> seen = wall();
-  Transform further_back = identity_transform;  // view_from_cloud: 10 m behind, the wall is 20 m off
+  Transform further_back =
+      identity_transform;  // view_from_cloud: 10 m behind, the wall is 20 m off
   further_back[3] = 10;
   std::vector<float> moved = seen;
   for (std::size_t i = 0; i < moved.size(); i += 3) moved[i] += 10;
@@ -65,7 +66,8 @@ TEST_CASE("what any view of a joined cloud saw counts, and each point once") {
   };
   using Counts = std::vector<std::size_t>;
   CHECK(counts({10, 5, 0}) == Counts{1, 0, 0, 0, 0});
-  CHECK(counts({-5, 1.5F, 0}) == Counts{0, 1, 0, 0, 0});  // out of the first view, free in the second
+  CHECK(counts({-5, 1.5F, 0}) ==
+        Counts{0, 1, 0, 0, 0});  // out of the first view, free in the second
   CHECK(counts({12, 6, 0}) == Counts{0, 0, 0, 1, 0});
   CHECK(counts({-15, 0, 0}) == Counts{0, 0, 0, 0, 1});
   check_refused<ShapeError>(

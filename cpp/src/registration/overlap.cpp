@@ -248,20 +248,20 @@ OverlapCounts count_overlap(PointsView points, PointsView other, std::span<const
       for (std::size_t i = 0; i < size; ++i, ++fate) {
         if (*fate >= Fate::before || !view.contains(block.cell[i], block.range[i])) continue;
         const float nearest = view.nearest(block.cell[i]);
-        const Fate here = nearest == 0                        ? Fate::open
+        const Fate here = nearest == 0                      ? Fate::open
                           : block.range[i] < nearest - near ? Fate::before
-                                                              : Fate::behind;
+                                                            : Fate::behind;
         *fate = std::max(*fate, here);
       }
     });
   }
   OverlapCounts counts;
-  for (const Fate fate : fates) {
-    counts.agreeing += fate == Fate::agreeing;
-    counts.before += fate == Fate::before;
-    counts.behind += fate == Fate::behind;
-    counts.open += fate == Fate::open;
-    counts.outside += fate == Fate::outside;
+  for (const Fate each : fates) {
+    counts.agreeing += each == Fate::agreeing;
+    counts.before += each == Fate::before;
+    counts.behind += each == Fate::behind;
+    counts.open += each == Fate::open;
+    counts.outside += each == Fate::outside;
   }
   return counts;
 }
