@@ -217,9 +217,11 @@ class LoopDetector:
                 verified. It is levelled (``RegistrationConfig.gravity``).
             stamp_ns: of the frame if None.
             odometry: float64 (4, 4), odom_from_cloud; None for that of the frame, if it has any.
+                One with NaN is unknown.
 
         Raises:
-            DataError: a cloud that cannot be described; nothing is stored.
+            DataError: a cloud that cannot be described, or odometry that is no rotation and
+                translation (code "not-a-rotation"); nothing is stored.
             ShapeError: neither a frame nor a cloud.
         """
         return self._add(frame_or_cloud, stamp_ns, odometry)

@@ -28,7 +28,7 @@ from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.local_maps import Piece, join_clouds, pieces_to_join, views_of
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
 from fusionslam.registration.leveling import Level, find_level
-from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.frame import Cloud, Frame, read_pose
 from fusionslam.sensors.scan_motion import Span, span_of
 
 logger = logging.getLogger(__name__)
@@ -161,6 +161,9 @@ class FrameObserver:
             mount = robot_from_cloud(frame, self.fusion)
         if odometry is None and frame is not None and frame.odometry is not None:
             odometry = frame.odometry @ robot_from_cloud(frame, self.fusion)
+        odometry = read_pose("odometry", odometry)
+        if odometry is not None and not np.isfinite(odometry).all():  # it is unknown
+            odometry = None
         lengths, level = self.registration, None
         if lengths.gravity == "auto" and lengths.method != "planar":
             level = find_level(whole.points, odometry, mount)

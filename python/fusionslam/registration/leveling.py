@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Levels clouds of tilted sensors: which way is up, by odometry and by the ground they show."""
+"""Levels clouds of tilted sensors: which way is up, by the ground they show or by odometry."""
 
 from typing import NamedTuple
 
@@ -15,8 +15,8 @@ _LEVEL = 3.0
 _GROUND_TILT = 50.0
 """Degrees. The largest plane below a sensor that is tilted further may be a wall."""
 _SHARE, _BELOW = 0.25, 0.03
-"""Share of voxels in the plane and below it. Hand-held, of planes that hold fewer, one in ten was
-over 10 degrees off; of others none (Livox Avia, 70 degrees wide)."""
+"""Share of voxels in the plane and below it: the largest planes that hold fewer are often walls and
+bushes, where a hand-held sensor sees 70 degrees."""
 _LITTLE, _MUCH_BELOW = 0.15, 0.1
 """The same of what may be a ground."""
 _FEWEST, _POINTS = 50, 1500

@@ -139,8 +139,8 @@ class Frame:
         self.number = index if number is None else number
         self.stamp_ns = as_stamp(stamp_ns)
         self.cameras: Mapping[str, Camera] = cameras or {}
-        self.pose = _pose("pose", pose)
-        self.odometry = _pose("odometry", odometry)
+        self.pose = read_pose("pose", pose)
+        self.odometry = read_pose("odometry", odometry)
         if robot_from_points is not None:
             robot_from_points = _matrix("robot_from_points", robot_from_points, (4, 4))
             check_mounting("robot_from_points", robot_from_points)
@@ -240,7 +240,7 @@ def _matrix(name: str, value: NDArray[np.float64], shape: tuple[int, int]) -> ND
     return matrix
 
 
-def _pose(name: str, value: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+def read_pose(name: str, value: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
     """Check a pose of a frame; one that is not finite is unknown."""
     if value is None:
         return None

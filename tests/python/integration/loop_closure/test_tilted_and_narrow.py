@@ -11,8 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
-from fusionslam import Cloud, DataError, Loop, LoopDetector, PlaceMap
+from fusionslam import Cloud, DataError, FusionConfig, Loop, LoopDetector, PlaceMap
 from fusionslam.base.arrays import Floats, Matrix, Points
+from fusionslam.errors import ShapeError
 from fusionslam.loop_closure.local_maps import Piece, RecentPieces, pieces_to_join
 from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import PreparedCloud, RegistrationConfig, register
@@ -216,6 +217,19 @@ def test_without_odometry_clouds_stay_single() -> None:
         detector.add(Cloud(narrow(scan_blocks(pose, seed, 15_000))))
     assert detector.registration_config.local_map
     assert not detector.stored_frame(2).unpack().further
+
+
+def test_odometry_that_is_unknown_levels_nothing_and_one_that_is_no_pose_is_refused() -> None:
+    detector = LoopDetector("m2dp", window=0, fusion=FusionConfig(source="cloud"))
+    nothing = np.full((4, 4), np.nan)
+    detector.add(Cloud(SCANS[0]), odometry=nothing)
+    detector.add(Frame(points=SCANS[1], odometry=nothing))
+    assert len(detector) == 2 and detector.stored_frame(1).odometry is None
+    with pytest.raises(DataError, match="odometry is no rotation"):
+        detector.add(Cloud(SCANS[2]), odometry=np.diag([2.0, 2, 2, 1]))
+    with pytest.raises(ShapeError, match="odometry"):
+        detector.add(Cloud(SCANS[2]), odometry=np.eye(4)[:3])
+    assert len(detector) == 2
 
 
 @pytest.mark.slow
