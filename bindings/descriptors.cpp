@@ -189,6 +189,25 @@ Returns:
 Raises:
     DataError: NaN or infinity, or no point above the ground within range.
     ShapeError, ConfigError: wrong array, value out of range.)");
+  module.def(
+      "fit_bev_spectrum",
+      [](const PointsArg& points) {
+        return without_gil([&] { return fit_bev_spectrum(points.view()); });
+      },
+      "points"_a,
+      R"(Return the parameters of bev_spectrum that suit clouds like this one.
+
+Args:
+    points: float32 (N, 3), metres, in a frame whose z axis points up.
+
+Returns:
+    A BevSpectrumConfig: cells so wide that 99 % of what the cloud shows, seen from above, is within
+    range, of 0.125 to 2 m in steps of the root of 2; height by the lowest points, of which a tenth
+    is lower, and a tenth of a cell more.
+
+Raises:
+    DataError: NaN or infinity, or no points.
+    ShapeError: wrong array.)");
 }
 
 void bind_shot(py::module_& module) {

@@ -28,7 +28,7 @@ def pairs_table(data: Path, names: Sequence[str]) -> str:
     first = next(iter(scans.values()))
     rows, left = [], []
     for name in names:
-        config = for_sequence(for_preset(DescriptorConfig(), name), first)
+        config = for_sequence(for_preset(DescriptorConfig(), name), [name], first)
         try:
             vectors = {
                 scan: fusionslam.describe(cloud, name, config) for scan, cloud in scans.items()

@@ -15,7 +15,6 @@ from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.descriptors import (
     NAMES,
     describe_or_zeros,
-    find_descriptor,
     for_clouds,
     for_sequence,
     missing_data,
@@ -75,8 +74,7 @@ def recognise_all(recording: Recording) -> Iterator[Recognised]:
 def recognise(recording: Recording, name: str) -> Recognised:
     """Describe the clouds and find the nearest of the older ones for each."""
     config = for_clouds(DescriptorConfig(), name, CLOUDS)
-    if find_descriptor(name).fixes_radius:
-        config = for_sequence(config, recording.clouds[0])
+    config = for_sequence(config, [name], recording.clouds[0])
     rule, count = recording.rule, len(recording.clouds)
     detector = LoopDetector(
         name,

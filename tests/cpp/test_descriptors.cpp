@@ -240,6 +240,36 @@ TEST_CASE("a bird's-eye spectrum needs points above the ground within its range"
   describe(cloud_of({1, 0, 0}));
 }
 
+TEST_CASE("a bird's-eye spectrum is fitted to how far a cloud reaches, and to its ground") {
+  const auto fit = [](double reach, double ground) {
+    // A floor of a point each 0.25 m, with a pole that is higher and a pit that is lower.
+    Cloud cloud;
+    const int count = static_cast<int>(4 * reach);
+    for (int row = -count; row <= count; ++row)
+      for (int column = -count; column <= count; ++column)
+        if (row * row + column * column < count * count) {
+          const double z = std::abs(row) < 2 && column > 0 ? ground - 3 : ground;
+          for (const double value : {row / 4.0, column / 4.0, z})
+            cloud.points.push_back(static_cast<float>(value));
+        }
+    return fit_bev_spectrum(cloud.points_view());
+  };
+  for (const auto& [reach, cell] : {std::pair{3.0, 0.125},
+                                    {11.0, 0.5 / std::sqrt(2)},
+                                    {27.5, 1.0},
+                                    {55.0, 2.0},
+                                    {80.0, 2.0},
+                                    {0.3, 0.125}}) {
+    const BevSpectrumConfig fitted = fit(reach, -1.2);
+    CHECK(fitted.cell == doctest::Approx(cell));
+    if (reach > 3) CHECK(fitted.height == doctest::Approx(1.2 + cell / 10));
+  }
+  CHECK(fit(11.0, 0).height == doctest::Approx(0.05 / std::sqrt(2)));
+  check_refused<DataError>([] { fit_bev_spectrum({}); }, "0 points");
+  const Cloud bad = cloud_of({std::nanf(""), 0, 0});
+  check_refused<DataError>([&] { fit_bev_spectrum(bad.points_view()); }, "point 0");
+}
+
 TEST_CASE("colours of a Scan Context are as many as its points") {
   const Cloud cloud = testing::random_cloud(50);
   const ColorsView colors{cloud.colors.data(), 49};

@@ -214,6 +214,12 @@ struct BevSpectrumConfig {
 /// above the ground within range.
 std::vector<float> bev_spectrum(PointsView points, const BevSpectrumConfig& config = {});
 
+/// The parameters of bev_spectrum() that suit a cloud like this one, z up: cells so wide that 99 %
+/// of what it shows, seen from above, is within range, of 0.125 to 2 m in steps of the root of 2;
+/// height by the lowest points of what it shows, of which a tenth is lower, and a tenth of a cell
+/// more. Throws DataError for NaN or infinity and for an empty cloud.
+BevSpectrumConfig fit_bev_spectrum(PointsView points);
+
 /// First left (rows) and right (columns) singular vectors of a row-major matrix of entries >= 0,
 /// both of length 1 and >= 0, as m2dp and cm2dp compute them of a signature. Iterates until
 /// convergence; if the two largest singular values are close, uses eigenvectors of A A^T in double.

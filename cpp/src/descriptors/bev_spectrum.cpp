@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <numbers>
+#include <utility>
 
 #include "../detail/checks.hpp"
 #include "../detail/opencv.hpp"
@@ -124,7 +126,49 @@ void normalize_columns(float* descriptor) {
   }
 }
 
+/// Metres: what is near, with more points, does not count for more.
+constexpr double column_side = 0.5;
+
+/// Share of the columns within range, and of those whose lowest point is below the ground.
+constexpr double share_within = 0.99, share_below = 0.1;
+
+/// The widest cell, metres, in steps of the root of 2, so that clouds of one building fit the same.
+constexpr double widest = 2;
+constexpr int smallest_step = -8;
+
+/// What a share of some values is below.
+double quantile(std::vector<double>& values, double share) {
+  const auto at =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::ranges::nth_element(values, at);
+  return *at;
+}
+
 }  // namespace
+
+BevSpectrumConfig fit_bev_spectrum(PointsView points) {
+  detail::check_points(points, 1, "fit_bev_spectrum");
+  std::map<std::pair<double, double>, double> lowest;
+  for (std::size_t i = 0; i < points.size; ++i) {
+    const double z = points[i][2];
+    const std::pair column{std::floor(points[i][0] / column_side),
+                           std::floor(points[i][1] / column_side)};
+    const auto [found, is_new] = lowest.try_emplace(column, z);
+    if (!is_new) found->second = std::min(found->second, z);
+  }
+  std::vector<double> distances, heights;
+  for (const auto& [column, z] : lowest) {
+    distances.push_back(column_side * std::hypot(column.first + 0.5, column.second + 0.5));
+    heights.push_back(z);
+  }
+  const double cell = quantile(distances, share_within) / radius;
+  const double step =
+      std::clamp(std::round(2 * std::log2(cell / widest)), static_cast<double>(smallest_step), 0.0);
+  BevSpectrumConfig config;
+  config.cell = widest * std::exp2(step / 2);
+  config.height = config.cell / 10 - quantile(heights, share_below);
+  return config;
+}
 
 std::vector<float> bev_spectrum(PointsView points, const BevSpectrumConfig& config) {
   validate(config);

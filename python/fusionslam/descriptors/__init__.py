@@ -28,8 +28,10 @@ if TYPE_CHECKING:
     from fusionslam.descriptors.computation import load_descriptor as load_descriptor
     from fusionslam.descriptors.computation import missing_data as missing_data
     from fusionslam.descriptors.computation import needs_up as needs_up
+    from fusionslam.descriptors.computation import with_fitted as with_fitted
     from fusionslam.descriptors.computation import with_preset as with_preset
     from fusionslam.descriptors.computation import without_colors as without_colors
+    from fusionslam.descriptors.computation import without_fitted as without_fitted
     from fusionslam.descriptors.config import DescriptorConfig as DescriptorConfig
     from fusionslam.descriptors.own import find_own as find_own
     from fusionslam.descriptors.own import is_own as is_own
@@ -39,7 +41,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "computation": (
         "describe describe_or_zeros find_descriptor for_clouds for_preset for_sequence "
-        "in_file_names length_of load_descriptor missing_data needs_up with_preset without_colors"
+        "in_file_names length_of load_descriptor missing_data needs_up with_fitted with_preset "
+        "without_colors without_fitted"
     ),
     "config": "DescriptorConfig",
     "own": "find_own is_own own_files",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compute descriptors by name."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 from importlib import import_module
 from typing import Any
@@ -9,12 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam import _core
 from fusionslam._core import cloud_resolution
 from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, explain_choice, merged, split_preset
 from fusionslam.descriptors.config import DescriptorConfig, core_class
 from fusionslam.descriptors.own import VARIABLE, check_name_length, find_own, is_own, let_count
-from fusionslam.descriptors.registry import DESCRIPTORS, POINT_DATA, Descriptor
+from fusionslam.descriptors.registry import (
+    DESCRIPTORS,
+    FITTED_SECTIONS,
+    POINT_DATA,
+    Descriptor,
+)
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fusion import FusionConfig, require_up
 from fusionslam.sensors.frame import Cloud, Frame, require_cloud
@@ -277,12 +284,55 @@ def for_clouds(
     return merged(config, {kind.section: values})
 
 
-def for_sequence(config: DescriptorConfig, first: Cloud) -> DescriptorConfig:
-    """Set the radius for normals from a sequence's first cloud, unless it is configured.
+def for_sequence(config: DescriptorConfig, names: Iterable[str], first: Cloud) -> DescriptorConfig:
+    """Set what a sequence's first cloud fixes for descriptors, unless it is configured.
 
-    Five times its resolution, the mean distance to the nearest neighbour (Perdomo 2019, 4.1.1).
+    The radius for normals is five times the cloud's resolution, the mean distance to the nearest
+    neighbour (Perdomo 2019, 4.1.1). ``bev_spectrum`` has cells by how far the cloud reaches, and
+    finds the ground (``fit_bev_spectrum``).
+
+    Raises:
+        DataError: too few points, or NaN.
     """
-    if config.normal_radius is not None:
-        return config
-    radius = 5 * cloud_resolution(first.points)
-    return config.model_copy(update={"normal_radius": radius})
+    kinds = [find_descriptor(name) for name in names]
+    changes: dict[str, Any] = {}
+    if config.normal_radius is None and any("normal_radius" in kind.options for kind in kinds):
+        changes["normal_radius"] = 5 * cloud_resolution(first.points)
+    for section in {kind.section for kind in kinds if kind.fits_first and kind.section}:
+        fitted = getattr(_core, f"fit_{section}")(first.points)
+        given: Section = getattr(config, section)
+        values = {key: getattr(fitted, key) for key in type(given).model_fields}
+        changes[section] = merged(given, values | given.model_dump(exclude_none=True))
+    return config.model_copy(update=changes)
+
+
+def without_fitted(
+    config: DescriptorConfig, given: DescriptorConfig | None = None
+) -> dict[str, Any]:
+    """Return the values of a configuration but for those that ``for_sequence`` set.
+
+    Args:
+        config: of which they are returned.
+        given: the configuration before; what it has was not fitted. None: it had nothing.
+    """
+    before = given or DescriptorConfig()
+    values = config.model_dump()
+    if before.normal_radius is None:
+        del values["normal_radius"]
+    for name in FITTED_SECTIONS:
+        kept = getattr(before, name).model_dump(exclude_none=True)
+        values[name] = {key: values[name][key] for key in kept}
+    return values
+
+
+def with_fitted(config: DescriptorConfig, stored: DescriptorConfig) -> DescriptorConfig:
+    """Return a configuration with what was fitted to a stored sequence, unless it is configured."""
+    changes: dict[str, Any] = {}
+    if config.normal_radius is None:
+        changes["normal_radius"] = stored.normal_radius
+    for name in FITTED_SECTIONS:
+        known, given = (
+            getattr(each, name).model_dump(exclude_none=True) for each in (stored, config)
+        )
+        changes[name] = merged(getattr(config, name), known | given)
+    return config.model_copy(update=changes)

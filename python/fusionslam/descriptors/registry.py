@@ -75,10 +75,13 @@ class Descriptor:
         return "colors" in self.needs
 
     @property
-    def fixes_radius(self) -> bool:
-        """Whether a sequence's first cloud fixes the radius of normals, if it is not configured."""
-        return "normal_radius" in self.options
+    def fits_first(self) -> bool:
+        """Whether a sequence's first cloud fixes values that are not configured."""
+        return "normal_radius" in self.options or self.section in FITTED_SECTIONS
 
+
+FITTED_SECTIONS = ("bev_spectrum",)
+"""Whose values a sequence's first cloud fixes: ``fit_NAME`` of the core returns them."""
 
 DESCRIPTORS: Mapping[str, Descriptor] = {
     kind.name: kind

@@ -10,7 +10,7 @@ from fusionslam.base.write_lock import lock_folder
 from fusionslam.config import Section, merged
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.base import CloudDataset
-from fusionslam.descriptors import describe, find_descriptor, for_clouds
+from fusionslam.descriptors import describe, find_descriptor, for_clouds, with_fitted
 from fusionslam.errors import ConfigError, DataError, FusionSlamError
 from fusionslam.fleet.config import FILE, FleetConfig, FleetSettings
 from fusionslam.fleet.recordings import Found
@@ -19,7 +19,7 @@ from fusionslam.loop_closure.observation import fusion_of_scans
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     first_that_works,
-    fix_radius,
+    fit_descriptors,
     for_source,
 )
 from fusionslam.pipelines.recording import settle_frame
@@ -89,9 +89,7 @@ def _take_fitted(
     if not has_lengths(config.registration):
         fitted = stored.registration.model_dump() | without_lengths(config.registration)
         changes["registration"] = RegistrationConfig(**fitted)
-    if config.descriptors.normal_radius is None:
-        radius = {"normal_radius": stored.descriptors.normal_radius}
-        changes["descriptors"] = config.descriptors.model_copy(update=radius)
+    changes["descriptors"] = with_fitted(config.descriptors, stored.descriptors)
     return config.model_copy(update=changes)
 
 
@@ -120,7 +118,7 @@ def _fit(
     config = for_source(config, source)
     if not isinstance(dataset, CloudDataset):
         config = config.model_copy(update={"fusion": settle_frame(config.fusion, dataset)})
-    config = fix_radius(dataset, names, config, "skip")
+    config = fit_descriptors(dataset, names, config, "skip")
 
     def describe_one(index: int) -> None:
         frame = dataset[index]

@@ -174,7 +174,7 @@ class LoopDetector:
 
     @property
     def describe_config(self) -> DescriptorConfig:
-        """How clouds are described; the first one may fix the radius of normals."""
+        """How clouds are described; the first one fixes lengths that are not given."""
         return self._observer.describe
 
     @property
@@ -380,9 +380,8 @@ class LoopDetector:
             nearest = found[self.descriptor]
             self._memory.add(number, seen, nearest[0][1] if nearest else np.inf)
             self._added += 1
-            if seen.radius is not None:  # only now: a failed cloud must not fix the radius
-                described = self.describe_config.model_copy(update={"normal_radius": seen.radius})
-                self._observer = replace(self._observer, describe=described)
+            if seen.fitted is not None:  # only now: a failed cloud must not fix anything
+                self._observer = replace(self._observer, describe=seen.fitted)
             return _Pending(number, candidates, seen, stored)
 
     def _verify(

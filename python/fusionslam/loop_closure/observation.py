@@ -47,7 +47,7 @@ class Observation:
         odometry: odom_from_cloud, float64 (4, 4); None if unknown, or loops are not verified.
         span: when the cloud's points were measured; None if unknown, or the cloud knows how it
             moved.
-        radius: for normals, if this first frame fixed it.
+        fitted: how clouds are described, if this first frame fixed it.
         points: number of points of the frame's cloud.
         piece: what it gives to the local maps of the next frames; None if there are none.
         joined: number of frames before it that its own local map is joined of.
@@ -59,7 +59,7 @@ class Observation:
     cloud: PreparedCloud | None = None
     odometry: Matrix | None = None
     span: Span | None = None
-    radius: float | None = None
+    fitted: DescriptorConfig | None = None
     points: int = 0
     piece: Piece | None = None
     joined: int = 0
@@ -136,7 +136,7 @@ class FrameObserver:
 
         Args:
             frame_or_cloud, stamp_ns, odometry: of the frame.
-            is_first: whether it fixes the radius of normals and lengths of registration.
+            is_first: whether it fixes lengths of descriptors and of registration.
             fused: the frame's cloud, if it is fused already.
             before: of the frames before, the newest last, for its local map; None leaves the
                 cloud single.
@@ -151,8 +151,8 @@ class FrameObserver:
         assert cloud is not None
         points = len(cloud)
         if not self.verifies:
-            vectors, radius = self._describe(cloud, frame, is_first=is_first)
-            return Observation(vectors, stamp_ns, radius=radius, points=points)
+            vectors, fitted = self._describe(cloud, frame, is_first=is_first)
+            return Observation(vectors, stamp_ns, fitted=fitted, points=points)
         whole = cloud  # that is registered
         if frame is not None and self._has_whole_scans:
             whole = fuse(frame, fusion_of_scans(self.fusion, self.registration))
@@ -180,9 +180,11 @@ class FrameObserver:
             described = [cloud, *(each.cloud for each in joined)]
             cloud = whole if is_whole else join_clouds(zip(poses, described, strict=True), voxel)
         upright, upright_whole = _leveled(cloud, level), _leveled(whole, level)
-        vectors, radius = self._describe(upright, frame, is_first=is_first)
+        vectors, fitted = self._describe(upright, frame, is_first=is_first)
+        if fitted is not None:
+            fitted = for_sequence(fitted, self.voters, upright_whole)
         for name in self.voters:
-            config = for_clouds(self.describe, name, self.fusion, frame)
+            config = for_clouds(fitted or self.describe, name, self.fusion, frame)
             vectors[name_voter(name)], problem = describe_or_zeros(upright_whole, name, config)
             if problem is not None:
                 logger.debug("no candidates by %s: %s", name, problem)
@@ -198,26 +200,22 @@ class FrameObserver:
             _say_how_it_is_taken(prepared, level)
         span = None if frame is None else span_of(frame)
         return Observation(
-            vectors, stamp_ns, prepared, odometry, span, radius, points, piece, len(joined), level
+            vectors, stamp_ns, prepared, odometry, span, fitted, points, piece, len(joined), level
         )
 
     def _describe(
         self, cloud: Cloud, frame: Frame | None, *, is_first: bool
-    ) -> tuple[dict[str, NDArray[np.float32]], float | None]:
-        """Describe a cloud by each descriptor, zeros by those that cannot; and the radius fixed.
+    ) -> tuple[dict[str, NDArray[np.float32]], DescriptorConfig | None]:
+        """Describe a cloud by each descriptor, zeros by those that cannot; and what it fixes.
 
         Raises:
             DataError: none of them can.
         """
         vectors: dict[str, NDArray[np.float32]] = {}
         problems: dict[str, DataError] = {}
-        radius: float | None = None
+        fitted = for_sequence(self.describe, self.names.values(), cloud) if is_first else None
         for key, name in self.names.items():
-            kind = find_descriptor(name)
-            config = for_clouds(self.describe, name, self.fusion, frame)
-            if kind.fixes_radius and is_first:
-                config = for_sequence(config, cloud)
-                radius = config.normal_radius
+            config = for_clouds(fitted or self.describe, name, self.fusion, frame)
             try:
                 vectors[key] = describe(cloud, name, config)
             except DataError as error:
@@ -226,7 +224,7 @@ class FrameObserver:
             raise [*problems.values()][-1]
         for key in problems:
             vectors[key] = np.zeros(length_of(self.names[key], self.describe), np.float32)
-        return vectors, radius
+        return vectors, fitted
 
     @property
     def _has_whole_scans(self) -> bool:

@@ -8,9 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
+from fusionslam.base.arrays import Floats32, Integers
 from fusionslam.base.progress import Progress
+from fusionslam.descriptors import describe_or_zeros
+from fusionslam.descriptors.registry import FITTED_SECTIONS
 from fusionslam.errors import ConfigError
 from fusionslam.loop_closure.detector import LoopDetector
+from fusionslam.loop_closure.observation import name_voter
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
@@ -18,6 +22,7 @@ from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.registration import PreparedCloud, Refusal
+from fusionslam.sensors.frame import Cloud
 
 MOST_APART = 2.0
 """Factor between the lengths of maps whose clouds are still compared."""
@@ -85,7 +90,7 @@ def find_loops_between(
     site: ComparedMap, other: ComparedMap, progress: Progress | None = None
 ) -> list[Edge]:
     """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
-    vectors = other.file.vectors()
+    vectors = vectors_as_of(site, other)
     numbers = other.content.numbers.tolist()
     lengths, loops = site.settings.registration, site.settings.loops
     edges: list[Edge] = []
@@ -100,6 +105,29 @@ def find_loops_between(
         if progress is not None:
             progress(done, len(numbers))
     return edges
+
+
+def vectors_as_of(site: ComparedMap, other: ComparedMap) -> dict[str, tuple[Integers, Floats32]]:
+    """Return another map's numbers and vectors by descriptor, as a map would describe its clouds.
+
+    What follows from the first cloud of each, they may describe differently.
+    """
+    vectors = other.file.vectors()
+    own, theirs = site.settings.describe, other.settings.describe
+    for section in FITTED_SECTIONS:
+        if getattr(own, section) == getattr(theirs, section):
+            continue
+        for key in vectors.keys() & {section, name_voter(section)}:
+            numbers, _ = vectors[key]
+            clouds = (
+                PreparedCloud.from_bytes(
+                    other.file.cloud(number).evidence, site.settings.registration
+                )
+                for number in numbers.tolist()
+            )
+            rows = [describe_or_zeros(Cloud(each.points), section, own)[0] for each in clouds]
+            vectors[key] = numbers, np.array(rows)
+    return vectors
 
 
 def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> Merge:
@@ -140,7 +168,7 @@ def copy_sessions(site: ComparedMap, other: ComparedMap, between: Sequence[Edge]
     known = site.content.keyframes
     first = known[-1].id + 1 if known else 0
     renamed = {number: first + row for number, row in content.row.items()}
-    vectors = other.file.vectors()
+    vectors = vectors_as_of(site, other)
     for row, keyframe in enumerate(content.keyframes):
         copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
         own = {name: rows[row] for name, (_, rows) in vectors.items()}

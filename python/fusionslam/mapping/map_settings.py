@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from fusionslam.base.arrays import Matrix
 from fusionslam.config import Section, merged
-from fusionslam.descriptors import DescriptorConfig
+from fusionslam.descriptors import DescriptorConfig, without_fitted
 from fusionslam.errors import ConfigError
 from fusionslam.fusion import FusionConfig, require_up, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
@@ -88,7 +88,7 @@ class MapSettings:
     def comparable(self) -> dict[str, Any]:
         """What maps must have in common for their keyframes to be compared, but for lengths."""
         values = {key: value for key, value in self.dump().items() if key in _COMPARED}
-        values["descriptors"].pop("normal_radius")
+        values["descriptors"] = without_fitted(self.describe)
         registration = without_lengths(self.registration)
         registration.pop("local_map", None)
         return values | {"registration": registration}
@@ -96,10 +96,12 @@ class MapSettings:
     @property
     def lengths(self) -> dict[str, float]:
         """Metres that are fitted to the first cloud of a map: of one building, they are similar."""
-        radius = self.describe.normal_radius
-        return {"registration.voxel": self.registration.voxel} | (
-            {} if radius is None else {"descriptors.normal_radius": radius}
-        )
+        given = {
+            "registration.voxel": self.registration.voxel,
+            "descriptors.normal_radius": self.describe.normal_radius,
+            "descriptors.bev_spectrum.cell": self.describe.bev_spectrum.model_dump()["cell"],
+        }
+        return {key: length for key, length in given.items() if length is not None}
 
     def robot_from_cloud(self, frame: Frame) -> Matrix:
         """Return the pose of a frame's cloud on the robot, float64 (4, 4).

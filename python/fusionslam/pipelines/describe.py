@@ -113,7 +113,7 @@ def describe_dataset(
     check_bad_frames(bad_frames)
     for name in names:
         find_descriptor(name)
-    settings = fix_radius(dataset, names, settings, bad_frames)
+    settings = fit_descriptors(dataset, names, settings, bad_frames)
     work = _Work(dataset, tuple(names), settings, Path(folder), bad_frames)
     done = 0
     for chunk in work.run(max(jobs, 1)):
@@ -210,17 +210,17 @@ def _those_for_frame(
     return list(names)
 
 
-def fix_radius(
+def fit_descriptors(
     dataset: "Dataset", names: Sequence[str], config: PipelineConfig, bad_frames: str = "error"
 ) -> PipelineConfig:
-    """Return the configuration with the radius of normals, which depends on the first frame."""
-    if not any(find_descriptor(name).fixes_radius for name in names):
+    """Return the configuration with what the first frame fixes, unless it is configured."""
+    if not any(find_descriptor(name).fits_first for name in names):
         return config
 
-    def with_radius(index: int) -> DescriptorConfig:
-        return for_sequence(config.descriptors, fuse(dataset[index], config.fusion))
+    def fit(index: int) -> DescriptorConfig:
+        return for_sequence(config.descriptors, names, fuse(dataset[index], config.fusion))
 
-    described = first_that_works(dataset, with_radius, bad_frames)
+    described = first_that_works(dataset, fit, bad_frames)
     return config.model_copy(update={"descriptors": described})
 
 

@@ -21,7 +21,7 @@ from fusionslam.evaluation import DescriptorRun, LoopRun, VerifiedRun
 from fusionslam.pipelines.describe import (
     PipelineConfig,
     describe_dataset,
-    fix_radius,
+    fit_descriptors,
     for_descriptor,
 )
 from fusionslam.pipelines.recording import Recording
@@ -72,7 +72,7 @@ def describe_recording(
     source, path = config.fusion.source, Path(folder) / inside
     values = config.model_dump(mode="json")
     claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
-    config = fix_radius(dataset, names, config, bad_frames)
+    config = fit_descriptors(dataset, names, config, bad_frames)
     runs = {name: _load_stored(dataset, path, config, name, bad_frames) for name in names}
     missing = [name for name, run in runs.items() if run is None]
     if missing:

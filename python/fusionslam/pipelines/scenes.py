@@ -162,8 +162,8 @@ def _feature(scenes: dict[str, Any], name: str, config: DescriptorConfig) -> NDA
     """float32 (n, D); NaN where a cloud cannot be described, which is logged."""
     clouds: CloudArray = scenes["clouds"]
     rows = np.full((len(clouds), length_of(name, config)), np.nan, np.float32)
-    if find_descriptor(name).fixes_radius and len(clouds.points):
-        config = for_sequence(config, clouds[int(np.flatnonzero(clouds.sizes)[0])])
+    if find_descriptor(name).fits_first and len(clouds.points):
+        config = for_sequence(config, [name], clouds[int(np.flatnonzero(clouds.sizes)[0])])
     failed = []
     for index in range(len(clouds)):
         try:

@@ -28,7 +28,7 @@ from fusionslam.fusion import FusionConfig, load_sensors
 from fusionslam.loop_closure import LoopDetector, Observation
 from fusionslam.loop_closure.loop import may_be_right
 from fusionslam.loop_closure.verification import Verified
-from fusionslam.pipelines.describe import PipelineConfig, fix_radius, for_descriptor
+from fusionslam.pipelines.describe import PipelineConfig, fit_descriptors, for_descriptor
 from fusionslam.pipelines.frame_check import warn_left_out
 from fusionslam.pipelines.loops import explain_nothing, explain_shortness
 from fusionslam.pipelines.recording import Recording, body_from_clouds, name_frame
@@ -99,7 +99,7 @@ def verify_recording(
     source = config.fusion.source
     values = config.model_dump(mode="json")
     claim(folder, Work(recording, dataset.name, command, {source: values}, demo=demo))
-    config = for_descriptor(fix_radius(dataset, [name], config, bad_frames), name)
+    config = for_descriptor(fit_descriptors(dataset, [name], config, bad_frames), name)
     path = verified_path(folder, source, label_of(name, config))
     stored = load_verified_run(path, dataset, name, config, bad_frames)
     if stored is None:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from pydantic import field_validator
 
 from fusionslam.config import option
-from fusionslam.descriptors import DescriptorConfig, find_descriptor
+from fusionslam.descriptors import DescriptorConfig, find_descriptor, without_fitted
 from fusionslam.errors import DataError
 from fusionslam.fusion import ROBOT_FUSION
 from fusionslam.geometry.se2 import places_of
@@ -81,9 +81,10 @@ class LoopClosure(Node[LoopClosureConfig]):
     def _settings(self, detector: LoopDetector) -> Settings:
         """Return the parameters that its memory depends on.
 
-        The first cloud may fix the radius, and lengths that were not given.
+        The first cloud fixes lengths that were not given.
         """
-        describe = detector.describe_config.model_dump(exclude={"threads", "normal_radius"})
+        describe = without_fitted(detector.describe_config, self.config.descriptors)
+        describe.pop("threads")
         compared = detector.config.model_dump(exclude={"threshold", "max_frames"})
         registration = detector.registration_config
         given = has_lengths(self.config.registration)

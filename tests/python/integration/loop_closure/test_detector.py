@@ -30,7 +30,7 @@ from fusionslam import (
     describe,
     nearest_causal,
 )
-from fusionslam.descriptors import DESCRIPTORS, USUAL
+from fusionslam.descriptors import DESCRIPTORS, USUAL, for_sequence
 from fusionslam.loop_closure import default_threshold
 from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig
@@ -199,7 +199,8 @@ def test_the_candidates_are_the_nearest_frames_before_the_window(
     detector = LoopDetector(descriptor, window=window, verify=False)
     assert detector.candidates(3) == []
     metric = DESCRIPTORS[descriptor].metric
-    vectors = np.array([describe(cloud, descriptor) for cloud in DRIVE])
+    config = for_sequence(DescriptorConfig(), [descriptor], DRIVE[0])
+    vectors = np.array([describe(cloud, descriptor, config) for cloud in DRIVE])
     indices, distances = nearest_causal(vectors, window=window, k=4, metric=metric)
     for number, cloud in enumerate(DRIVE):
         detector.add(cloud, stamp_ns=number * SECOND)

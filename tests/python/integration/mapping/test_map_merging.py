@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from artefacts import artefact
-from fusionslam import ConfigError
+from fusionslam import ConfigError, DescriptorConfig
 from fusionslam.config import merged
+from fusionslam.loop_closure.observation import name_voter
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.registration import RegistrationConfig, without_lengths
 from map_fixtures import FRAMES, build
@@ -70,6 +72,28 @@ def test_maps_whose_lengths_are_similar_are_merged(path: Path, tmp_path: Path) -
     with PlaceMap.open(path) as site:
         assert len(site.merge(other).believed) >= 3
         assert_merged(site)
+
+
+@pytest.mark.slow
+def test_what_another_map_fitted_otherwise_is_described_anew(path: Path, tmp_path: Path) -> None:
+    same, other = tmp_path / "same.fsmap", tmp_path / "other.fsmap"
+    build(same, TUESDAY[:5], "tuesday")
+    fitted = merged(DescriptorConfig(), {"bev_spectrum": {"cell": 1.1}})
+    build(other, TUESDAY[:5], "tuesday", describe=fitted)
+    voting = name_voter("bev_spectrum")
+
+    def vectors(of: PlaceMap) -> NDArray[np.float32]:
+        rows: NDArray[np.float32] = of.file.vectors()[voting][1][-5:]
+        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+
+    with PlaceMap.open(same, read_only=True) as site:
+        expected = vectors(site)
+    with PlaceMap.open(other, read_only=True) as site:
+        assert (vectors(site) * expected).sum(axis=1).max() < 0.5
+    with PlaceMap.open(path) as site:
+        assert len(site.merge(other).believed) >= 3
+        # Of voxels, which are all that is stored of a cloud.
+        assert (vectors(site) * expected).sum(axis=1).min() > 0.8
 
 
 @rows(

@@ -16,7 +16,7 @@ from fusionslam import ConfigError, DataError, PipelineConfig, describe_dataset,
 from fusionslam.base.parallel import in_order
 from fusionslam.config import with_settings
 from fusionslam.datasets import Dataset
-from fusionslam.descriptors import DESCRIPTORS
+from fusionslam.descriptors import DESCRIPTORS, for_sequence
 from fusionslam.evaluation import DescriptorRun, evaluate
 from fusionslam.pipelines.describe import CHUNK, describable
 from fusionslam.pipelines.recording import Recording
@@ -56,8 +56,8 @@ def test_each_row_is_the_descriptor_of_that_frame(recording: Path, tmp_path: Pat
     runs = describe_dataset(dataset, NAMES, out)
     assert [run.descriptor for run in runs] == list(NAMES)
     first = fusionslam.fuse(dataset[0])
-    radius = 5 * fusionslam.cloud_resolution(first.points)
-    config = fusionslam.DescriptorConfig(normal_radius=radius)
+    config = for_sequence(fusionslam.DescriptorConfig(), NAMES, first)
+    assert config.normal_radius == 5 * fusionslam.cloud_resolution(first.points)
     for run in runs:
         assert len(run) == FRAMES and run.source == "lidar"
         assert run.positions is not None and run.positions[:, 2].tolist() == list(range(FRAMES))

@@ -18,7 +18,13 @@ from fusionslam import (
     FusionConfig,
 )
 from fusionslam.config import merged
-from fusionslam.descriptors import for_clouds, length_of
+from fusionslam.descriptors import (
+    for_clouds,
+    for_sequence,
+    length_of,
+    with_fitted,
+    without_fitted,
+)
 from places import turn
 from rows import rows
 
@@ -168,3 +174,33 @@ def test_the_robots_frame_lies_on_the_ground() -> None:
     assert for_clouds(given, "m2dp", robot) == given
     with pytest.raises(ConfigError):
         for_clouds(DescriptorConfig(), "bev_spectrum", FusionConfig(frame="camera"))
+
+
+@rows("reach, cell", [(2.0, 0.125), (10.0, 0.354), (25.0, 1.0), (40.0, 1.414), (80.0, 2.0)])
+def test_cells_and_ground_are_fitted_to_the_first_cloud(reach: float, cell: float) -> None:
+    generator = np.random.default_rng(1)
+    around = generator.uniform(-1, 1, (40_000, 2))
+    around = reach * around[np.hypot(*around.T) < 1]
+    heights = generator.normal(-1.7, 0.01, len(around))
+    cloud = Cloud(np.column_stack([around, heights]).astype(np.float32))
+    fitted = for_sequence(DescriptorConfig(), ["m2dp", "bev_spectrum"], cloud).bev_spectrum
+    values = fitted.model_dump()
+    assert values["cell"] == pytest.approx(cell, abs=1e-3)
+    assert values["height"] == pytest.approx(1.7 + cell / 10, abs=0.06)
+    given = merged(DescriptorConfig(), {"bev_spectrum": {"cell": 0.7}})
+    kept = for_sequence(given, ["bev_spectrum"], cloud).bev_spectrum.model_dump()
+    assert kept == {"cell": 0.7, "height": values["height"]}
+    assert for_sequence(given, ["m2dp", "scan_context"], cloud) == given
+
+
+def test_what_was_fitted_is_taken_over_unless_it_is_given() -> None:
+    cloud = Cloud(random_cloud(1))
+    stored = for_sequence(DescriptorConfig(), ["shot", "bev_spectrum"], cloud)
+    assert with_fitted(DescriptorConfig(), stored) == stored
+    given = merged(DescriptorConfig(), {"bev_spectrum": {"height": 1.0}, "normal_radius": 0.3})
+    taken = with_fitted(given, stored)
+    assert taken.normal_radius == 0.3 and taken.bev_spectrum.model_dump() == {
+        "cell": stored.bev_spectrum.model_dump()["cell"],
+        "height": 1.0,
+    }
+    assert without_fitted(taken) == without_fitted(DescriptorConfig())
