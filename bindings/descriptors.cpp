@@ -202,7 +202,7 @@ Args:
 
 Returns:
     A BevSpectrumConfig: cells so wide that 99 % of what the cloud shows, seen from above, is within
-    range, of 0.125 to 2 m in steps of the root of 2; height by the lowest points, of which a tenth
+    range, of 0.125 to 2 m in steps of the root of 2; height by the lowest points, of which a quarter
     is lower, and a tenth of a cell more.
 
 Raises:

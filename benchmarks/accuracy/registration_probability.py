@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fits how probable it is that a registered pose is right, on simulated towns and rooms.
+"""Fits how probable it is that a registered pose is right, on simulated and real drives.
 
 python -m benchmarks.accuracy.registration_probability           # poses from the cache, or made
 python -m benchmarks.accuracy.registration_probability --write   # and store the model and the table
@@ -9,14 +9,16 @@ The poses are those of the candidates that correlate most, of every fourth frame
 registers. Full circles with the camera's colours and stereo clouds are fitted together. The
 overlaps of full circles alone make the model of poses for which there are no colours to compare,
 unless a cloud shows less than half of the circle or a room: for these a LiDAR's sector of 63
-degrees in towns, and sectors and full circles in made houses and warehouses are fitted. The table
-is of other seeds, and of the two recordings of the test data, which FUSIONSLAM_TEST_DATA names. A
-town takes about a minute of processor time, a room 10 to 20 seconds.
+degrees in towns, and sectors and full circles in made houses and warehouses are fitted. To both,
+real recordings are fitted, too; each drive counts alike. The table is of other seeds, and of
+recordings that nothing was fitted to; FUSIONSLAM_TEST_DATA names their folder. A drive takes about
+a minute of processor time.
 """
 
 import argparse
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
 from typing import NamedTuple
@@ -30,16 +32,21 @@ from benchmarks.accuracy.data import WORLDS, data_folder
 from benchmarks.accuracy.loop_thresholds import FITTED
 from benchmarks.accuracy.markdown import table, write_between
 from benchmarks.accuracy.presets import ROOT, record_towns
-from fusionslam import Cloud, DescriptorConfig, FusionConfig, LoopConfig, LoopDetector
+from benchmarks.real.protocol import RIGHT
+from benchmarks.real.recordings import read_recording as read_real
+from fusionslam import Cloud, DescriptorConfig, FusionConfig, LoopConfig
 from fusionslam.base.arrays import Floats, Mask, Matrix
 from fusionslam.base.cache import cache_folder
 from fusionslam.config import merged
 from fusionslam.datasets import open_dataset
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.descriptors import find_descriptor
-from fusionslam.evaluation.loops.nearest_matches import find_matches
 from fusionslam.loop_closure import Observation
-from fusionslam.registration import fit_lengths, register, search_poses
+from fusionslam.loop_closure.local_maps import RecentPieces
+from fusionslam.loop_closure.memory import FrameMemory
+from fusionslam.loop_closure.observation import FrameObserver
+from fusionslam.registration import RegistrationConfig, register, search_poses
+from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, Scan
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.motion.planner import PlanConfig
@@ -48,9 +55,9 @@ from fusionslam.sim.simulator import SimulationConfig, simulate
 
 PAGE = ROOT / "docs" / "stages" / "registration.md"
 MODEL = ROOT / "python" / "fusionslam" / "registration" / "probability.yaml"
-FEATURES = ("overlap", "color_ratio", "log_agreeing", "degenerate")
+FEATURES = ("overlap", "mean_overlap", "color_ratio", "log_agreeing", "degenerate")
 MODELS = {
-    "plain": ("overlap",),
+    "plain": ("mean_overlap",),
     "colored": ("overlap", "color_ratio"),
     "small": ("overlap", "log_agreeing", "degenerate"),
 }
@@ -61,11 +68,15 @@ SECTOR_RAD = 0.55
 """To either side, of the robot's LiDAR, and of the scans of towns that are cut to it."""
 ROOMS = ("house", "warehouse")
 RECORDED = tuple(f"recorded-{name}" for name in WORLDS)
+REAL = "real-"
+REAL_FITTED = {"plain": ("kitti_bev_05", "kitti00_keyframes"), "small": ("hku_1", "balm_realworld")}
+"""Recordings by the model that they are fitted to."""
 CIRCLES = tuple(f"{name}-circle" for name in ROOMS)
 FITTED_TO = {
     **dict.fromkeys(("lidar", "stereo"), FITTED),
     **dict.fromkeys(("sector", *ROOMS), FITTED[:3]),
     **dict.fromkeys(CIRCLES, FITTED[:1]),
+    **{REAL + name: (0,) for names in REAL_FITTED.values() for name in names},
 }
 """Seeds by source."""
 REPORTED = {
@@ -73,6 +84,7 @@ REPORTED = {
     "sector": (5, 7),
     **dict.fromkeys((*ROOMS, *CIRCLES), (4, 5)),
     **dict.fromkeys(RECORDED, (0,)),
+    **{REAL + name: (0,) for name in ("kitti_bev_06", "hku_2", "redkitchen")},
 }
 """Seeds of the table. The features of small views were chosen on 1, 2 and 3, and the recordings."""
 KINDS = {
@@ -85,6 +97,9 @@ KINDS = {
     "sector, made warehouses": (("warehouse",), ("small",)),
     "sector, recorded small_house and warehouse": (RECORDED, ("small",)),
     "sector with colours, the same": (RECORDED, ("colored", "small")),
+    "real: road from above, `kitti_bev_06`": (("real-kitti_bev_06",), ("plain",)),
+    "real: local maps of a sector, `hku_2`": (("real-hku_2",), ("small",)),
+    "real: RGB-D, `redkitchen`": (("real-redkitchen",), ("colored",)),
 }
 """Sources, and the model, of each row of the table; after it that of poses without colours."""
 STEP = 4
@@ -95,14 +110,9 @@ METRES, ROOM_METRES, DEGREES = 2.0, 0.3, 5.0
 """Poses less far off are right."""
 LIMITS = ((0.5, 1), (1, 1), (1.5, 2))
 """Factors of metres and degrees."""
-INDOORS = DescriptorConfig.model_validate(
-    {
-        "scan_context": {"max_range": 20, "height": 0.3},
-        "bev_spectrum": {"cell": 0.4, "height": 0.3},
-    }
-)
+INDOORS = DescriptorConfig.model_validate({"scan_context": {"max_range": 20, "height": 0.3}})
 """Of candidates in rooms."""
-RIDGE = 1e-3
+RIDGE = 3e-4
 """Keeps the slopes finite where right and wrong poses do not overlap."""
 BINS = (0, 0.05, 0.5, 0.95, 0.99, 1.01)
 
@@ -115,7 +125,7 @@ class Poses(NamedTuple):
     """Registered poses of some drives.
 
     Attributes:
-        features: float64 (N, 4), ``FEATURES``; the ratio is NaN where no colours are compared.
+        features: float64 (N, 5), ``FEATURES``; the ratio is NaN where no colours are compared.
         errors: float64 (N, 2), as shares of the metres and degrees that a right pose is off at
             most.
         weights: float64 (N,).
@@ -151,33 +161,73 @@ def register_drive(seed: int, source: str, folder: Path) -> Poses:
     Args:
         seed: of the town or room; of a recording it means nothing.
         source: "lidar", "stereo" or "sector" of a town; "house", "warehouse", "house-circle" or
-            "warehouse-circle", made; or one of ``RECORDED``.
+            "warehouse-circle", made; one of ``RECORDED``; or "real-" and a name of benchmarks.real.
         folder: for ``seed-source.npz``.
     """
     path = folder / f"{seed}-{source}.npz"
     if not path.exists():
+        config = LoopConfig()
         if source in ("lidar", "stereo"):
             seen, world_from_cloud = observe_town(seed, source)
+        elif source.startswith(REAL):
+            seen, world_from_cloud, config = observe_real(source.removeprefix(REAL))
         else:
             seen, world_from_cloud = observe_clouds(clouds_of(seed, source), source)
-        rows = np.array(list(_register(seen, world_from_cloud)))
+        rows = np.array(list(_register(seen, world_from_cloud, config)))
         folder.mkdir(parents=True, exist_ok=True)
         count = len(FEATURES)
         np.savez(path, features=rows[:, :count], errors=rows[:, count:])
     with np.load(path) as stored:
-        metres = METRES if source in ("lidar", "stereo", "sector") else ROOM_METRES
-        errors = stored["errors"] / (metres, DEGREES)
+        errors = stored["errors"] / limits_of(source)
         return Poses(stored["features"], errors, np.ones(len(errors)))
+
+
+def limits_of(source: str) -> tuple[float, float]:
+    """Metres and degrees that right poses are off at most."""
+    if source.startswith(REAL):
+        return RIGHT
+    return METRES if source in ("lidar", "stereo", "sector") else ROOM_METRES, DEGREES
+
+
+def observe_real(name: str) -> tuple[list[Observation], list[Matrix], LoopConfig]:
+    """Observe a real recording as a detector does, local maps included; and how it is searched."""
+    recording = read_real(data_folder(), name)
+    if recording is None:
+        raise SystemExit(f"{name} is not in {data_folder()}: FUSIONSLAM_TEST_DATA names the data")
+    detector, recent = recording.detector(), RecentPieces()
+    observer = FrameObserver(
+        {recording.descriptor: recording.descriptor},
+        detector.describe_config,
+        detector.fusion_config,
+        detector.registration_config,
+        fits_lengths=True,
+    ).verifying(detector.config.voters)
+    seen: list[Observation] = []
+    rows = zip(recording.clouds, recording.stamps_ns.tolist(), recording.odometry, strict=True)
+    for number, (cloud, stamp, odometry) in enumerate(rows):
+        found = observer.observe(
+            cloud, stamp_ns=stamp, odometry=odometry, is_first=not seen, before=recent.pieces
+        )
+        seen.append(found)
+        observer = observer.fixed_by(seen[0])
+        if found.piece is not None and found.cloud is not None:
+            recent.add(number, found.piece, found.cloud.config.local_map or 0.0)
+    return seen, list(recording.poses), detector.config
 
 
 def observe_town(seed: int, source: str) -> tuple[list[Observation], list[Matrix]]:
     """Observe the frames of a town's drive; return the poses of their clouds, too."""
     (drive,) = record_towns([seed])
     frames = open_dataset(drive)
-    detector = LoopDetector("cm2dp", fusion=FusionConfig.model_validate({"source": source}))
+    observer = FrameObserver(
+        {"cm2dp": "cm2dp"},
+        DescriptorConfig(),
+        FusionConfig.model_validate({"source": source}),
+        RegistrationConfig(),
+        fits_lengths=True,
+    )
     assert frames.poses is not None  # the simulator knows them
-    seen = [detector.observe(frame) for frame in frames]
-    return seen, [pose @ frames.body_from_points for pose in frames.poses]
+    return observe_all(observer, frames), [pose @ frames.body_from_points for pose in frames.poses]
 
 
 def observe_clouds(
@@ -185,16 +235,29 @@ def observe_clouds(
 ) -> tuple[list[Observation], list[Matrix]]:
     """Observe clouds; return their poses, too. Those of hardly any points are left out."""
     known = [(cloud, pose) for cloud, pose in clouds if len(cloud) >= _FEWEST]
-    detector = LoopDetector(
-        "m2dp",
-        fusion=FusionConfig(source="cloud"),
-        describe=None if source == "sector" else INDOORS,
-        registration=fit_lengths([known[0][0]]),
+    observer = FrameObserver(
+        {"m2dp": "m2dp"},
+        DescriptorConfig() if source == "sector" else INDOORS,
+        FusionConfig(source="cloud"),
+        RegistrationConfig(local_map=0.0),
+        fits_lengths=True,
     )
-    return [detector.observe(cloud) for cloud, _ in known], [pose for _, pose in known]
+    return observe_all(observer, [cloud for cloud, _ in known]), [pose for _, pose in known]
 
 
 _FEWEST = 10
+
+
+def observe_all(
+    observer: FrameObserver, frames_or_clouds: Iterable[Frame | Cloud]
+) -> list[Observation]:
+    """Observe clouds one by one; the first fixes lengths."""
+    observer = observer.verifying(LoopConfig().voters)
+    seen: list[Observation] = []
+    for each in frames_or_clouds:
+        seen.append(observer.observe(each, is_first=not seen))
+        observer = observer.fixed_by(seen[0])
+    return seen
 
 
 def clouds_of(seed: int, source: str) -> Iterator[tuple[Cloud, Matrix]]:
@@ -255,17 +318,20 @@ def read_recording(name: str) -> Iterator[tuple[Cloud, Matrix]]:
         yield Cloud(points, cloud.colors), pose @ mounted
 
 
-def _register(seen: Sequence[Observation], world_from_cloud: Sequence[Matrix]) -> Iterator[Floats]:
+def _register(
+    seen: Sequence[Observation], world_from_cloud: Sequence[Matrix], config: LoopConfig
+) -> Iterator[Floats]:
     """Yield features, metres and degrees off of each registered pose."""
     clouds = [each.cloud for each in seen if each.cloud is not None]
-    for query, matches in enumerate(_candidates(seen)):
+    for query, matches in enumerate(_candidates(seen, config)):
         if query % STEP:
             continue
         cloud = clouds[query]
         found = [(each, k) for k in matches for each in search_poses(cloud, clouds[k])]
         found.sort(key=lambda pair: -pair[0].correlation)
         for hypothesis, match in found[:REGISTERED]:
-            result = register(cloud, clouds[match], hypothesis.pose, search=False)
+            guess = hypothesis.pose
+            result = register(cloud, clouds[match], guess, search=False, leveled=True)
             if result.estimate is None:
                 continue
             truth = np.linalg.inv(world_from_cloud[match]) @ world_from_cloud[query]
@@ -274,21 +340,19 @@ def _register(seen: Sequence[Observation], world_from_cloud: Sequence[Matrix]) -
             colors = result.color_difference
             ratio = np.nan if colors is None else colors.ratio
             log_agreeing, degenerate = np.log(max(result.agreeing, 1)), len(result.degenerate)
-            features = result.overlap, ratio, log_agreeing, degenerate
+            overlaps = result.overlap, result.mean_overlap
+            features = *overlaps, ratio, log_agreeing, degenerate
             yield np.array([*features, np.linalg.norm(error[:3, 3]), turn])
 
 
-def _candidates(seen: Sequence[Observation]) -> list[set[int]]:
+def _candidates(seen: Sequence[Observation], config: LoopConfig) -> Iterator[set[int]]:
     """The nearest earlier frames of each frame by any of the descriptors."""
-    config = LoopConfig()
-    union: list[set[int]] = [set() for _ in seen]
-    for name in seen[0].vectors:
-        vectors = np.array([each.vectors[name] for each in seen])
-        metric = find_descriptor(name.split(",")[0]).metric
-        found = find_matches(vectors, window=config.window, k=config.candidates, metric=metric)
-        for each, row in zip(union, found.indices, strict=True):
-            each |= set(row[row >= 0].tolist())
-    return union
+    metrics = {name: find_descriptor(name.split(",")[0]).metric for name in seen[0].vectors}
+    memory = FrameMemory(metrics, config, RegistrationConfig())
+    for number, each in enumerate(seen):
+        found = memory.query(each.vectors, config.candidates, each.stamp_ns)
+        yield {match for pairs in found.values() for match, _ in pairs}
+        memory.add(number, replace(each, cloud=None))
 
 
 def fit(features: Floats, right: Mask, weights: Floats) -> Floats:
@@ -323,14 +387,22 @@ def fit_models(drives: Mapping[str, Sequence[Poses]]) -> Models:
     """Fit each model.
 
     Overlaps of full circles make the plain one, poses that have colours the coloured one, and
-    sectors and rooms the one of small views.
+    sectors and rooms the one of small views; real recordings of such clouds are among them.
     """
     towns = [*drives["lidar"], *drives["stereo"]]
     colored = joined(towns)
     known = np.isfinite(colored.of(["color_ratio"])[:, 0])
     colored = Poses(*(values[known] for values in colored))
     small = [poses for source in ("sector", *ROOMS, *CIRCLES) for poses in drives[source]]
-    sets = {"plain": joined(drives["lidar"]), "colored": colored, "small": joined(small)}
+    real = {
+        kind: [poses for name in names for poses in drives[REAL + name]]
+        for kind, names in REAL_FITTED.items()
+    }
+    sets = {
+        "plain": joined([*drives["lidar"], *real["plain"]]),
+        "colored": colored,
+        "small": joined([*small, *real["small"]]),
+    }
     return {
         kind: fit(poses.of(MODELS[kind]), poses.right, poses.weights)
         for kind, poses in sets.items()
@@ -417,14 +489,19 @@ def main() -> None:
         {source: ", ".join(map(str, seeds)) for source, seeds in chosen.items()}
         for chosen in (FITTED_TO, REPORTED)
     )
+    recordings = {
+        kind: " and ".join(f"`{name}`" for name in names) for kind, names in REAL_FITTED.items()
+    }
     about = fill(
         "`python -m benchmarks.accuracy.registration_probability`: fitted to the towns of seeds "
-        f"{fitted['lidar']}; small views to sectors in towns, houses and warehouses of "
-        f"{fitted['sector']}, and to full circles in houses and warehouses of "
-        f"{fitted[CIRCLES[0]]}. Shown are towns of {shown_seeds['lidar']}, sectors in towns of "
+        f"{fitted['lidar']}, and without colours to {recordings['plain']}; small views to sectors "
+        f"in towns, houses and warehouses of {fitted['sector']}, to full circles in houses and "
+        f"warehouses of {fitted[CIRCLES[0]]}, and to {recordings['small']}. "
+        f"Shown are towns of {shown_seeds['lidar']}, sectors in towns of "
         f"{shown_seeds['sector']}, houses and warehouses of {shown_seeds[ROOMS[0]]}, "
         "and recordings that nothing was fitted to. Right poses are up to "
-        f"{METRES:g} m, in rooms {ROOM_METRES:g} m, and {DEGREES:g} degrees off; beside "
+        f"{METRES:g} m, in rooms {ROOM_METRES:g} m, and {DEGREES:g} degrees off, of real "
+        f"recordings {RIGHT[0]:g} m and {RIGHT[1]:g} degrees; beside "
         "their share stand those of 0.5 times as far and of 1.5 times as far with twice as many "
         "degrees. Columns from one probability to another: share of right poses (number of all) "
         "among those of which it was predicted. Wrong ones: of those with enough for a loop, and "

@@ -13,6 +13,7 @@ are not measured stay as they are in the docs. The peers run in the environment 
 """
 
 import argparse
+import itertools
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -33,11 +34,21 @@ from benchmarks.accuracy.mapped_drives import MappedDrive
 from benchmarks.accuracy.markdown import read_rows, table, write_between
 from benchmarks.accuracy.pose_graphs import ate
 from benchmarks.real.plain import can_describe, join, recognise, recognise_all
-from benchmarks.real.protocol import RIGHT, find_older, find_revisits, judge, spread
+from benchmarks.real.protocol import (
+    BINS,
+    RIGHT,
+    count_right,
+    find_older,
+    find_revisits,
+    judge,
+    spread,
+)
 from benchmarks.real.recordings import MAPPED, READERS, SECOND, Recording, read_recording
+from fusionslam.evaluation import VerifiedRun
 
 PAGE = ROOT / "docs" / "results" / "real.md"
 README = ROOT / "README.md"
+PICTURE = ROOT / "docs" / "images" / "real_reliability.png"
 PLAIN, UNPROVEN = "scan_context", "Scan Context, without proof"
 QUOTED = (OURS, *peers_of(10))
 """Those whose loops the README shows; of peers with their longest local maps."""
@@ -54,14 +65,26 @@ FIXES = (
     *("beyond 1 m", "error: median, m", "95 %, m", "ms a frame"),
 )
 DESCRIPTORS = ("descriptor", "top-1", "one of ten", "F1max", "R@100P", "ms a frame")
+RELIABILITY = ("recording", *(f"{low:g} to {high:g}" for low, high in itertools.pairwise(BINS)))
+FITTED = ("kitti_bev_05", "kitti00_keyframes", "hku_1", "balm_realworld")
+"""Recordings that probabilities are fitted to (benchmarks.accuracy.registration_probability)."""
 Row = list[str]
 
 
-def find_loops(recording: Recording, python: Path | None) -> Iterator[Row]:
+def prove_loops(recording: Recording) -> VerifiedRun:
+    return run_detector(
+        recording.detector(),
+        recording.clouds,
+        recording.poses,
+        stamps_ns=recording.stamps_ns,
+        odometry=recording.odometry,
+    )
+
+
+def find_loops(recording: Recording, run: VerifiedRun, python: Path | None) -> Iterator[Row]:
     """Yield a row for each of those that find loops: ours, the peers, Scan Context alone."""
     clouds, poses, stamps = recording.clouds, recording.poses, recording.stamps_ns
     rule, odometry = recording.rule, recording.odometry
-    run = run_detector(recording.detector(), clouds, poses, stamps_ns=stamps, odometry=odometry)
     ours = judge(run, rule)
     yield [recording.name, OURS, *ours.cells()]
     if python is not None:
@@ -136,12 +159,13 @@ class Measured:
     """The tables of some recordings.
 
     Attributes:
-        loops, maps, fixes: rows of the tables over all recordings.
+        loops, reliability, maps, fixes: rows of the tables over all recordings.
         descriptors: rows of the table of each recording, by its name.
     """
 
     def __init__(self) -> None:
         self.loops: list[Row] = []
+        self.reliability: list[Row] = []
         self.maps: list[Row] = []
         self.fixes: list[Row] = []
         self.descriptors: dict[str, list[Row]] = {}
@@ -153,7 +177,9 @@ class Measured:
             note(f"without {name}, which is not in {data}")
             return
         note(f"{name}, {len(recording.clouds)} clouds")
-        self.loops += show(LOOPS, find_loops(recording, python))
+        run = prove_loops(recording)
+        self.loops += show(LOOPS, find_loops(recording, run, python))
+        self.reliability += show(RELIABILITY, [[name, *count_right(run)]])
         if name in MAPPED:
             self.maps += show(MAPS, [judge_map(recording, make_map(recording, folder))])
         if name in SECOND:
@@ -165,13 +191,39 @@ class Measured:
         """Put the tables into the page, which keeps the rows of what was not measured."""
         for marker, header, rows in (
             ("loops", LOOPS, self.loops),
+            ("reliability", RELIABILITY, self.reliability),
             ("maps", MAPS, self.maps),
             ("sessions", FIXES, self.fixes),
         ):
             write_between(PAGE, marker, table(header, with_other_rows(marker, rows)))
         for name, rows in self.descriptors.items():
             write_between(PAGE, f"descriptors {name}", table(DESCRIPTORS, rows))
+        draw_reliability(read_rows(PAGE, "reliability"), PICTURE)
         write_between(README, "real", headline(read_rows(PAGE, "loops")))
+
+
+def draw_reliability(rows: Sequence[Row], path: Path) -> None:
+    """Draw the share of right poses over the stated probability, fitted recordings apart."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 4), layout="constrained")
+    axis = figure.subplots()
+    axis.plot([0, 1], [0, 1], color="0.7", label="as stated")
+    groups = {"fitted to": [row for row in rows if row[0] in FITTED]}
+    groups["nothing fitted to"] = [row for row in rows if row[0] not in FITTED]
+    for (name, chosen), color in zip(groups.items(), ("tab:blue", "tab:orange"), strict=True):
+        label: str | None = name
+        for column, (low, high) in enumerate(itertools.pairwise(BINS), start=1):
+            cells = [row[column].strip("()").split(" (") for row in chosen if row[column] != "-"]
+            counts = np.array([float(count) for _, count in cells])
+            if not counts.size:
+                continue
+            share = float(np.average([float(share) for share, _ in cells], weights=counts))
+            axis.plot([low, high], [share, share], color=color, linewidth=3, label=label)
+            label = None
+    axis.set(xlabel="probability stated", ylabel="share of right poses", xlim=(0, 1))
+    axis.legend()
+    figure.savefig(path, format="png", dpi=80)
 
 
 def find_in_first(second: Recording, data: Path, folder: Path) -> list[Row]:

@@ -74,8 +74,9 @@ def recognise_all(recording: Recording) -> Iterator[Recognised]:
 def recognise(recording: Recording, name: str) -> Recognised:
     """Describe the clouds and find the nearest of the older ones for each."""
     config = for_clouds(DescriptorConfig(), name, CLOUDS)
-    config = for_sequence(config, [name], recording.clouds[0])
-    rule, count = recording.rule, len(recording.clouds)
+    config = for_sequence(config, [name], recording.leveled[0])
+    rule, clouds = recording.rule, recording.leveled
+    count = len(clouds)
     detector = LoopDetector(
         name,
         threshold=0.0,
@@ -87,9 +88,7 @@ def recognise(recording: Recording, name: str) -> Recognised:
     )
     candidates, distances = np.full((count, NEAREST), -1), np.full(count, np.inf)
     start = time.process_time()
-    for row, (cloud, stamp) in enumerate(
-        zip(recording.clouds, recording.stamps_ns.tolist(), strict=True)
-    ):
+    for row, (cloud, stamp) in enumerate(zip(clouds, recording.stamps_ns.tolist(), strict=True)):
         vector, _ = describe_or_zeros(cloud, name, config)
         detector.add_descriptor(vector, stamp_ns=stamp)
         found = detector.candidates(NEAREST)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counts the revisits of a recording, and what became of them."""
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +92,27 @@ def judge(run: VerifiedRun, rule: Rule) -> Found:
         metres=metres[accepted],
         milliseconds=float(np.mean(run.seconds["match"]) * 1e3),
     )
+
+
+BINS = (0.0, 0.05, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+"""Probabilities between which poses are counted."""
+
+
+def count_right(run: VerifiedRun) -> list[str]:
+    """Share of right poses, and the number of all, by what probability was stated.
+
+    The poses are those of each frame's best candidate, accepted or not.
+    """
+    assert run.poses is not None  # each recording has them
+    metres, degrees = (errors[:, 0] for errors in pose_differences(run.matches, run.poses))
+    right = (metres <= RIGHT[0]) & (degrees <= RIGHT[1])
+    stated = np.isfinite(metres)
+    cells = []
+    for low, high in itertools.pairwise(BINS):
+        inside = stated & (run.probability >= low)
+        inside &= (run.probability < high) | (high == BINS[-1])
+        cells.append(f"{right[inside].mean():.2f} ({inside.sum()})" if inside.any() else "-")
+    return cells
 
 
 def spread(errors: Floats) -> list[str]:

@@ -19,7 +19,9 @@ from fusionslam.base.arrays import Floats, Integers
 from fusionslam.datasets.calibration import homogeneous, read_calibration
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.loop_closure import LoopConfig
+from fusionslam.loop_closure.observation import level
 from fusionslam.registration import RegistrationConfig
+from fusionslam.registration.leveling import find_level
 from fusionslam.sensors.frame import Frame
 
 CLOUDS = FusionConfig(source="cloud")
@@ -81,6 +83,16 @@ class Recording:
         """Float64 (N, 4, 4), odom_from_cloud; where none was recorded, the poses with noise."""
         recorded = self.recorded_odometry
         return add_drift(self.poses, DRIFT_SEED) if recorded is None else recorded
+
+    @cached_property
+    def leveled(self) -> list[Cloud]:
+        """The clouds, levelled as a detector levels them."""
+        if self.registration.gravity != "auto":
+            return self.clouds
+        return [
+            level(cloud, find_level(cloud.points, odometry))
+            for cloud, odometry in zip(self.clouds, self.odometry, strict=True)
+        ]
 
     def options(self) -> dict[str, Any]:
         """How loops are found, as of ``PlaceMap.open``; all else is the default."""

@@ -216,7 +216,7 @@ std::vector<float> bev_spectrum(PointsView points, const BevSpectrumConfig& conf
 
 /// The parameters of bev_spectrum() that suit a cloud like this one, z up: cells so wide that 99 %
 /// of what it shows, seen from above, is within range, of 0.125 to 2 m in steps of the root of 2;
-/// height by the lowest points of what it shows, of which a tenth is lower, and a tenth of a cell
+/// height by the lowest points of what it shows, of which a quarter is lower, and a tenth of a cell
 /// more. Throws DataError for NaN or infinity and for an empty cloud.
 BevSpectrumConfig fit_bev_spectrum(PointsView points);
 

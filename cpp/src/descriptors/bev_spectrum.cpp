@@ -130,7 +130,7 @@ void normalize_columns(float* descriptor) {
 constexpr double column_side = 0.5;
 
 /// Share of the columns within range, and of those whose lowest point is below the ground.
-constexpr double share_within = 0.99, share_below = 0.1;
+constexpr double share_within = 0.99, share_below = 0.25;
 
 /// The widest cell, metres, in steps of the root of 2, so that clouds of one building fit the same.
 constexpr double widest = 2;

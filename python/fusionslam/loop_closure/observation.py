@@ -27,6 +27,7 @@ from fusionslam.fusion import FusionConfig, fuse, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.local_maps import Piece, join_clouds, pieces_to_join, views_of
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
+from fusionslam.registration.clouds import check_points
 from fusionslam.registration.leveling import Level, find_level
 from fusionslam.sensors.frame import Cloud, Frame, read_pose
 from fusionslam.sensors.scan_motion import Span, span_of
@@ -122,6 +123,15 @@ class FrameObserver:
         chosen = tuple(name for name in voters if self._can_vote(name))
         return replace(self, verifies=True, voters=chosen)
 
+    def fixed_by(self, first: Observation) -> "FrameObserver":
+        """Return one that takes all clouds as the first one was taken."""
+        return replace(
+            self,
+            describe=first.fitted or self.describe,
+            registration=self.registration if first.cloud is None else first.cloud.config,
+            fits_lengths=False,
+        )
+
     def observe(
         self,
         frame_or_cloud: Frame | Cloud,
@@ -164,11 +174,12 @@ class FrameObserver:
         odometry = read_pose("odometry", odometry)
         if odometry is not None and not np.isfinite(odometry).all():  # it is unknown
             odometry = None
-        lengths, level = self.registration, None
+        check_points(whole.points)
+        lengths, found = self.registration, None
         if lengths.gravity == "auto" and lengths.method != "planar":
-            level = find_level(whole.points, odometry, mount)
+            found = find_level(whole.points, odometry, mount)
         if is_first and self.fits_lengths:
-            lengths = fit_lengths([_leveled(whole, level)], lengths)
+            lengths = fit_lengths([level(whole, found)], lengths)
         seen, piece, joined = whole, None, list[Piece]()
         if lengths.local_map and odometry is not None and before is not None:
             piece = Piece.of(cloud, whole, odometry, lengths)
@@ -179,7 +190,7 @@ class FrameObserver:
             whole = join_clouds(zip(poses, wholes, strict=True), voxel)
             described = [cloud, *(each.cloud for each in joined)]
             cloud = whole if is_whole else join_clouds(zip(poses, described, strict=True), voxel)
-        upright, upright_whole = _leveled(cloud, level), _leveled(whole, level)
+        upright, upright_whole = level(cloud, found), level(whole, found)
         vectors, fitted = self._describe(upright, frame, is_first=is_first)
         if fitted is not None:
             fitted = for_sequence(fitted, self.voters, upright_whole)
@@ -192,15 +203,15 @@ class FrameObserver:
             whole,
             lengths,
             colored=cloud,
-            level=level,
+            level=found,
             seen=seen.points,
             further=views_of(joined, odometry) if joined and odometry is not None else (),
         )
         if is_first and lengths.method != "planar":
-            _say_how_it_is_taken(prepared, level)
+            _say_how_it_is_taken(prepared, found)
         span = None if frame is None else span_of(frame)
         return Observation(
-            vectors, stamp_ns, prepared, odometry, span, fitted, points, piece, len(joined), level
+            vectors, stamp_ns, prepared, odometry, span, fitted, points, piece, len(joined), found
         )
 
     def _describe(
@@ -276,10 +287,11 @@ def can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
     raise FusionSlamError(f"loops cannot be verified: {why}", code="missing-extra", fields=("map",))
 
 
-def _leveled(cloud: Cloud, level: Level | None) -> Cloud:
-    if level is None or level.level_from_cloud is None:
+def level(cloud: Cloud, found: Level | None) -> Cloud:
+    """Return a cloud levelled by what ``find_level`` found."""
+    if found is None or found.level_from_cloud is None:
         return cloud
-    points = np.ascontiguousarray(cloud.points @ level.level_from_cloud.T, np.float32)
+    points = np.ascontiguousarray(cloud.points @ found.level_from_cloud.T, np.float32)
     return replace(cloud, points=points)
 
 

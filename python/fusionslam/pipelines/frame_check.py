@@ -14,7 +14,7 @@ from fusionslam.base.progress import Progress, reported
 from fusionslam.base.texts import counted
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, one_line
-from fusionslam.fusion import DISTANT_M, FusionConfig, ScanCheck, check_scan, fuse
+from fusionslam.fusion import DISTANT_M, FusionConfig, ScanCheck, Source, check_scan, fuse
 
 if TYPE_CHECKING:
     from fusionslam.datasets import Dataset
@@ -213,16 +213,24 @@ def first_cloud(dataset: "Dataset") -> FirstCloud:
     """Fuse the first frame and return the outcome, or why it cannot be fused."""
     if isinstance(dataset, CloudDataset):
         return FirstCloud("not needed", detail="the clouds have their colours")
-    if dataset.sensors == ("points",) or (dataset.has_points and not dataset.cameras):
+    source = source_of(dataset)
+    if source == "cloud":
         return _only_scans(dataset)
-    is_pair = dataset.has_stereo and not (dataset.has_points and dataset.cameras)
-    if not is_pair and not dataset.has_points:
+    if source is None:
         return FirstCloud("not possible", problem="no scans and no pairs of images")
-    config = FusionConfig(source="stereo" if is_pair else "lidar")
     try:
-        return try_frame(dataset[0], config)
+        return try_frame(dataset[0], FusionConfig(source=source))
     except FusionSlamError as error:
         return FirstCloud("not possible", problem=one_line(error))
+
+
+def source_of(dataset: "Dataset") -> Source | None:
+    """Return the source of clouds that shows most of what a dataset has; None if there is none."""
+    if isinstance(dataset, CloudDataset) or dataset.sensors == ("points",):
+        return "cloud"
+    if dataset.has_points:
+        return "lidar" if dataset.cameras else "cloud"
+    return "stereo" if dataset.has_stereo else None
 
 
 def _only_scans(dataset: "Dataset") -> FirstCloud:

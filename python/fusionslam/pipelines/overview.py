@@ -17,8 +17,13 @@ from fusionslam.base.archive import format_of, load_archive, load_json
 from fusionslam.base.texts import counted
 from fusionslam.config import flatten
 from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
-from fusionslam.errors import DataError, one_line
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.errors import DataError, FusionSlamError, one_line
 from fusionslam.evaluation import DescriptorRun
+from fusionslam.fusion import FusionConfig
+from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.observation import FrameObserver
+from fusionslam.loop_closure.profile import profile_sensor
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.pipelines.describe import PipelineConfig
@@ -28,9 +33,11 @@ from fusionslam.pipelines.frame_check import (
     check_frames,
     check_rows,
     first_cloud,
+    source_of,
 )
 from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.pipelines.results import FILE, Work, load_verified, run_files, runs_folder
+from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Camera
 from fusionslam.views.scene_set import is_scene_set
 
@@ -111,7 +118,8 @@ def _look_at_data(recording: "Recording", path: Path, check: Check | None) -> Ov
     if (recording.kind or bag_kind(path)) not in BAG_KINDS:
         dataset = recording.open()
         whole = overview(dataset)
-        rows = [*whole.rows, ("fusion", str(first_cloud(dataset))), *_checked(dataset, check)]
+        rows = [*whole.rows, ("fusion", str(first_cloud(dataset)))]
+        rows += [*profile_rows(dataset), *_checked(dataset, check)]
         return Overview(rows, whole.gaps)
     calibration = Path(recording.calibration) if recording.calibration else None
     bag = Inspection.of(path, recording.topics, recording.stamps, calibration)
@@ -133,8 +141,25 @@ def look_at_bag(
         rows.append(("cameras", bag.cameras()))
     rows += [row for row in _rows(dataset) if row[0] not in dict(rows)]
     fusion = bag.fusion(dataset)
-    rows += [("fusion", str(fusion)), *_checked(dataset, check)]
+    rows += [("fusion", str(fusion)), *profile_rows(dataset), *_checked(dataset, check)]
     return Overview(rows, list(dataset.gaps), None, fusion)
+
+
+def profile_rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
+    """Yield what the first cloud says of the sensor, and how detectors and maps take its clouds."""
+    source = source_of(dataset)
+    if source is None or isinstance(dataset, SceneRecording):
+        return
+    fits = FrameObserver(
+        {}, DescriptorConfig(), FusionConfig(source=source), RegistrationConfig(), fits_lengths=True
+    )
+    try:
+        profile = profile_sensor(dataset[0], fits.verifying(LoopConfig().voters))
+    except FusionSlamError as error:
+        yield "sensor", f"unknown: {one_line(error)}"
+        return
+    for label, text in profile.rows():
+        yield f"sensor {label}" if label != "configuration" else label, text
 
 
 def _checked(dataset: "Dataset", check: Check | None) -> list[tuple[str, str]]:

@@ -232,7 +232,7 @@ def _prepare(
             dataset, frames[0], config.fusion, partial(first.observe, is_first=True)
         )
     assert seen.cloud is not None
-    observer = replace(first, registration=seen.cloud.config)
+    observer = first.fixed_by(seen)
     clouds = FrameClouds(observer.registration)
     clouds.add(0, seen.cloud, seen.odometry)
     progress(1, len(frames))

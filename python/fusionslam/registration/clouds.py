@@ -272,19 +272,24 @@ class PreparedCloud:
             return True
         return bool(np.median(np.linalg.norm(self.points, axis=1)) < ROOM_REACH)
 
-    @cached_property
+    @property
     def is_sector(self) -> bool:
-        """Whether it shows less than half of the circle, gaps of up to 10 degrees included."""
+        """Whether it shows less than half of the circle."""
+        return self.view_degrees < 180
+
+    @cached_property
+    def view_degrees(self) -> float:
+        """How much of the circle it shows, gaps of up to 10 degrees included."""
         circle = self.ranges.shape[1]
         columns = np.flatnonzero((self.ranges > 0).any(axis=0))
         if self.further:
             turns = np.arctan2(self.points[:, 1], self.points[:, 0]) / (2 * np.pi)
             columns = np.unique(np.floor(turns * circle).astype(np.int64) % circle)
         if not columns.size:
-            return True
+            return 0.0
         gaps = np.diff(columns, append=columns[:1] + circle) - 1
         outside = gaps[gaps > circle * _GAP_DEG / 360].sum()
-        return bool(circle - outside < circle / 2)
+        return float(360 * (circle - outside) / circle)
 
     @property
     def has_search_image(self) -> bool:

@@ -318,6 +318,7 @@ def _judge(
         _overlap(target, source, back, distance),
     )
     overlap, agreeing = min(there[0], again[0]), min(there[1], again[1])
+    mean_overlap = (there[0] + again[0]) / 2
     degenerate = weak_directions(information[:3, :3], config.degenerate_ratio)
     colors = _color_difference(source, target, pose, distance)
     is_small_view = source.is_small_view or target.is_small_view
@@ -328,10 +329,11 @@ def _judge(
         overlap,
         float(np.degrees(np.arccos(np.clip(pose[2, 2], -1, 1)))),
         degenerate,
-        probability=pose_probability(overlap, colors, small),
+        probability=pose_probability(overlap, colors, small, mean_overlap=mean_overlap),
         estimate=pose,
         color_difference=colors,
         agreeing=agreeing,
+        mean_overlap=mean_overlap,
     )
 
 

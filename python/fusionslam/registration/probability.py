@@ -27,26 +27,32 @@ class SmallView(NamedTuple):
 
 
 def pose_probability(
-    overlap: float, colors: ColorDifference | None, small: SmallView | None = None
+    overlap: float,
+    colors: ColorDifference | None,
+    small: SmallView | None = None,
+    *,
+    mean_overlap: float | None = None,
 ) -> float:
-    """Logistic regression, fitted on simulated drives (docs/stages/registration.md).
+    """Logistic regression, fitted to simulated and real drives (docs/stages/registration.md).
 
     Args:
-        overlap: of ``Registration``.
+        overlap, mean_overlap: of ``Registration``; the mean counts for full circles outdoors whose
+            colours are unknown. None is the overlap: that of both clouds.
         colors: how the colours of points differ that the pose puts on each other; None if unknown.
         small: if one of the clouds is a small view (``PreparedCloud``); it counts where colours
             are unknown.
     """
-    features = {"overlap": overlap}
     if colors is not None:
         kind = "colored"
-        features["color_ratio"] = colors.ratio
+        features = {"overlap": overlap, "color_ratio": colors.ratio}
     elif small is not None:
         kind = "small"
-        features["log_agreeing"] = float(np.log(max(small.agreeing, 1)))
+        log_agreeing = float(np.log(max(small.agreeing, 1)))
+        features = {"overlap": overlap, "log_agreeing": log_agreeing}
         features["degenerate"] = small.degenerate
     else:
         kind = "plain"
+        features = {"mean_overlap": overlap if mean_overlap is None else mean_overlap}
     model = _models()[kind]
     score = model["intercept"] + sum(model[name] * value for name, value in features.items())
     return float(1 / (1 + np.exp(-np.clip(score, -50, 50))))

@@ -45,6 +45,7 @@ class Registration:
             at all. Of method planar: share of the compared cells of the range images that agree.
         agreeing: number of those points, of the cloud that has fewer; 0 without an estimate, and of
             method planar.
+        mean_overlap: the mean of both clouds' shares, of which ``overlap`` is the smaller.
         tilt: angle between the z axes of the clouds, degrees; 0 without an estimate.
         degenerate: float64 (k, 3), unit vectors in the source's frame along which the clouds can
             slide on each other at the estimate, as along a corridor.
@@ -69,6 +70,7 @@ class Registration:
     estimate: Matrix | None = None
     color_difference: ColorDifference | None = None
     agreeing: int = 0
+    mean_overlap: float = 0.0
 
     @property
     def accepted(self) -> bool:

@@ -6,9 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from project import SUPPORT
-
-sys.path.insert(0, str(SUPPORT))
+sys.path.insert(0, str(Path(__file__).parents[2] / "support"))
 
 from expected_output import update
 

@@ -53,6 +53,35 @@ def test_edges_join_the_keyframes_of_sessions(path: Path) -> None:
         assert site.config["descriptor"] == "m2dp" and "drift" in site.config["mapping"]
 
 
+def thinned(given: list[Frame], step: int) -> list[Frame]:
+    """What a sensor with fewer points sees."""
+    return [changed(each, points=np.ascontiguousarray(each.points[::step])) for each in given]
+
+
+@pytest.mark.slow
+@rows("of_map, asked, is_found", [(1, 4, True), (1, 25, False), (1, 60, False), (10, 1, None)])
+def test_a_sensor_of_another_density_is_found_rightly_or_not_at_all(
+    of_map: int, asked: int, is_found: bool | None, street_map: Path, tmp_path: Path
+) -> None:
+    path = street_map
+    if of_map > 1:
+        path = tmp_path / "site.fsmap"
+        build(path, thinned(FRAMES[:9], of_map))
+    with PlaceMap.open(path, read_only=True) as site:
+        keyframes = site.trajectory("monday")[1]
+        seen = thinned(frames(RETURN[:3], 200, day=1), asked)
+        for frame, truth in zip(seen, RETURN[:3], strict=True):
+            site.forget_motion()
+            found = site.localize(frame)
+            assert is_found is None or (found.pose is not None) == is_found
+            if found.pose is None:
+                assert found.reason is not None
+                continue
+            # The map itself may have drifted.
+            at_keyframe = np.linalg.inv(keyframes[found.keyframe]) @ found.pose
+            assert_near(at_keyframe, np.linalg.inv(WAY[found.keyframe]) @ truth, 0.3, 0.6)
+
+
 @pytest.mark.slow
 def test_a_map_that_is_closed_in_between_is_the_same(path: Path, tmp_path: Path) -> None:
     other, steps = tmp_path / "parts.fsmap", []

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.accuracy.loop_peers import as_run
 from benchmarks.accuracy.markdown import table
 from benchmarks.real import __main__ as real
-from benchmarks.real.protocol import find_revisits, judge
+from benchmarks.real.protocol import count_right, find_revisits, judge
 from benchmarks.real.recordings import Rule, fill_columns
 from fusionslam import Cloud
-from fusionslam.base.arrays import Floats
+from fusionslam.base.arrays import Floats, Integers
 
 SECONDS = 10**9
 STAMPS = np.arange(9) * 10 * SECONDS
@@ -27,6 +27,15 @@ def out_and_back() -> Floats:
     poses[:, 0, 3] = [0, 2, 4, 6, 8, 6, 4, 2, 0]
     poses[5:, :3, :3] = Rotation.from_euler("z", 180, degrees=True).as_matrix()
     return poses
+
+
+def looped() -> tuple[Floats, Integers, Floats]:
+    """The poses of ``out_and_back``, the frame that each one comes back to, and its right pose."""
+    poses = out_and_back()
+    match = np.array([-1, -1, -1, -1, -1, 3, 2, 1, 0])
+    estimates = np.full(poses.shape, np.nan)
+    estimates[5:] = np.linalg.inv(poses[match[5:]]) @ poses[5:]
+    return poses, match, estimates
 
 
 def test_a_revisit_is_near_a_frame_that_is_old_enough() -> None:
@@ -44,10 +53,8 @@ def test_a_revisit_is_near_a_frame_that_is_old_enough() -> None:
 
 
 def test_loops_are_right_or_wrong_by_the_true_poses() -> None:
-    poses, count = out_and_back(), 9
-    match = np.array([-1, -1, -1, -1, -1, 3, 2, 1, 0])
-    estimates = np.full((count, 4, 4), np.nan)
-    estimates[5:] = np.linalg.inv(poses[match[5:]]) @ poses[5:]
+    poses, match, estimates = looped()
+    count = len(poses)
     estimates[6, 1, 3] += 0.9
     estimates[7, 1, 3] += 1.1
     estimates[8, :3, :3] = Rotation.from_euler("z", 187, degrees=True).as_matrix()
@@ -68,6 +75,27 @@ def test_loops_are_right_or_wrong_by_the_true_poses() -> None:
     assert found.full == 2 / 4  # 5 and 8 are more probable than 7, which is wrong
     assert found.metres == pytest.approx([0, 0.9, 1.1], abs=1e-6)
     assert found.cells()[-3:] == ["0.900", "1.080", "2"]  # median, 95 %, milliseconds
+
+
+def test_poses_are_counted_by_the_probability_that_was_stated(tmp_path: Path) -> None:
+    poses, match, estimates = looped()
+    count = len(poses)
+    estimates[7, 1, 3] += 1.1
+    run = as_run(
+        "made",
+        [Cloud(np.zeros((1, 3), np.float32))] * count,
+        poses,
+        stamps_ns=STAMPS,
+        match=match,
+        match_from_query=estimates,
+        probability=np.array([0, 0, 0, 0, 0, 1.0, 0.995, 0.991, 0.5]),
+        accepted=np.zeros(count, np.bool_),
+        seconds=np.zeros(count),
+    )
+    cells = count_right(run)
+    assert cells == ["-", "-", "1.00 (1)", "-", "-", "-", "0.67 (3)"]
+    real.draw_reliability([["hku_1", *cells], ["hku_2", *cells]], tmp_path / "drawn.png")
+    assert (tmp_path / "drawn.png").stat().st_size > 1000
 
 
 def test_without_revisits_each_loop_is_wrong() -> None:

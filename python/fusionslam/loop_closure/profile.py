@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the first cloud says of a sensor, and how detectors and maps take its clouds."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from fusionslam.config import flatten
+from fusionslam.descriptors import DescriptorConfig
+from fusionslam.loop_closure.observation import FrameObserver, Observation
+from fusionslam.registration import RegistrationConfig, measure_reach
+from fusionslam.registration.leveling import Level
+from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.scan_motion import Span
+
+_ALL_ROUND_DEG = 355.0
+
+
+@dataclass(frozen=True)
+class SensorProfile:
+    """What is known of a sensor after its first frame.
+
+    Attributes:
+        voxels: that the cloud fills, of ``registration.voxel``.
+        degrees: how much of the circle it shows.
+        reach: as ``measure_reach``, metres.
+        level: how the cloud is levelled; None if it is taken as it is.
+        span: seconds from the stamp to the first and to the last point; None if they are unknown.
+        registration, describe: how clouds are registered and described, with what was fitted.
+    """
+
+    voxels: int
+    degrees: float
+    reach: float
+    level: Level | None
+    span: Span | None
+    registration: RegistrationConfig
+    describe: DescriptorConfig
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """Values that are not the defaults, by their keys, such as ``registration.voxel``."""
+        values = {"registration": self.registration, "descriptors": self.describe}
+        found: dict[str, Any] = {}
+        for section, config in values.items():
+            defaults = flatten(type(config)().model_dump())
+            for key, value in flatten(config.model_dump()).items():
+                if value != defaults[key]:
+                    found[f"{section}.{key}"] = value
+        return found
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Yield what it says in words, each with a label."""
+        around = "all round" if self.degrees > _ALL_ROUND_DEG else f"{self.degrees:.0f} degrees"
+        yield (
+            "shows",
+            f"{around}, half of it within {self.reach:.2g} m, in {self.voxels} voxels of "
+            f"{self.registration.voxel:.2g} m",
+        )
+        if self.level is not None:
+            how = "is levelled" if self.level.level_from_cloud is not None else "level enough"
+            yield "tilt", f"{self.level.tilt:.1f} degrees by the {self.level.source}, {how}"
+        if self.span is None:
+            yield "sweep", "points have no times: each scan is taken as of one instant"
+        else:
+            first, last = self.span
+            yield "sweep", f"{last - first:.3f} s, from {first:+.3f} s of the stamp on"
+        if self.registration.local_map:
+            text = f"of {self.registration.local_map:.2g} m, where odometry is known"
+        else:
+            text = "none: each scan is registered by itself"
+        yield "local maps", text
+        chosen = ", ".join(
+            f"{key}={value:.3g}" if isinstance(value, float) else f"{key}={value}"
+            for key, value in self.chosen.items()
+        )
+        yield "configuration", chosen or "the defaults"
+
+
+def profile_sensor(frame_or_cloud: Frame | Cloud, observer: FrameObserver) -> SensorProfile:
+    """Observe a frame as the first of a detector or map, and say what was fitted to it.
+
+    Args:
+        frame_or_cloud: with points.
+        observer: that prepares clouds (``FrameObserver.verifying``).
+
+    Raises:
+        DataError: a cloud that cannot be made or described.
+    """
+    return profile_of(observer.observe(frame_or_cloud, is_first=True), observer)
+
+
+def profile_of(first: Observation, observer: FrameObserver) -> SensorProfile:
+    """Say what was fitted to the first frame, of which a cloud was prepared."""
+    cloud = first.cloud
+    assert cloud is not None  # the observer prepares it
+    return SensorProfile(
+        voxels=len(cloud),
+        degrees=cloud.view_degrees,
+        reach=measure_reach(cloud.points),
+        level=first.level,
+        span=first.span,
+        registration=cloud.config,
+        describe=first.fitted or observer.describe,
+    )
