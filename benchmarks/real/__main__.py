@@ -222,7 +222,7 @@ def draw_reliability(rows: Sequence[Row], path: Path) -> None:
             axis.plot([low, high], [share, share], color=color, linewidth=3, label=label)
             label = None
     axis.set(xlabel="probability stated", ylabel="share of right poses", xlim=(0, 1))
-    axis.legend()
+    figure.legend(loc="outside upper center", ncols=3)
     figure.savefig(path, format="png", dpi=80)
 
 
