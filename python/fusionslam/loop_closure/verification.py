@@ -63,10 +63,10 @@ class PairComparisons:
         self._known: dict[Hashable, tuple[object, float]] = {}
         self.seconds = 0.0
 
-    @property
-    def reach(self) -> float:
-        """Way behind a frame that its local map shows as well, metres; 0 of single clouds."""
-        return self._cloud.config.local_map or 0.0
+    def reach(self, match: int) -> float:
+        """Way behind a frame that a local map of both shows as well, metres; 0 of single clouds."""
+        is_joined = self._cloud.further or self.frame(match).unpack().further
+        return (self._cloud.config.local_map or 0.0) if is_joined else 0.0
 
     def frame(self, match: int) -> StoredFrame:
         """Return an earlier frame."""
@@ -152,7 +152,7 @@ def verify_candidates(
             covariance=found.covariance,
             overlap=found.overlap,
             probability=found.probability or 0.0,
-            reason=_refusal(found, config, pairs.reach),
+            reason=_refusal(found, config, pairs.reach(match)),
             match_stamp_ns=pairs.frame(match).stamp_ns,
         )
         if best is None or _rank(loop) > _rank(best):

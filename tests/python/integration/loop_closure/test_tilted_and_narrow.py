@@ -15,6 +15,7 @@ from fusionslam import Cloud, DataError, FusionConfig, Loop, LoopDetector, Place
 from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import ShapeError
 from fusionslam.loop_closure.local_maps import Piece, RecentPieces, pieces_to_join
+from fusionslam.loop_closure.verification import PairComparisons, StoredFrame
 from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import PreparedCloud, RegistrationConfig, register
 from fusionslam.registration.clouds import pack_arrays, unpacking
@@ -217,6 +218,20 @@ def test_without_odometry_clouds_stay_single() -> None:
         detector.add(Cloud(narrow(scan_blocks(pose, seed, 15_000))))
     assert detector.registration_config.local_map
     assert not detector.stored_frame(2).unpack().further
+
+
+def test_poses_are_far_apart_as_of_single_clouds_where_none_is_joined() -> None:
+    config = RegistrationConfig(local_map=7.0)
+    points = scan_blocks(ONE, 0, 2000)
+    seen = [(np.ones((180, 360), np.float32), np.eye(4))]
+    single, joined = PreparedCloud(points, config), PreparedCloud(points, config, further=seen)
+    for query, match, reach in (
+        (single, single, 0.0),
+        (joined, single, 7.0),
+        (single, joined, 7.0),
+    ):
+        stored = {0: StoredFrame(0, None, None, [match].pop)}
+        assert PairComparisons(query, stored.__getitem__).reach(0) == reach
 
 
 def test_odometry_that_is_unknown_levels_nothing_and_one_that_is_no_pose_is_refused() -> None:
