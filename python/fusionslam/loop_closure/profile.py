@@ -8,7 +8,7 @@ from typing import Any
 
 from fusionslam.config import flatten
 from fusionslam.descriptors import DescriptorConfig
-from fusionslam.loop_closure.observation import FrameObserver, Observation
+from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig, measure_reach
 from fusionslam.registration.leveling import Level
 from fusionslam.sensors.frame import Cloud, Frame
@@ -88,11 +88,7 @@ def profile_sensor(frame_or_cloud: Frame | Cloud, observer: FrameObserver) -> Se
     Raises:
         DataError: a cloud that cannot be made or described.
     """
-    return profile_of(observer.observe(frame_or_cloud, is_first=True), observer)
-
-
-def profile_of(first: Observation, observer: FrameObserver) -> SensorProfile:
-    """Say what was fitted to the first frame, of which a cloud was prepared."""
+    first = observer.observe(frame_or_cloud, is_first=True)
     cloud = first.cloud
     assert cloud is not None  # the observer prepares it
     return SensorProfile(

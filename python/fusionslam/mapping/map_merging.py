@@ -10,7 +10,7 @@ import numpy as np
 
 from fusionslam.base.arrays import Floats32, Integers
 from fusionslam.base.progress import Progress
-from fusionslam.descriptors import describe_or_zeros
+from fusionslam.descriptors import describe_or_zeros, for_clouds
 from fusionslam.descriptors.registry import FITTED_SECTIONS
 from fusionslam.errors import ConfigError
 from fusionslam.loop_closure.detector import LoopDetector
@@ -24,6 +24,8 @@ from fusionslam.mapping.pose_graph import PoseGraph
 from fusionslam.registration import PreparedCloud, Refusal
 from fusionslam.sensors.frame import Cloud
 
+Vectors = dict[str, tuple[Integers, Floats32]]
+"""Numbers of keyframes, and their vectors, float32 (n, D), by descriptor."""
 MOST_APART = 2.0
 """Factor between the lengths of maps whose clouds are still compared."""
 
@@ -87,10 +89,18 @@ def check_mergeable(site: ComparedMap, other: ComparedMap) -> None:
 
 
 def find_loops_between(
-    site: ComparedMap, other: ComparedMap, progress: Progress | None = None
+    site: ComparedMap,
+    other: ComparedMap,
+    vectors: Vectors,
+    progress: Progress | None = None,
 ) -> list[Edge]:
-    """Find keyframes of a map at those of another: edges from this map's numbers to the other's."""
-    vectors = vectors_as_of(site, other)
+    """Find keyframes of a map at those of another: edges from this map's numbers to the other's.
+
+    Args:
+        site, other: the maps.
+        vectors: of the other, as ``vectors_as_of`` returns.
+        progress: called with (keyframes compared, total).
+    """
     numbers = other.content.numbers.tolist()
     lengths, loops = site.settings.registration, site.settings.loops
     edges: list[Edge] = []
@@ -107,12 +117,12 @@ def find_loops_between(
     return edges
 
 
-def vectors_as_of(site: ComparedMap, other: ComparedMap) -> dict[str, tuple[Integers, Floats32]]:
+def vectors_as_of(site: ComparedMap, other: ComparedMap) -> Vectors:
     """Return another map's numbers and vectors by descriptor, as a map would describe its clouds.
 
     What follows from the first cloud of each, they may describe differently.
     """
-    vectors = other.file.vectors()
+    vectors: Vectors = other.file.vectors()
     own, theirs = site.settings.describe, other.settings.describe
     for section in FITTED_SECTIONS:
         if getattr(own, section) == getattr(theirs, section):
@@ -125,7 +135,8 @@ def vectors_as_of(site: ComparedMap, other: ComparedMap) -> dict[str, tuple[Inte
                 )
                 for number in numbers.tolist()
             )
-            rows = [describe_or_zeros(Cloud(each.points), section, own)[0] for each in clouds]
+            config = for_clouds(own, section, site.settings.fusion)
+            rows = [describe_or_zeros(Cloud(each.points), section, config)[0] for each in clouds]
             vectors[key] = numbers, np.array(rows)
     return vectors
 
@@ -161,14 +172,15 @@ def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> M
     return Merge((), (), refused, Refusal("few-merges", len(between), text))
 
 
-def copy_sessions(site: ComparedMap, other: ComparedMap, between: Sequence[Edge]) -> None:
-    """Write another map's keyframes and edges into a map's file, under new numbers."""
+def copy_sessions(
+    site: ComparedMap, other: ComparedMap, vectors: Vectors, between: Sequence[Edge]
+) -> None:
+    """Write another map's keyframes, vectors and edges into a map's file, under new numbers."""
     content, file = other.content, site.file
     sessions = {number: file.add_session(name) for name, number in content.sessions.items()}
     known = site.content.keyframes
     first = known[-1].id + 1 if known else 0
     renamed = {number: first + row for number, row in content.row.items()}
-    vectors = vectors_as_of(site, other)
     for row, keyframe in enumerate(content.keyframes):
         copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
         own = {name: rows[row] for name, (_, rows) in vectors.items()}

@@ -48,6 +48,7 @@ from fusionslam.mapping.map_merging import (
     copy_sessions,
     find_loops_between,
     judge_merge,
+    vectors_as_of,
 )
 from fusionslam.mapping.map_settings import MapSettings, check_session_name
 from fusionslam.mapping.map_writer import MapStep, MapWriter
@@ -404,11 +405,12 @@ class PlaceMap:
         self._check_writable()
         with PlaceMap.open(other, read_only=True) as second:
             check_mergeable(self, second)
-            between = find_loops_between(self, second, progress)
+            vectors = vectors_as_of(self, second)
+            between = find_loops_between(self, second, vectors, progress)
             merge = judge_merge(self, second, between)
             if merge.reason is None:
                 with self.file.transaction():
-                    copy_sessions(self, second, between)
+                    copy_sessions(self, second, vectors, between)
         if merge.reason is None:
             self._load()
             self._settle()
