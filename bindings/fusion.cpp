@@ -308,6 +308,49 @@ Returns:
       "points"_a, "Indices, int64 (M,), of the points without NaN or infinity.");
 }
 
+/// float64 (K, 4, 4).
+std::vector<Transform> transforms_from(const py::array& given) {
+  if (given.ndim() != 3 || given.shape(1) != 4 || given.shape(2) != 4)
+    throw ShapeError("poses has shape " + shape_text(given) + ", expected (K, 4, 4)");
+  const auto array = contiguous<double>(given);
+  std::vector<Transform> poses(static_cast<std::size_t>(array.shape(0)));
+  for (std::size_t k = 0; k < poses.size(); ++k)
+    std::copy_n(array.data() + 16 * k, 16, poses[k].begin());
+  return poses;
+}
+
+void bind_motion(py::module_& module) {
+  using namespace py::literals;
+  module.def(
+      "deskew",
+      [](const PointsArg& points, const NumbersArg& seconds, const NumbersArg& poses,
+         const std::pair<double, double>& span) {
+        const ScanPath path{span.first, span.second, transforms_from(poses.array)};
+        return rows_of_three(
+            without_gil([&] { return deskew(points.view(), seconds.values(), path); }));
+      },
+      "points"_a, "seconds"_a, "poses"_a, "span"_a,
+      R"(Undoes the motion within a scan: the points as the scanner would have seen them at its stamp.
+
+Between two poses positions and rotation matrices are interpolated linearly, so steps in which the
+scanner turns by an angle a leave an error of a^2/8 of the range.
+
+Args:
+    points: float32 (N, 3), metres, each in the scanner's frame when it was measured. NaN and
+        infinity mark rays without return, and stay.
+    seconds: float64 (N,), when each point was measured, after the stamp.
+    poses: float64 (K, 4, 4), stamp_from_then: where the scanner was at even steps of time, in its
+        own frame at the stamp.
+    span: seconds from the stamp to the first and to the last pose; points outside move with these.
+
+Returns:
+    float32 (N, 3), metres, in the scanner's frame at the stamp.
+
+Raises:
+    ShapeError: arrays of other shapes.
+    DataError: no pose, a pose or a time that is not finite, or a span that falls.)");
+}
+
 }  // namespace
 
 void bind_fusion(py::module_& module) {
@@ -315,6 +358,7 @@ void bind_fusion(py::module_& module) {
   bind_projection(module);
   bind_stereo(module);
   bind_filters(module);
+  bind_motion(module);
 }
 
 }  // namespace fusionslam::bindings

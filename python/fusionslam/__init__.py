@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from fusionslam._core import cvfh as cvfh
     from fusionslam._core import demosaic as demosaic
     from fusionslam._core import depth_image as depth_image
+    from fusionslam._core import deskew as deskew
     from fusionslam._core import drop_invalid as drop_invalid
     from fusionslam._core import esf as esf
     from fusionslam._core import estimate_normals as estimate_normals
@@ -133,7 +134,7 @@ _HOMES = {
         "ScanContextConfig ScanContextPolarConfig SolidConfig StereoConfig VfhConfig "
         "__version__ above_height bev_spectrum cloud_from_disparity cloud_resolution cm2dp "
         "cm2dp_signature colorize colorize_all_round compare_descriptors compare_scan_contexts "
-        "compare_solid_azimuths cospair cscan_context cshot cvfh demosaic depth_image "
+        "compare_solid_azimuths cospair cscan_context cshot cvfh demosaic depth_image deskew "
         "drop_invalid esf estimate_normals first_singular_vectors gasd_color gestalt gfh "
         "intensity_scan_context iris iris_image m2dp m2dp_signature metric_names ndt_histogram "
         "nearest nearest_causal our_cvfh rectify_image remove_ground_plane "

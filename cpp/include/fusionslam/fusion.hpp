@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -317,5 +318,23 @@ ColoredCloud voxel_downsample(PointsView points, ColorsView colors, double size)
 
 /// Indices of the points without NaN or infinity.
 std::vector<std::int64_t> drop_invalid(PointsView points);
+
+/// The way of a scanner while it took a scan.
+struct ScanPath {
+  double first = 0;              ///< seconds from the scan's stamp to the first pose
+  double last = 0;               ///< seconds from the scan's stamp to the last pose
+  std::vector<Transform> poses;  ///< stamp_from_then, at even steps of time
+};
+
+/// Undoes the motion within a scan: the points as the scanner would have seen them at its stamp.
+///
+/// `seconds` has the time of each point after the stamp. Between two poses positions and rotation
+/// matrices are interpolated linearly, so steps in which the scanner turns by an angle a leave an
+/// error of a^2/8 of the range; points before the first and after the last pose move with these.
+/// Points that are not finite stay so.
+///
+/// Throws ShapeError for another number of times than of points, DataError for no pose, a pose or a
+/// time that is not finite, or a last pose before the first.
+std::vector<float> deskew(PointsView points, std::span<const double> seconds, const ScanPath& path);
 
 }  // namespace fusionslam

@@ -64,6 +64,14 @@ def build_recording(
         Path | None,
         typer.Option(metavar="FILE", help="calib.yaml for a bag or folder without one."),
     ] = None,
+    no_deskew: Annotated[
+        bool,
+        typer.Option(
+            "--no-deskew",
+            help="Leave motion within a bag's scans as it is, which odometry and times of points "
+            "undo: for clouds whose driver did.",
+        ),
+    ] = False,
     skip_gaps: Annotated[
         bool, typer.Option("--skip-gaps", help="Leave out frames that lack a file.")
     ] = False,
@@ -85,6 +93,7 @@ def build_recording(
         stamps=stamps,
         sync=changes,
         calibration=calib,
+        deskew=not no_deskew,
         simulated=simulated,
     )
 

@@ -3,6 +3,7 @@
 """The commands fuse, odometry and calib-check: clouds, path and calibration of a recording."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -160,7 +161,9 @@ def odometry(
     bad_frames, cores = opt.bad_frames(skip_bad_frames), opt.cores(jobs)
     with progress() as step:
         with during(step):
-            dataset = readable_frames(build_recording().open("cloud"), bad_frames, jobs=cores)
+            # It undoes the motion within scans itself, by the one that it finds.
+            recording = replace(build_recording(), deskew=False)
+            dataset = readable_frames(recording.open("cloud"), bad_frames, jobs=cores)
         show = label_progress(step, "registering scans")
         track = track_lidar(dataset, chosen, jobs=cores, progress=show)
     track.save(output, format or pose_format_of(output))

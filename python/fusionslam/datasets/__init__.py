@@ -101,6 +101,7 @@ def open_dataset(
     sync: SyncConfig | None = None,
     calibration: str | os.PathLike[str] | None = None,
     shapes: str | None = None,
+    deskew: bool = True,
     without_pose: str = "skip",
 ) -> Dataset:
     """Open a recording; scans and images are read only when they are accessed.
@@ -124,6 +125,8 @@ def open_dataset(
             bag's CameraInfo and TF.
         shapes: shapes that the scanner of a range recording saw, "visual" or "collision"; None
             for visual if the recording has both.
+        deskew: whether motion within the scans of a bag is undone by odometry and the times of
+            points (``Frame.deskew``); False for clouds whose driver did so.
         without_pose: "skip" leaves out frames whose pose is unknown while others have one, and
             logs how many; "keep" keeps them, with a pose of NaN.
 
@@ -151,6 +154,7 @@ def open_dataset(
         sync or SyncConfig(),
         Path(calibration).expanduser().resolve() if calibration else None,
         shapes,
+        deskew,
     )
     try:
         found = _kind(root, kind)

@@ -72,6 +72,7 @@ class Request:
     sync: SyncConfig = field(default_factory=SyncConfig)
     calibration: Path | None = None
     shapes: str | None = None
+    deskew: bool = True
 
 
 def check_self_contained(root: Path, what: str, options: Mapping[str, Any]) -> None:

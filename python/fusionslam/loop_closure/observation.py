@@ -30,7 +30,8 @@ from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengt
 from fusionslam.registration.clouds import check_points
 from fusionslam.registration.leveling import Level, find_level
 from fusionslam.sensors.frame import Cloud, Frame, read_pose
-from fusionslam.sensors.scan_motion import Span, span_of
+from fusionslam.sensors.messages import Span
+from fusionslam.sensors.scan_motion import span_of
 
 logger = logging.getLogger(__name__)
 

@@ -11,8 +11,9 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig, measure_reach
 from fusionslam.registration.leveling import Level
+from fusionslam.sensors.deskew import Deskew
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.sensors.scan_motion import Span
+from fusionslam.sensors.messages import Span
 
 _ALL_ROUND_DEG = 355.0
 
@@ -27,6 +28,7 @@ class SensorProfile:
         reach: as ``measure_reach``, metres.
         level: how the cloud is levelled; None if it is taken as it is.
         span: seconds from the stamp to the first and to the last point; None if they are unknown.
+        deskew: how the motion between them was undone; None if it was not.
         registration, describe: how clouds are registered and described, with what was fitted.
     """
 
@@ -35,6 +37,7 @@ class SensorProfile:
     reach: float
     level: Level | None
     span: Span | None
+    deskew: Deskew | None
     registration: RegistrationConfig
     describe: DescriptorConfig
 
@@ -63,9 +66,14 @@ class SensorProfile:
             yield "tilt", f"{self.level.tilt:.1f} degrees by the {self.level.source}, {how}"
         if self.span is None:
             yield "sweep", "points have no times: each scan is taken as of one instant"
+        elif self.span[0] == self.span[1]:
+            yield "sweep", "all points have one time: each scan is of one instant"
         else:
             first, last = self.span
-            yield "sweep", f"{last - first:.3f} s, from {first:+.3f} s of the stamp on"
+            how = "motion within stays: odometry between scans is not known"
+            if self.deskew is not None:
+                how = f"motion within is undone by {self.deskew.source}"
+            yield "sweep", f"{last - first:.3f} s, from {first:+.3f} s of the stamp on; {how}"
         if self.registration.local_map:
             text = f"of {self.registration.local_map:.2g} m, where odometry is known"
         else:
@@ -89,6 +97,7 @@ def profile_sensor(frame_or_cloud: Frame | Cloud, observer: FrameObserver) -> Se
         DataError: a cloud that cannot be made or described.
     """
     first = observer.observe(frame_or_cloud, is_first=True)
+    deskew = frame_or_cloud.deskew if isinstance(frame_or_cloud, Frame) else None
     cloud = first.cloud
     assert cloud is not None  # the observer prepares it
     return SensorProfile(
@@ -96,7 +105,8 @@ def profile_sensor(frame_or_cloud: Frame | Cloud, observer: FrameObserver) -> Se
         degrees=cloud.view_degrees,
         reach=measure_reach(cloud.points),
         level=first.level,
-        span=first.span,
+        span=first.span if deskew is None else deskew.span,
+        deskew=deskew,
         registration=cloud.config,
         describe=first.fitted or observer.describe,
     )

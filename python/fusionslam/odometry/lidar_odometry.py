@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from fusionslam._core import (
     GroundSegmentsConfig,
     count_overlap,
+    deskew,
     drop_invalid,
     nearest_ranges,
     remove_ground_segments,
@@ -42,8 +43,8 @@ _HIDDEN_WEIGHT = 0.25
 # Of points that the other scan could not see, as in registration.
 _LEAST_WAY_M = 1.0
 _GROUND_STRIDE = 50
-_STEPS = 1000
-# Parts of the motion between two scans that are told apart.
+_STEPS = 65
+# Along a scan, in which a LiDAR turns by a few degrees.
 
 
 class LidarOdometryConfig(Section):
@@ -192,7 +193,7 @@ class LidarOdometry:
         # To the middle of the sweep: to its begin, errors of the velocity would build up.
         middle = (seconds.min() + seconds.max()) / 2 if len(seconds) else 0.0
         if len(seconds):
-            points = _deskew(points, (seconds - middle) * (NANOSECONDS / gap_ns), expected)
+            points = _undo(points, (seconds - middle) * (NANOSECONDS / gap_ns), expected)
         # Rings on the ground move with the LiDAR: only what is above it shows motion.
         ground = GroundSegmentsConfig(distance=self._voxel / 5)
         above, _, _ = remove_ground_segments(points, config=ground)
@@ -352,12 +353,10 @@ def _thin_rest(points: Points, kept: Integers) -> Points:
     return points[~is_rest]
 
 
-def _deskew(points: Points, parts: Floats, motion: Matrix) -> Points:
+def _undo(points: Points, parts: Floats, motion: Matrix) -> Points:
     """The points as seen from where the parts are 0, each measured after a part of a motion."""
-    steps, rows = np.unique(np.round(parts * _STEPS), return_inverse=True)
-    moves = _take_part(motion, steps / _STEPS)[rows].astype(np.float32)
-    moved = np.einsum("nij,nj->ni", moves[:, :3, :3], points) + moves[:, :3, 3]
-    return np.ascontiguousarray(moved, np.float32)
+    span = float(parts.min()), float(parts.max())
+    return deskew(points, parts, _take_part(motion, np.linspace(*span, _STEPS)), span)
 
 
 def _overlap(

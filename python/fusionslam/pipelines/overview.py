@@ -3,7 +3,7 @@
 """Summarise a recording, or results that fusionslam stored, as a printable value."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fusionslam.base.archive import format_of, load_archive, load_json
 from fusionslam.base.texts import counted
 from fusionslam.config import flatten
-from fusionslam.datasets.base import CloudDataset, FileDataset, PosesOrigin
+from fusionslam.datasets.base import CloudDataset, FileDataset, OdometryOrigin, PosesOrigin
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import DataError, FusionSlamError, one_line
 from fusionslam.evaluation import DescriptorRun
@@ -48,6 +48,10 @@ if TYPE_CHECKING:
 
 
 _PREFIX = "fusionslam."
+_LOOKED_AT = 100
+"""Frames whose odometry is looked at."""
+_LEVEL = 1e-4
+"""Metres, and sines, by which height and tilt of odometry change in a plane."""
 _STORED: Mapping[str, Any] = yaml.safe_load(
     Path(__file__).with_name("overview.yaml").read_text(encoding="utf-8")
 )
@@ -189,19 +193,40 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
         baseline = (left[0, 3] - right[0, 3]) / left[0, 0]
         yield "stereo", f"baseline {baseline:.3f} m"
     yield "poses", _path(dataset)
+    if (odometry := _odometry(dataset)) is not None:
+        yield "odometry", odometry
+    yield "gaps", _gaps(dataset)
+    yield "time offsets", _offsets(dataset)
+
+
+def _odometry(dataset: "Dataset") -> str | None:
+    """Describe the odometry of frames: where it is from, and in how many directions it moves."""
     if isinstance(dataset, FileDataset) and dataset.odometry is not None:
-        # Or why it cannot be used: the frames need none.
         name = dataset.odometry.name
         try:
             moved = dataset.motion("odometry")
-        except DataError as error:
-            yield "odometry", f"{name}; {one_line(error)}"
-        else:
-            first, last = (moved[row].stamp_ns / 1e9 for row in (0, -1))
-            span = f"from {first:.3f} to {last:.3f} s"
-            yield "odometry", f"{counted(len(moved), 'pose')} in {name}, {span}"
-    yield "gaps", _gaps(dataset)
-    yield "time offsets", _offsets(dataset)
+        except DataError as error:  # the frames need none
+            return f"{name}; {one_line(error)}"
+        first, last = (moved[row].stamp_ns / 1e9 for row in (0, -1))
+        span = f"from {first:.3f} to {last:.3f} s"
+        kind = _kind_of_motion([each.pose for each in moved])
+        return f"{counted(len(moved), 'pose')} in {name}, {span}, {kind}"
+    if dataset.odometry_origin is OdometryOrigin.NONE:
+        return None
+    rows = np.unique(np.linspace(0, len(dataset) - 1, _LOOKED_AT).astype(int))
+    poses = [dataset[row].odometry for row in rows.tolist()]
+    known = [pose for pose in poses if pose is not None and np.isfinite(pose).all()]
+    return f"by {dataset.odometry_topic or 'TF'}, {_kind_of_motion(known)}"
+
+
+def _kind_of_motion(poses: Sequence[NDArray[np.float64]]) -> str:
+    """Say whether poses move in a plane, as wheels know it, or in space."""
+    if len(poses) < 2:
+        return "not known at the frames"
+    moved = np.stack(poses)
+    apart = np.abs(moved - moved[0])
+    is_flat = apart[:, 2, 3].max() < _LEVEL and apart[:, 2, :3].max() < _LEVEL
+    return "in a plane: height and tilt stay" if is_flat else "in six degrees of freedom"
 
 
 def _time(stamps_ns: NDArray[np.int64]) -> str:

@@ -58,6 +58,7 @@ class Recording:
     sync: Mapping[str, Any] = field(default_factory=dict)
     calibration: str | None = None
     shapes: str | None = None
+    deskew: bool = True
     simulated: str | None = None
 
     @classmethod
@@ -89,6 +90,7 @@ class Recording:
             sync=SyncConfig(**self.sync),
             calibration=self.calibration,
             shapes=self.shapes,
+            deskew=self.deskew,
         )
 
     def sources(self) -> tuple[str, ...]:

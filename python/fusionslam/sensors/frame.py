@@ -18,6 +18,7 @@ from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Floats32, Points, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
+from fusionslam.sensors.deskew import Deskew
 from fusionslam.sensors.messages import as_stamp
 
 Bytes = NDArray[np.uint8]
@@ -106,6 +107,8 @@ class Frame:
         colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
         intensities: float32 (N,), of the returns, in the scanner's own unit; or a loader.
         point_seconds: float64 (N,), when each point was measured, after the stamp; or a loader.
+        deskew: how the motion within the scan was undone, so that the points are as of the stamp;
+            None if it was not; or a loader.
         images: by camera name: uint8 (H, W, 3) RGB or (H, W); or loaders. "left" is the main
             camera, "right" its partner in a stereo pair; others have any name.
         cameras: calibration by camera name.
@@ -129,6 +132,7 @@ class Frame:
         colors: Bytes | Callable[[], Bytes | None] | None = None,
         intensities: Floats32 | Callable[[], Floats32 | None] | None = None,
         point_seconds: Floats | Callable[[], Floats | None] | None = None,
+        deskew: Deskew | Callable[[], Deskew | None] | None = None,
         images: Mapping[str, Bytes | Callable[[], Bytes]] | None = None,
         cameras: Mapping[str, Camera] | None = None,
         pose: NDArray[np.float64] | None = None,
@@ -151,6 +155,7 @@ class Frame:
             "colors": colors,
             "intensities": intensities,
             "point_seconds": point_seconds,
+            "deskew": deskew,
         }
         self._scan = _LazyMapping(scan)
 
@@ -196,6 +201,12 @@ class Frame:
         """float64 (N,), seconds from the stamp to when each point was measured; None if unknown."""
         point_seconds: Floats | None = self._scan["point_seconds"]
         return point_seconds
+
+    @property
+    def deskew(self) -> Deskew | None:
+        """How the motion within the scan was undone; None if the points are as measured."""
+        deskew: Deskew | None = self._scan["deskew"]
+        return deskew
 
     @property
     def has_points(self) -> bool:

@@ -5,13 +5,15 @@
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
-from fusionslam.sensors.frame import Camera, Cloud, Frame
+from fusionslam.sensors.deskew import Deskew, motion_within
+from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
@@ -30,6 +32,7 @@ def frame_from_pair(
     index: int = 0,
     pose: Matrix | None = None,
     still: bool = False,
+    deskews: bool = True,
 ) -> Frame:
     """Assemble a scan and its images into a frame.
 
@@ -46,32 +49,26 @@ def frame_from_pair(
         index: number of the frame.
         pose: float64 (4, 4), ground truth, if known.
         still: do not use odometry.
+        deskews: whether the motion within the scan is undone, if it is known.
 
     Raises:
-        TransformError: a transform is not known at the time needed (a DataError).
+        TransformError: a transform is not known at the time needed, or odometry jumps within the
+            scan (a DataError).
         DataError: a calibration cannot be used, or an image has another size.
     """
     for name, picture in pictures.items():
         check_size(picture, infos[name], name)
     lead = scan or pictures["left"]
-    cloud = None
-    if scan is not None:
-        valid = np.isfinite(scan.points).all(axis=1)
-        cloud = Cloud(
-            scan.points if valid.all() else scan.points[valid],
-            None if scan.colors is None else scan.colors[valid],
-            None if scan.intensities is None else scan.intensities[valid],
-        )
+    motion = None
+    if scan is not None and deskews and not still:
+        motion = motion_within(scan, frames)
     around = surround or {}
     cameras = _place_cameras(scan, pictures, infos, frames, still)
     cameras |= _place_surround(scan, around, infos, frames, awaited)
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,
-        points=None if cloud is None else cloud.points,
-        colors=None if cloud is None else cloud.colors,
-        intensities=None if cloud is None else cloud.intensities,
-        point_seconds=None if scan is None else partial(_seconds_of_returns, scan),
+        **({} if scan is None else _returns_of(scan, motion)),
         pose=pose,
         images={
             name: partial(rectify, picture, infos[name], name) if name in cameras else picture.image
@@ -83,9 +80,19 @@ def frame_from_pair(
     )
 
 
-def _seconds_of_returns(scan: Scan) -> Floats | None:
-    seconds = scan.point_seconds
-    return None if seconds is None else seconds[np.isfinite(scan.points).all(axis=1)]
+def _returns_of(scan: Scan, motion: Deskew | None) -> dict[str, Any]:
+    """What a frame is told of a scan without the rays that did not return."""
+    points, valid = scan.points, np.isfinite(scan.points).all(axis=1)
+    if motion is not None and scan.point_seconds is not None:
+        points = motion.undo(points, scan.point_seconds)
+    values = {
+        "points": points,
+        "colors": scan.colors,
+        "intensities": scan.intensities,
+        "point_seconds": scan.point_seconds,
+    }
+    kept = {name: None if each is None else each[valid] for name, each in values.items()}
+    return {**kept, "deskew": motion}
 
 
 def _robot_from_points(

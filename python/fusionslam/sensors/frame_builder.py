@@ -10,7 +10,7 @@ images.
 import logging
 from bisect import insort
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from fusionslam.base.argument_types import checked
@@ -43,6 +43,7 @@ from fusionslam.sensors.transforms import TransformError
 logger = logging.getLogger(__name__)
 
 
+NOT_DESKEWED = "motion within scans stays"
 NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
 BAD_CALIBRATION = "calibration does not fit"
@@ -55,6 +56,7 @@ _ADVICE = {
     BUFFER_FULL: "what they wait for, transforms or CameraInfo, comes too late (online.wait)",
     CLOCK_JUMP: "what waited is dropped and all starts anew; nothing is to be done for a bag that "
     "is played again",
+    NOT_DESKEWED: "clouds are bent by it; is odometry published until the last point of each scan?",
     "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
     "one, and start anew if it was the first",
@@ -82,6 +84,9 @@ class OnlineConfig(Section):
         0.5, "how long a scan waits for its transforms and CameraInfo", unit="s", ge=0
     )
     history: float = option(10.0, "how long transforms are kept", unit="s", gt=0)
+    deskew: bool = option(
+        True, "whether motion within scans is undone by odometry and the times of their points"
+    )
     extrapolation: float = option(
         0.0, "how far beyond the known transforms a robot's motion is carried on", unit="s", ge=0
     )
@@ -202,6 +207,7 @@ class FrameBuilder:
         frames: number of frames so far.
         refused: number of messages with invalid content by type: transforms that form a loop, ...
         still: number of frames without known odometry.
+        skewed: number of frames whose points have times, but whose motion odometry did not undo.
         surround: images of the further cameras, and how many frames lack one.
     """
 
@@ -234,7 +240,7 @@ class FrameBuilder:
         )
         self.surround = SurroundImages(surround, self.config.sync, self.config.wait)
         self._moving = moving
-        self.frames = self.still = 0
+        self.frames = self.still = self.skewed = 0
         self.refused: Counter[str] = Counter()
         self._infos: dict[str, CameraInfo] = {}
         self._pending: deque[Pair] = deque()
@@ -395,7 +401,7 @@ class FrameBuilder:
         return None
 
     def _assemble(self, pair: Pair, late: bool) -> Frame:
-        """Frame of a pair, without odometry if only that is missing."""
+        """Frame of a pair; where only odometry is missing, without what is made of it."""
         scan, pose = pair.item if isinstance(pair.item, Scan) else None, None
         try:
             pose = self.robot.world_from_robot(pair.stamp_ns)
@@ -412,17 +418,27 @@ class FrameBuilder:
             pose=pose,
         )
         try:
-            frame = make()
-            if self._moving and frame.odometry is None and not late:
-                raise _NotYetError
-            return frame
+            frame = make(deskews=self.config.deskew)
         except TransformError as error:
             if error.may_come and not late:
                 raise
+            frame = self._assemble_without(make, error)
+        if self._moving and frame.odometry is None and not late:
+            raise _NotYetError
+        return frame
+
+    def _assemble_without(self, make: Callable[..., Frame], error: TransformError) -> Frame:
+        """Frame taken as of one moment, or else as if the robot stood, as odometry is not known."""
+        try:
+            frame = make(deskews=False)
+        except TransformError as worse:
             frame = make(still=True)
             self.still += 1
-            self._log("odometry", str(error), *cause_of(error))
-            return frame
+            self._log("odometry", str(worse), *cause_of(worse))
+        else:
+            self.skewed += 1
+            self._log(NOT_DESKEWED, str(error), *cause_of(error))
+        return frame
 
     def _give_up(self, reason: str, problem: str, *cause: str) -> None:
         self._given_up[self.sync.scans, reason] += 1

@@ -10,6 +10,7 @@ import operator
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
 
 NANOSECONDS = 1_000_000_000
 """Per second."""
+Span = tuple[float, float]
+"""Seconds from a scan's stamp to its first and to its last point."""
 _TIME_FIELDS = ("time", "t", "timestamp", "timestamps", "time_stamp", "offset_time")
 """What drivers call the times of points."""
 _LONGEST_SWEEP_S = 1.0
@@ -80,7 +83,7 @@ class Scan:
         values = self.fields.get("intensity")
         return None if values is None else np.asarray(values, np.float32)
 
-    @property
+    @cached_property
     def point_seconds(self) -> Floats | None:
         """float64 (N,): seconds from the stamp to when each point was measured.
 
@@ -101,6 +104,15 @@ class Scan:
         # Rays without return may have any time.
         seconds[~returned] = 0.0
         return seconds if np.abs(seconds).max() <= _LONGEST_SWEEP_S else None
+
+    @cached_property
+    def span(self) -> Span | None:
+        """When the first and the last point were measured; None if that is not known."""
+        seconds = self.point_seconds
+        if seconds is None:
+            return None
+        seconds = seconds[np.isfinite(self.points).all(axis=1)]
+        return (float(seconds.min()), float(seconds.max())) if len(seconds) else None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

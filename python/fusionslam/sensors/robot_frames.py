@@ -5,6 +5,7 @@
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
@@ -137,6 +138,26 @@ class RobotFrames:
         if self.robot is None or self.robot.removeprefix("/") not in self.tree.frames:
             return None
         return self.tree.lookup(self.robot, sensor, stamp_ns)
+
+    def odometry_from(self, sensor: str, stamps_ns: NDArray[np.int64]) -> Matrix | None:
+        """float64 (K, 4, 4), odom_from_sensor at several times.
+
+        None if there is no odometry, or the sensor's place on the robot is not known.
+
+        Raises:
+            TransformError: the two are not linked, or not at one of the times.
+        """
+        robot, odometry = self.robot, self.odometry
+        if robot is None or odometry is None:
+            return None
+        is_robot = sensor.removeprefix("/") == robot.removeprefix("/")
+        if not is_robot and robot.removeprefix("/") not in self.tree.frames:
+            return None
+        tree, ends = self.tree, (odometry, robot)
+        if self._measured:
+            tree, ends = self._moves, self._measured
+        mounts = self.tree.lookup_all(robot, sensor, stamps_ns)
+        return np.asarray(tree.lookup_all(*ends, stamps_ns) @ mounts, dtype=np.float64)
 
     def camera_from_points(
         self, camera: str, camera_ns: int, scanner: str, scan_ns: int, *, still: bool = False

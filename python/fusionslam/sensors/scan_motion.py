@@ -10,11 +10,9 @@ import numpy as np
 from fusionslam.base.arrays import Floats, Matrix, read_numbers
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.messages import Span
 
 logger = logging.getLogger(__name__)
-
-Span = tuple[float, float]
-"""Seconds from a scan's stamp to its first and to its last point."""
 
 _LONGEST_S = 1.0
 """No scan takes longer, and between frames farther apart a robot may have turned and stopped."""
@@ -25,14 +23,15 @@ _MUCH_DEG = 1.0
 
 
 def span_of(frame: Frame) -> Span | None:
-    """Return when a frame's first and last points were measured; None without times of points.
+    """Return when a frame's first and last points were measured.
 
-    Times of more than a second before or after the stamp are of another clock, and count as none.
+    None without times of points, and where the motion between them is undone. Times of more than a
+    second before or after the stamp are of another clock, and count as none.
 
     Raises:
         DataError, ShapeError: times that are no numbers.
     """
-    if frame.point_seconds is None:
+    if frame.point_seconds is None or frame.deskew is not None:
         return None
     seconds = read_numbers("point_seconds", frame.point_seconds, "(N,), one for each point")
     known = seconds[np.isfinite(seconds)]
@@ -95,8 +94,8 @@ class ScanMotion:
         logger.warning(
             "%s: scans are taken as of one moment, but the robot turned within them, by a median "
             "of %.1f degrees and up to %.1f, by more than %g in %d of %d scans; poses may be off "
-            "by as much, unless the driver undid the motion: let it do so, or turn slower "
-            "(fusionslam odometry undoes it, for odometry alone)",
+            "by as much, unless the driver undid the motion: let it do so, or give frames the "
+            "odometry between scans, as bags and FrameBuilder do",
             name,
             np.median(turned),
             turned.max(),

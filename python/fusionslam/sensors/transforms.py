@@ -12,9 +12,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusionslam.base.arrays import Matrix
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.config import nearest_name
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
@@ -70,6 +71,17 @@ class _Link:
         span = self.stamps[after] - self.stamps[before]
         share = (stamp_ns - self.stamps[before]) / span
         return _between(self.samples[before], self.samples[after], share)
+
+    def at_all(self, stamps_ns: NDArray[np.int64]) -> Matrix:
+        """As ``at``, at several times, (K, 4, 4)."""
+        if self.static is not None or len(self.stamps) == 1:
+            return np.broadcast_to(self.at(0), (len(stamps_ns), 4, 4))
+        last = len(self.stamps) - 1
+        after = [min(max(bisect_left(self.stamps, each), 1), last) for each in stamps_ns.tolist()]
+        stamps = np.array([[self.stamps[row - 1], self.stamps[row]] for row in after])
+        shares = (stamps_ns - stamps[:, 0]) / (stamps[:, 1] - stamps[:, 0])
+        samples = np.array([[self.samples[row - 1], self.samples[row]] for row in after])
+        return _between(samples[:, 0], samples[:, 1], shares)
 
 
 class TransformTree:
@@ -161,6 +173,26 @@ class TransformTree:
         target_from_top = np.linalg.inv(self._climb(down, stamp_ns))
         return np.asarray(target_from_top @ self._climb(up, stamp_ns), dtype=np.float64)
 
+    def lookup_all(self, target: str, source: str, stamps_ns: NDArray[np.int64]) -> Matrix:
+        """float64 (K, 4, 4), target_from_source at several times, none of them extrapolated.
+
+        Raises:
+            TransformError: as ``lookup``.
+        """
+        result: Matrix = np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))
+        if _name(target) == _name(source):
+            return result
+        up, down = self._ways(target, source)
+        for child in [*up, *down]:
+            for stamp_ns in (int(stamps_ns.min()), int(stamps_ns.max())):
+                self._check_time(child, self._links[child], stamp_ns, tolerance=0)
+        for child in up:
+            result = self._links[child].at_all(stamps_ns) @ result
+        below: Matrix = np.eye(4)
+        for child in down:
+            below = self._links[child].at_all(stamps_ns) @ below
+        return np.asarray(np.linalg.inv(below) @ result, dtype=np.float64)
+
     def chain(self, target: str, source: str) -> list[str]:
         """The frames on the path from target to source, both included.
 
@@ -220,16 +252,16 @@ class TransformTree:
         matrix = np.eye(4)
         for child in way:
             link = self._links[child]
-            self._check_time(child, link, stamp_ns)
+            self._check_time(child, link, stamp_ns, self._tolerance)
             matrix = link.at(stamp_ns) @ matrix
         return matrix
 
-    def _check_time(self, child: str, link: _Link, stamp_ns: int) -> None:
+    def _check_time(self, child: str, link: _Link, stamp_ns: int, tolerance: int) -> None:
         if link.static is not None:
             return
         first, last = link.stamps[0], link.stamps[-1]
         early, late = first - stamp_ns, stamp_ns - last
-        if max(early, late) <= self._tolerance:
+        if max(early, late) <= tolerance:
             return
         off = f"{_seconds(early)} s earlier" if early > 0 else f"{_seconds(late)} s later"
         raise TransformError(
@@ -268,13 +300,15 @@ def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
     )
 
 
-def _between(first: Matrix, second: Matrix, share: float) -> Matrix:
-    """Interpolate from the first (share 0) to the second (share 1), or beyond."""
-    start = Rotation.from_matrix(first[:3, :3])
-    turn = (start.inv() * Rotation.from_matrix(second[:3, :3])).as_rotvec()
-    matrix = np.eye(4)
-    matrix[:3, :3] = (start * Rotation.from_rotvec(share * turn)).as_matrix()
-    matrix[:3, 3] = (1 - share) * first[:3, 3] + share * second[:3, 3]
+def _between(first: Matrix, second: Matrix, share: float | Floats) -> Matrix:
+    """Interpolate from the first (share 0) to the second (share 1), or beyond; (..., 4, 4)."""
+    shares = np.asarray(share)[..., None]
+    start = Rotation.from_matrix(first[..., :3, :3])
+    turn = (start.inv() * Rotation.from_matrix(second[..., :3, :3])).as_rotvec()
+    matrix = np.zeros(first.shape)
+    matrix[..., 3, 3] = 1
+    matrix[..., :3, :3] = (start * Rotation.from_rotvec(shares * turn)).as_matrix()
+    matrix[..., :3, 3] = (1 - shares) * first[..., :3, 3] + shares * second[..., :3, 3]
     return matrix
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Points
 from fusionslam.base.texts import counted
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
@@ -23,6 +24,7 @@ from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming, one_line
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair, rectify
+from fusionslam.sensors.deskew import Deskew, motion_within
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
@@ -42,11 +44,13 @@ class BagDataset(Dataset):
         source: the open bag with its roles and index.
         matched: the messages of each frame.
         surround: index of each frame's image of further cameras, int64 (N); -1 where there is none.
+        deskews: whether the motion within scans is undone.
     """
 
     source: IndexedBag
     matched: Matched
     surround: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    deskews: bool = True
 
     @property
     def short_name(self) -> str:
@@ -117,9 +121,8 @@ class BagDataset(Dataset):
         return {"matched": self.matched.only(rows), "surround": surround}
 
     def _frame(self, index: int) -> Frame:
-        scan: Callable[[], Scan] = functools.cache(
-            functools.partial(self._message, "points", index)
-        )
+        scan: Callable[[], Scan] = functools.cache(functools.partial(self._scan, index))
+        motion = functools.cache(lambda: self._motion_within(scan()))
         stamp_ns, robot = int(self.stamps_ns[index]), self.source.frames.robot
         has_points, places = self.has_points, self.matched.cameras_from_points
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
@@ -128,10 +131,11 @@ class BagDataset(Dataset):
             index=index,
             number=int(self.numbers[index]),
             stamp_ns=stamp_ns,
-            points=(lambda: scan().points) if has_points else None,
+            points=(lambda: _points_of(scan(), motion())) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
             intensities=(lambda: scan().intensities) if has_points else None,
             point_seconds=(lambda: scan().point_seconds) if has_points else None,
+            deskew=motion if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index) | self._surround_cameras(index),
             pose=None if self.poses is None else self.poses[index],
@@ -140,6 +144,17 @@ class BagDataset(Dataset):
             if robot and (has_points or places is not None)
             else None,
         )
+
+    def _scan(self, index: int) -> Scan:
+        """The scan of a frame, stamped as the frame is: its odometry is of that clock."""
+        scan: Scan = self._message("points", index)
+        return replace(scan, stamp_ns=int(self.stamps_ns[index]))
+
+    def _motion_within(self, scan: Scan) -> Deskew | None:
+        """How the scanner moved within a scan; None where that is not known, or stays."""
+        with suppress(TransformError):
+            return motion_within(scan, self.source.frames) if self.deskews else None
+        return None
 
     def _surround_cameras(self, index: int) -> dict[str, Camera]:
         """The further cameras with an image, a usable calibration and a known place."""
@@ -172,6 +187,12 @@ class BagDataset(Dataset):
 
     def _row_of(self, sensor: str, index: int) -> int:
         return int({**self.matched.rows, **self.surround}[sensor][index])
+
+
+def _points_of(scan: Scan, motion: Deskew | None) -> Points:
+    if motion is None or scan.point_seconds is None:
+        return scan.points
+    return motion.undo(scan.points, scan.point_seconds)
 
 
 def open_bag_dataset(path: Path, request: Request) -> BagDataset:
@@ -228,6 +249,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         source=source,
         matched=matched,
         surround=pairing.match_surround(source, matched, request.sync),
+        deskews=request.deskew,
     )
     return replace(dataset, cameras=dataset[0].cameras) if dataset.surround else dataset
 

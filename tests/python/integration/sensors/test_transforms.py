@@ -97,6 +97,19 @@ def test_a_turn_at_constant_speed_goes_on_between_and_a_little_beyond_the_sample
     np.testing.assert_array_equal(single.lookup("odom", "base", 3 * S), yaw_at(1.0))
 
 
+def test_many_times_at_once_give_what_each_gives_but_nothing_is_extrapolated() -> None:
+    tree = robot(extrapolation_s=0.5)
+    stamps = np.array([0, 0.3, 1.0, 1.7, 2.0]) * S
+    for ends in (("odom", "lidar"), ("lidar", "odom"), ("camera", "lidar"), ("base", "base")):
+        found = tree.lookup_all(*ends, stamps.astype(np.int64))
+        each = [tree.lookup(*ends, int(stamp)) for stamp in stamps]
+        np.testing.assert_allclose(found, each, atol=1e-12)
+    for beyond in (-0.1, 2.1):
+        tree.lookup("odom", "lidar", round(beyond * S))
+        with pytest.raises(TransformError, match="is known from"):
+            tree.lookup_all("odom", "lidar", (np.array([1.0, beyond]) * S).astype(np.int64))
+
+
 def test_a_time_before_or_after_what_is_known_is_refused_with_both() -> None:
     with pytest.raises(TransformError) as late:
         robot().lookup("camera", "odom", round(2.25 * S))

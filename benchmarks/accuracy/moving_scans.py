@@ -1,0 +1,293 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""What does motion within scans cost, and what is left of it once it is undone? Markdown tables.
+
+python -m benchmarks.accuracy.moving_scans [--write] [SEED ...]
+
+A VLP-16 on a small robot in made houses, which nothing was fitted to. Its scans are taken in one
+instant, on the move, and on the move with the motion undone by odometry. Some four minutes of
+processor time a house.
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from benchmarks.accuracy.data import ROOT
+from benchmarks.accuracy.mapped_drives import MappedDrive
+from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.room_maps import FLOOR
+from benchmarks.accuracy.rooms import CIRCLE_ROBOT
+from fusionslam import Frame, FrameBuilder, FusionConfig, LoopDetector, OnlineConfig, deskew
+from fusionslam.base.arrays import Floats
+from fusionslam.config import merged
+from fusionslam.geometry.odometry_noise import OdometryConfig
+from fusionslam.geometry.se3 import exp, inverse, motion_size
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.grids import GridConfig
+from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.sensors.messages import NANOSECONDS, Odometry, Scan
+from fusionslam.sim.catalogue import MADE, drive_through
+from fusionslam.sim.lidar import scan
+from fusionslam.sim.motion.planner import PlanConfig
+from fusionslam.sim.robot import RobotConfig, base_from, robot_named
+from fusionslam.sim.scene import RayCaster
+from fusionslam.sim.simulator import SimulationConfig, Task, simulate
+from fusionslam.sim.world import World
+
+PAGE = ROOT / "docs" / "stages" / "sensors.md"
+SEEDS = (11, 12, 13, 14, 15)
+RATES_HZ = (10.0, 5.0)
+MODES = ("one instant", "as measured", "undone")
+LOOPS_EVERY_S, MAP_EVERY_S = 1.0, 0.5
+AGE_S = 20.0
+FALSE_DEG = 3.0
+NEAR_M = 0.1
+"""From a true surface, within which an occupied cell is right."""
+DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)
+SWEEP_S = 0.1
+SWEEPS = ["m/s", "rad/s", "as measured: median, m", "most", "undone: median, m", "most"]
+LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees off: median"]
+LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
+MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
+SPEEDS_M_S = (0.0, 5.0, 15.0)
+TURNS_RAD_S = (0.0, 0.5, 1.0, 2.0, 3.0)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A tour of a made house.
+
+    Attributes:
+        seed: of the house, the way and the noise.
+        rate_hz: of the scanner.
+        mode: one of ``MODES``.
+    """
+
+    seed: int
+    rate_hz: float
+    mode: str
+
+    @cached_property
+    def robot(self) -> RobotConfig:
+        lidar = {"rate_hz": self.rate_hz, "scan_motion": self.mode != MODES[0]}
+        errors = {"errors": DRIFT.model_dump(include={"scale", "rotation_scale"})}
+        robot = merged(
+            robot_named(CIRCLE_ROBOT), {"lidars": {"velodyne": lidar}, "odometry": errors}
+        )
+        return robot.model_copy(update={"cameras": {}})
+
+    @cached_property
+    def driven(self) -> tuple[World, Trajectory]:
+        made = MADE["house"]
+        world = made.make(merged(made.settings, {"seed": self.seed}))
+        plan = PlanConfig(seed=self.seed, spacing_m=8.0, again=0.2, back=0.2)
+        return drive_through(world, self.robot, plan)
+
+    @property
+    def mount(self) -> Floats:
+        """float64 (4, 4), base_from_lidar."""
+        return base_from(self.robot, self.robot.lidars["velodyne"].frame_id)
+
+    def true(self, frame: Frame) -> Floats:
+        """float64 (4, 4), world_from_robot of a frame."""
+        way, start_ns = self.driven[1], SimulationConfig().start_s * NANOSECONDS
+        seconds = way.seconds[0] + (frame.stamp_ns - start_ns) / NANOSECONDS
+        pose: Floats = way.at(min(seconds, way.seconds[-1]))[0]
+        return pose
+
+    def frames(self, every_s: float) -> Iterator[Frame]:
+        """Simulate the scans of each so many seconds, and odometry, as a robot gets them."""
+        topic, every = self.robot.lidars["velodyne"].topic, round(every_s * self.rate_hz)
+        dropped = {"/tf", "/ground_truth"}
+
+        def chosen(tasks: Iterable[Task]) -> Iterator[Task]:
+            seen = 0
+            for task in tasks:
+                if task.topic in dropped:
+                    continue
+                if task.topic == topic:
+                    seen += 1
+                    if (seen - 1) % every:
+                        continue
+                yield task
+
+        builder = FrameBuilder(OnlineConfig(deskew=self.mode == MODES[2]), cameras=())
+        config = SimulationConfig(seed=self.seed)
+        for event in simulate(*self._in_world, config, select=chosen):
+            yield from builder.process(event.message)
+        yield from builder.flush()
+
+    @property
+    def _in_world(self) -> tuple[World, RobotConfig, Trajectory]:
+        world, way = self.driven
+        return world, self.robot, way
+
+
+def find_loops(drive: Drive) -> Floats:
+    """Errors of the loops that a detector proves, float64 (n, 2): metres and degrees."""
+    detector = LoopDetector(
+        "m2dp", window=0, window_seconds=AGE_S, fusion=FusionConfig(source="cloud")
+    )
+    poses, found = [], []
+    for frame in drive.frames(LOOPS_EVERY_S):
+        poses.append(drive.true(frame) @ drive.mount)
+        loop = detector.add(frame)
+        if loop is not None and loop.match_from_query is not None:
+            true = inverse(poses[loop.match]) @ poses[loop.query]
+            found.append(motion_size(inverse(true) @ loop.match_from_query))
+    return np.array(found).reshape(-1, 2)
+
+
+def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int, int]:
+    """Map a drive; ATE in metres, occupied cells, and those that no true surface is near."""
+    frames = list(drive.frames(MAP_EVERY_S))
+    odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
+    path = folder / f"{drive.seed}-{drive.rate_hz:g}-{drive.mode.replace(' ', '-')}"
+    mapped = MappedDrive(
+        path,
+        np.stack([drive.true(frame) for frame in frames]),
+        odometry,
+        lambda: iter(frames),
+        descriptor="m2dp",
+        fusion=FusionConfig(source="cloud"),
+        config=MapConfig.model_validate({"drift": FLOOR}),
+    )
+    with PlaceMap.open(mapped.path, read_only=True) as site:
+        grid = site.grid(0.05, GridConfig())
+    rows, columns = np.nonzero(grid.cells == 100)
+    places = np.zeros((len(rows), 4))
+    places[:, :2] = (np.stack([columns, rows], axis=1) + 0.5) * grid.resolution + grid.origin
+    places[:, 3] = 1
+    in_world = (places @ mapped.true_from_map.T)[:, :2]
+    far = surfaces.query(in_world)[0] > NEAR_M
+    off = (mapped.true_from_map @ mapped.poses)[:, :3, 3] - mapped.true_keyframes[:, :3, 3]
+    return float(np.sqrt((off**2).sum(axis=1).mean())), len(rows), int(far.sum())
+
+
+def true_surfaces(seed: int) -> cKDTree:
+    """Places on the ground below what a scanner without noise hits, from the true poses."""
+    drive = Drive(seed, RATES_HZ[0], MODES[0])
+    clear = {"noise_m": 0.0, "dropout": 0.0, "grazing_dropout": 0.0, "far_dropout": 0.0}
+    world, way = drive.driven
+    lidar = merged(drive.robot.lidars["velodyne"], clear)
+    caster = RayCaster(world.visual)
+    places = []
+    for seconds in np.arange(way.seconds[0], way.seconds[-1], MAP_EVERY_S):
+        pose = way.at(seconds)[0] @ drive.mount
+        points = scan(caster, lidar, pose, np.random.default_rng(0)).points
+        high = points @ pose[:3, :3].T + pose[:3, 3]
+        places.append(np.unique(np.round(high[high[:, 2] > 0.05, :2] / 0.02), axis=0))
+    return cKDTree(np.unique(np.concatenate(places), axis=0) * 0.02)
+
+
+def sweep_errors(speed: float, turn: float) -> list[str]:
+    """How far points at 20 m are from the truth when the robot turns fastest: median and most.
+
+    The robot sways: its turn rate goes up and down once in two seconds. Odometry comes at 30 Hz.
+    """
+    times = np.arange(0, 2, 1e-4)
+    yaw = turn / np.pi * np.sin(np.pi * (times - 1))
+    steps = speed * 1e-4 * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    x, y = (np.cumsum(steps, axis=0) - steps).T
+    way = Trajectory(times, x, y, yaw)
+    azimuths = np.linspace(0, 2 * np.pi, 1800)
+    seconds = azimuths / (2 * np.pi) * SWEEP_S
+    here = way.at(1.0)[0]
+    ring = 20 * np.stack([np.cos(azimuths), np.sin(azimuths), 0.1 * np.sin(9 * azimuths)], axis=1)
+    places = ring @ here[:3, :3].T + here[:3, 3]
+    then = inverse(way.at(1.0 + seconds))
+    points = np.einsum("nij,nj->ni", then[:, :3, :3], places) + then[:, :3, 3]
+    builder = FrameBuilder(OnlineConfig(robot_frame="base"), cameras=())
+    for at in np.arange(0, 1.99, 1 / 30):
+        stamp = NANOSECONDS + round(at * NANOSECONDS)
+        moved = way.at((stamp - NANOSECONDS) / NANOSECONDS)[0]
+        builder.process(
+            Odometry(stamp_ns=stamp, frame_id="odom", child_frame_id="base", pose=moved)
+        )
+    taken = Scan(
+        stamp_ns=2 * NANOSECONDS,
+        frame_id="base",
+        points=points.astype(np.float32),
+        fields={"time": seconds.astype(np.float32)},
+    )
+    (frame,) = builder.process(taken) + builder.flush()
+    assert frame.deskew is not None and frame.points is not None
+    cells = [f"{speed:g}", f"{turn:g}"]
+    for found in (points, frame.points):
+        off = np.linalg.norm(found - ring, axis=1)
+        cells += [f"{np.median(off):.3f}", f"{off.max():.3f}"]
+    return cells
+
+
+def loops_table(seeds: Sequence[int]) -> str:
+    """Loops by rate and mode, all houses together."""
+    rows = []
+    for rate in RATES_HZ:
+        for mode in MODES:
+            found = [find_loops(Drive(seed, rate, mode)) for seed in seeds]
+            off = np.concatenate(found)
+            metres, degrees = (np.percentile(off[:, k], [50, 95, 100]) for k in (0, 1))
+            false = int((off[:, 1] > FALSE_DEG).sum())
+            cells = [f"{rate:g}", mode, str(len(off)), str(false)]
+            cells += [f"{value:.2f}" for value in degrees] + [f"{value:.3f}" for value in metres]
+            rows.append(cells)
+    return table(LOOPS, rows)
+
+
+def maps_table(seed: int) -> str:
+    """Maps of one house by rate and mode."""
+    surfaces, rows = true_surfaces(seed), []
+    with tempfile.TemporaryDirectory() as folder:
+        for rate in RATES_HZ:
+            for mode in MODES:
+                ate, cells, wrong = build_map(Drive(seed, rate, mode), Path(folder), surfaces)
+                share = f"{wrong / max(1, cells):.4f}"
+                rows.append([f"{rate:g}", mode, f"{ate:.3f}", str(cells), str(wrong), share])
+    return table(MAPS, rows)
+
+
+def kernel_time() -> float:
+    """Milliseconds of undoing the motion of 120,000 points, the least of twenty runs."""
+    random = np.random.default_rng(1)
+    points = random.uniform(-50, 50, (120_000, 3)).astype(np.float32)
+    seconds = np.sort(random.uniform(0, SWEEP_S, len(points)))
+    poses = exp(np.outer(np.linspace(0, SWEEP_S, 33), [10.0, 0, 0, 0, 0, 1.0]))
+    spent = []
+    for _ in range(20):
+        started = time.perf_counter()
+        deskew(points, seconds, poses, (0.0, SWEEP_S))
+        spent.append(time.perf_counter() - started)
+    return 1e3 * min(spent)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seeds", nargs="*", type=int, default=[])
+    parser.add_argument("--write", action="store_true", help="put the tables into the docs")
+    arguments = parser.parse_args()
+    seeds = arguments.seeds or SEEDS
+    sweeps = [sweep_errors(speed, turn) for speed in SPEEDS_M_S for turn in TURNS_RAD_S]
+    tables = {
+        "sweeps": f"{table(SWEEPS, sweeps)}\n\n"
+        + fill(f"Undoing the motion of 120,000 points takes {kernel_time():.2f} ms.", 99),
+        "loops": loops_table(seeds),
+        "maps": maps_table(seeds[0]),
+    }
+    for name, text in tables.items():
+        print(f"\n{text}")
+        if arguments.write:
+            write_between(PAGE, name, text)
+
+
+if __name__ == "__main__":
+    main()
