@@ -6,6 +6,7 @@ python -m benchmarks.real                        # every recording that is there
 python -m benchmarks.real hku_1                  # this one
 python -m benchmarks.real hku_1 --without-peers  # without MapClosures and KISS-SLAM's closer
 python -m benchmarks.real --write                # and put the tables into the docs
+python -m benchmarks.real --tilted --write       # instead: level sensors that are tilted
 
 The recordings are part of the test data, which FUSIONSLAM_TEST_DATA names. Rows of recordings that
 are not measured stay as they are in the docs. The peers run in the environment of
@@ -43,7 +44,14 @@ from benchmarks.real.protocol import (
     judge,
     spread,
 )
-from benchmarks.real.recordings import MAPPED, READERS, SECOND, Recording, read_recording
+from benchmarks.real.recordings import (
+    MAPPED,
+    READERS,
+    SECOND,
+    Recording,
+    make_house,
+    read_recording,
+)
 from fusionslam.evaluation import VerifiedRun
 
 PAGE = ROOT / "docs" / "results" / "real.md"
@@ -65,6 +73,10 @@ FIXES = (
     *("beyond 1 m", "error: median, m", "95 %, m", "ms a frame"),
 )
 DESCRIPTORS = ("descriptor", "top-1", "one of ten", "F1max", "R@100P", "ms a frame")
+TILTED, HOUSE = ("hku_1", "hku_2", "kitti_bev_06"), 7
+"""Recordings, and seed of a made house, that are tilted."""
+TILTS_DEG = (0, 5, 15, 30, 45)
+TILTS = ("recording", "tilted by", "odometry", *LOOPS[4:9])
 RELIABILITY = ("recording", *(f"{low:g} to {high:g}" for low, high in itertools.pairwise(BINS)))
 FITTED = ("kitti_bev_05", "kitti00_keyframes", "hku_1", "balm_realworld")
 """Recordings that probabilities are fitted to (benchmarks.accuracy.registration_probability)."""
@@ -99,6 +111,25 @@ def find_loops(recording: Recording, run: VerifiedRun, python: Path | None) -> I
         counts = [str(ours.frames), str(ours.revisits)]
         unproven = [*counts, "-", full, *"----", milliseconds]
         yield [recording.name, UNPROVEN, *unproven]
+
+
+def tilt_sensors(data: Path) -> Iterator[Row]:
+    """Yield a row for each tilt of each recording, with odometry, and for full circles without."""
+    found = [read_recording(data, name) for name in TILTED]
+    for recording in [*(each for each in found if each is not None), make_house(HOUSE)]:
+        ways = (True,) if recording.name in SECOND or recording.name in MAPPED else (True, False)
+        for degrees, is_known in itertools.product(TILTS_DEG, ways):
+            note(f"{recording.name}, tilted by {degrees} degrees")
+            tilted = recording.tilted(degrees)
+            run = run_detector(
+                tilted.detector(),
+                tilted.clouds,
+                tilted.poses,
+                stamps_ns=tilted.stamps_ns,
+                odometry=tilted.odometry if is_known else None,
+            )
+            cells = judge(run, tilted.rule).cells()[2:7]
+            yield [recording.name, f"{degrees}", "known" if is_known else "none", *cells]
 
 
 def make_map(recording: Recording, folder: Path) -> MappedDrive:
@@ -275,8 +306,14 @@ def main() -> None:
     parser.add_argument("names", nargs="*", choices=["all", *READERS], default="all")
     parser.add_argument("--data", type=Path, help="the test data")
     parser.add_argument("--write", action="store_true", help="put the tables into the docs")
+    parser.add_argument("--tilted", action="store_true", help="tilted sensors alone")
     parser.add_argument("--without-peers", action="store_true", help="ours alone")
     arguments = parser.parse_args()
+    if arguments.tilted:
+        tilts = show(TILTS, tilt_sensors(arguments.data or find_folder()))
+        if arguments.write:
+            write_between(PAGE, "tilts", table(TILTS, tilts))
+        return
     python = None if arguments.without_peers else peers_python()
     measured = Measured()
     with tempfile.TemporaryDirectory() as folder:

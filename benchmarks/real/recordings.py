@@ -4,16 +4,19 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.accuracy.euroc_loops import APART_S, NEAR_DEG, NEAR_M, Flight
 from benchmarks.accuracy.place_maps import add_drift
+from benchmarks.accuracy.room_maps import DRIFT
+from benchmarks.accuracy.rooms import RoomDrive
 from fusionslam import Cloud, FusionConfig, LoopDetector
 from fusionslam.base.arrays import Floats, Integers
 from fusionslam.datasets.calibration import homogeneous, read_calibration
@@ -93,6 +96,18 @@ class Recording:
             level(cloud, find_level(cloud.points, odometry))
             for cloud, odometry in zip(self.clouds, self.odometry, strict=True)
         ]
+
+    def tilted(self, degrees: float) -> "Recording":
+        """The recording by a sensor that is pitched down, or up by negative degrees."""
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
+        rows = turn[:3, :3].astype(np.float32)
+        return replace(
+            self,
+            clouds=[replace(cloud, points=cloud.points @ rows) for cloud in self.clouds],
+            poses=self.poses @ turn,
+            recorded_odometry=self.odometry @ turn,
+        )
 
     def options(self) -> dict[str, Any]:
         """How loops are found, as of ``PlaceMap.open``; all else is the default."""
@@ -204,6 +219,22 @@ def read_from_above(data: Path, name: str) -> Recording:
         poses=poses,
         rule=Rule(5.0, seconds=30.0),
         joined=(10, 60),
+    )
+
+
+def make_house(seed: int) -> Recording:
+    """A made house, which nothing was fitted to, through which a small robot carries a VLP-16."""
+    drive = RoomDrive("house", seed)
+    frames = list(drive.frames())
+    mount = frames[0].robot_from_points
+    assert mount is not None
+    return Recording(
+        name=f"made house {seed}",
+        clouds=[Cloud(frame.points) for frame in frames if frame.points is not None],
+        stamps_ns=np.array([frame.stamp_ns for frame in frames]),
+        poses=drive.true @ mount,
+        recorded_odometry=drive.odometry(DRIFT) @ mount,
+        rule=Rule(2.0, seconds=30.0),
     )
 
 
