@@ -43,6 +43,7 @@ from fusionslam.sensors.transforms import TransformError
 logger = logging.getLogger(__name__)
 
 
+POINT_TIMES = "times of points"
 NOT_DESKEWED = "motion within scans stays"
 NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
@@ -56,6 +57,7 @@ _ADVICE = {
     BUFFER_FULL: "what they wait for, transforms or CameraInfo, comes too late (online.wait)",
     CLOCK_JUMP: "what waited is dropped and all starts anew; nothing is to be done for a bag that "
     "is played again",
+    POINT_TIMES: "look at the scanner's driver if that is not so",
     NOT_DESKEWED: "clouds are bent by it; is odometry published until the last point of each scan?",
     "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
@@ -408,6 +410,8 @@ class FrameBuilder:
         except TransformError as error:
             if error.may_come and not late:
                 raise
+        if scan is not None and (remark := scan.point_times.remark):
+            self._log(POINT_TIMES, remark)
         given = scan, _pictures(pair), self._infos, self.robot
         make = partial(
             frame_from_pair,

@@ -16,19 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.base.arrays import Floats, Matrix, Points
+from fusionslam.base.arrays import Floats, Mask, Matrix, Points
 from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
+from fusionslam.sensors.point_times import PointTimes, read_point_times
 
 NANOSECONDS = 1_000_000_000
 """Per second."""
 Span = tuple[float, float]
 """Seconds from a scan's stamp to its first and to its last point."""
-_TIME_FIELDS = ("time", "t", "timestamp", "timestamps", "time_stamp", "offset_time")
-"""What drivers call the times of points."""
-_LONGEST_SWEEP_S = 1.0
-"""No sweep takes longer; what is farther from the stamp is another clock or unit."""
-_LEAST_ABSOLUTE = 1e8
-_LEAST_ABSOLUTE_NS = 1e15
 
 
 def as_stamp(stamp_ns: Any) -> int:
@@ -84,26 +79,15 @@ class Scan:
         return None if values is None else np.asarray(values, np.float32)
 
     @cached_property
-    def point_seconds(self) -> Floats | None:
-        """float64 (N,): seconds from the stamp to when each point was measured.
+    def point_times(self) -> PointTimes:
+        """When each point was measured, as ``read_point_times``."""
+        returned: Mask = np.asarray(np.isfinite(self.points).all(axis=1))
+        return read_point_times(self.fields, self.stamp_ns, returned)
 
-        Integers are nanoseconds (Ouster, Livox), floats seconds (Velodyne) or, beyond 1e15,
-        nanoseconds; large ones count from 1970 (Hesai, RoboSense). None without such a field, and
-        if a point is more than a second away from the stamp.
-        """
-        name = next((name for name in _TIME_FIELDS if name in self.fields), None)
-        if name is None or not len(self.points):
-            return None
-        values = self.fields[name].astype(np.float64)
-        returned = np.isfinite(self.points).all(axis=1) & np.isfinite(values)
-        largest = np.abs(values[returned]).max(initial=0.0)
-        in_nanoseconds = self.fields[name].dtype.kind in "iu" or largest > _LEAST_ABSOLUTE_NS
-        seconds = values / NANOSECONDS if in_nanoseconds else values
-        if largest > (_LEAST_ABSOLUTE_NS if in_nanoseconds else _LEAST_ABSOLUTE):
-            seconds = seconds - self.stamp_ns / NANOSECONDS
-        # Rays without return may have any time.
-        seconds[~returned] = 0.0
-        return seconds if np.abs(seconds).max() <= _LONGEST_SWEEP_S else None
+    @property
+    def point_seconds(self) -> Floats | None:
+        """float64 (N,): seconds from the stamp to when each point was measured; None if unknown."""
+        return self.point_times.seconds
 
     @cached_property
     def span(self) -> Span | None:

@@ -18,7 +18,7 @@ from fusionslam.config import Section, option
 from fusionslam.sim.scene import Hits
 
 Vector = tuple[float, float, float]
-Field = Literal["intensity", "ring", "time", "object"]
+Field = Literal["intensity", "ring", "time", "t", "offset_time", "timestamp", "object"]
 
 
 class LidarConfig(Section):
@@ -66,7 +66,8 @@ class LidarMount(LidarConfig):
     scan_motion: bool = option(False, "measure each column at its own time and pose")
     fields: tuple[Field, ...] = option(
         ("intensity", "ring", "time"),
-        "values of each point; object: number of the object hit, from 1 (ground truth)",
+        "values of each point; times as Velodyne (time), Ouster (t), Livox (offset_time) and Hesai "
+        "(timestamp) write them; object: number of the object hit, from 1 (ground truth)",
     )
 
 
@@ -169,7 +170,7 @@ def _transform_rays(
 
 
 def point_fields(
-    config: LidarMount, sweep: Sweep, objects: NDArray[np.uint16]
+    config: LidarMount, sweep: Sweep, objects: NDArray[np.uint16], stamp_ns: int
 ) -> dict[str, NDArray[Any]]:
     """The values that the LiDAR publishes with each point, in the order of the configuration.
 
@@ -177,17 +178,23 @@ def point_fields(
         config: its ``fields`` selects the values.
         sweep: the returns.
         objects: uint16 (N,), number of the object behind each return.
+        stamp_ns: of the sweep's first column.
 
     Returns:
         intensity float32, ring uint16 (0 is the lowest beam), time float32 (seconds after the
-        first column, 0 if the sweep is taken at one instant), object uint16; (N,) each.
+        first column, 0 if the sweep is taken at one instant), t and offset_time uint32
+        (nanoseconds after it), timestamp float64 (seconds since 1970), object uint16; (N,) each.
     """
     row, column = np.divmod(sweep.ray, config.azimuths)
-    seconds = column_seconds(config) * config.scan_motion
+    seconds = (column_seconds(config) * config.scan_motion)[column]
+    nanoseconds = np.round(seconds * 1e9).astype(np.uint32)
     values: dict[str, NDArray[Any]] = {
         "intensity": sweep.intensity,
         "ring": (config.rings - 1 - row).astype(np.uint16),
-        "time": seconds[column].astype(np.float32),
+        "time": seconds.astype(np.float32),
+        "t": nanoseconds,
+        "offset_time": nanoseconds,
+        "timestamp": stamp_ns / 1e9 + seconds,
         "object": objects,
     }
     return {name: values[name] for name in config.fields}

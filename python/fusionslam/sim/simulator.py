@@ -234,7 +234,7 @@ class _Simulation:
             stamp_ns=stamp_ns,
             frame_id=lidar.frame_id,
             points=sweep.points,
-            fields=point_fields(lidar, sweep, around.objects(sweep.hits)),
+            fields=point_fields(lidar, sweep, around.objects(sweep.hits), stamp_ns),
         )
 
     def _make_picture(

@@ -148,7 +148,10 @@ class BagDataset(Dataset):
     def _scan(self, index: int) -> Scan:
         """The scan of a frame, stamped as the frame is: its odometry is of that clock."""
         scan: Scan = self._message("points", index)
-        return replace(scan, stamp_ns=int(self.stamps_ns[index]))
+        scan = replace(scan, stamp_ns=int(self.stamps_ns[index]))
+        if remark := scan.point_times.remark:
+            self.source.say_once("times of points", f"{self.root}: {remark}")
+        return scan
 
     def _motion_within(self, scan: Scan) -> Deskew | None:
         """How the scanner moved within a scan; None where that is not known, or stays."""

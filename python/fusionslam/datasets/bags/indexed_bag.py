@@ -123,6 +123,7 @@ class IndexedBag:
     )
     truth_frames: tuple[str, str] | None = None
     refused: dict[tuple[str, ...], tuple[int, str]] = field(default_factory=dict)
+    _said: set[str] = field(default_factory=set)
 
     def series(self, sensor: str) -> Series:
         """Messages of a sensor, which the bag must have."""
@@ -179,6 +180,12 @@ class IndexedBag:
     def find_transform(self, body: str, frame: str, stamp_ns: int) -> Matrix | None:
         """float64 (4, 4), body_from_frame, or None if it is not known."""
         return lookup_or_none(lambda: self.frames.tree.lookup(body, frame, stamp_ns))
+
+    def say_once(self, cause: str, words: str) -> None:
+        """Log a warning, unless one of the same cause was logged before."""
+        if cause not in self._said:
+            self._said.add(cause)
+            logger.warning("%s", words)
 
     def refuse(self, error: DataError) -> None:
         """Count an unusable message."""

@@ -42,12 +42,43 @@ def test_times_are_seconds_after_the_stamp(name: str, values: Any) -> None:
     np.testing.assert_allclose(found, [0, 0, 0.1], atol=1e-6)
 
 
-MILLISECONDS, OTHER_CLOCK = SECONDS * 1e3, 1.5e9 + SECONDS
+@rows(
+    "name, values, remark",
+    [
+        ("intensity", SECONDS, ""),
+        ("time", SECONDS * 1e3, "lie up to 99.9 s from the scan's stamp"),
+        ("timestamp", STAMP_NS / 1e9 + 3600 + SECONDS, "lie up to 3.6e+03 s"),
+        ("time", np.full(3, np.nan), "no time of a point ('time') is finite"),
+    ],
+)
+def test_other_times_are_unknown_and_named(name: str, values: Any, remark: str) -> None:
+    found = scan(name, values).point_times
+    assert found.seconds is None and remark in found.remark and bool(found.remark) == bool(remark)
 
 
-@rows("name, values", [("intensity", SECONDS), ("time", MILLISECONDS), ("timestamp", OTHER_CLOCK)])
-def test_other_times_are_unknown(name: str, values: Any) -> None:
-    assert scan(name, values).point_seconds is None
+SWEEP = np.linspace(0, 0.0999, 1000)
+
+
+@rows(
+    "values, unit",
+    [
+        ((SWEEP * 1e6).astype(np.uint32), "microseconds"),  # not nanoseconds
+        ((SWEEP * 1e3).astype(np.float32), "milliseconds"),  # not seconds
+        (SWEEP * 1e9, "nanoseconds"),
+        (SWEEP[::-1] * 1e6, "microseconds"),
+        (-SWEEP[::-1], ""),  # before the end of the sweep
+        (SWEEP[::-1], ""),
+        ((SWEEP * 1e9).astype(np.uint32), ""),
+        (np.zeros(1000), ""),
+    ],
+)
+def test_times_in_a_wrong_unit_are_taken_for_what_a_sweep_can_last(values: Any, unit: str) -> None:
+    cloud = np.ones((1000, 3), np.float32)
+    taken = Scan(stamp_ns=STAMP_NS, frame_id="lidar", points=cloud, fields={"t": values})
+    assert taken.span is not None and unit in taken.point_times.remark
+    assert bool(taken.point_times.remark) == bool(unit)
+    lasts = taken.span[1] - taken.span[0]
+    assert lasts == 0 or abs(lasts - 0.0999) < 1e-6
 
 
 def test_a_frame_keeps_the_times_when_it_is_sent_to_another_process() -> None:
