@@ -37,7 +37,7 @@ void check(PointsView points, std::span<const double> seconds, const ScanPath& p
     throw ShapeError("deskew: " + std::to_string(seconds.size()) + " times for " +
                      std::to_string(points.size) + " points");
   if (path.poses.empty()) throw DataError("deskew: the path has no pose");
-  if (!(path.first <= path.last))
+  if (!(path.first <= path.last && std::isfinite(path.last - path.first)))
     throw DataError("deskew: the path goes from " + std::to_string(path.first) + " to " +
                     std::to_string(path.last) + " s, expected a last pose that is not earlier");
   for (const Transform& pose : path.poses)
@@ -57,7 +57,7 @@ std::vector<float> deskew(PointsView points, std::span<const double> seconds,
   check(points, seconds, path);
   const std::vector<Step> steps = steps_between(path.poses);
   const auto last = static_cast<double>(path.poses.size() - 1);
-  const double rate = path.last > path.first ? last / (path.last - path.first) : 0;
+  const double rate = path.last > path.first + 1e-12 ? last / (path.last - path.first) : 0;
   std::vector<float> moved(3 * points.size);
   for (std::size_t i = 0; i < points.size; ++i) {
     if (i % block == 0) detail::check_interrupt();

@@ -5,12 +5,14 @@
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from fusionslam._core import nearest_ranges, voxel_downsample
 from fusionslam.base.arrays import Floats32, Matrix
 from fusionslam.geometry.keyframes import is_keyframe
+from fusionslam.geometry.se3 import motion_size
 from fusionslam.registration import RegistrationConfig
 from fusionslam.registration.clouds import View
 from fusionslam.sensors.frame import Cloud
@@ -19,6 +21,11 @@ _MOST = 30
 """Frames of a local map: more take time and show nothing new."""
 _TURN = 10.0
 """Degrees: a frame that is turned further shows something new, wherever it is."""
+_LEAST_CIRCLE = 0.9
+"""Share of the directions that a scanner sees all round."""
+_MOST_TURN = 15.0
+"""Degrees: to a scanner that sees all round frames turned further show nothing more, and odometry
+that errs by one percent of a turn bends the local map."""
 _VIEWS = 5
 """Of them, those whose free space is remembered, evenly spaced."""
 
@@ -38,6 +45,11 @@ class Piece:
     whole: Cloud
     ranges: Floats32
     odometry: Matrix
+
+    @cached_property
+    def circle(self) -> float:
+        """Share of the directions around it that it saw."""
+        return float((self.ranges > 0).any(axis=0).mean())
 
     @classmethod
     def of(
@@ -82,7 +94,8 @@ class RecentPieces:
 def pieces_to_join(pieces: Sequence[Piece], odometry: Matrix, length: float) -> list[Piece]:
     """Return the last pieces along ``length`` metres of odometry before a pose, the oldest first.
 
-    A step longer than that, as odometry makes that jumps or begins anew, ends the local map.
+    A step longer than that, as odometry makes that jumps or begins anew, ends the local map; so
+    does a turn of a scanner that sees all round.
 
     Args:
         pieces: of the frames before, the newest last.
@@ -94,6 +107,9 @@ def pieces_to_join(pieces: Sequence[Piece], odometry: Matrix, length: float) -> 
     for piece in reversed(pieces):
         way += float(np.linalg.norm(piece.odometry[:3, 3] - place))
         if way > length or len(joined) == _MOST:
+            break
+        turned = motion_size(np.linalg.inv(piece.odometry) @ odometry)[1]
+        if turned > _MOST_TURN and piece.circle > _LEAST_CIRCLE:
             break
         place = piece.odometry[:3, 3]
         joined.append(piece)

@@ -11,7 +11,7 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig, measure_reach
 from fusionslam.registration.leveling import Level
-from fusionslam.sensors.deskew import Deskew
+from fusionslam.sensors.deskewing import Deskew
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.messages import Span
 
@@ -70,9 +70,9 @@ class SensorProfile:
             yield "sweep", "all points have one time: each scan is of one instant"
         else:
             first, last = self.span
-            how = "motion within stays: odometry between scans is not known"
+            how = "motion within it stays"
             if self.deskew is not None:
-                how = f"motion within is undone by {self.deskew.source}"
+                how = f"motion within it is undone by {self.deskew.source}"
             yield "sweep", f"{last - first:.3f} s, from {first:+.3f} s of the stamp on; {how}"
         if self.registration.local_map:
             text = f"of {self.registration.local_map:.2g} m, where odometry is known"

@@ -127,11 +127,9 @@ def track_lidar(
     with ordered_results(lambda index: _read(dataset, index), range(len(dataset)), jobs) as frames:
         for index, frame in enumerate(reported(frames, progress, len(dataset))):
             assert frame.points is not None
-            # Points as of the stamp have no times of their own.
-            seconds = None if frame.deskew else frame.point_seconds
-            has_times &= frame.point_seconds is not None
+            has_times &= frame.point_seconds is not None or frame.deskew is not None
             with name_frame(dataset, index):
-                pose = odometry.process(frame.points, frame.stamp_ns, seconds)
+                pose = odometry.process(frame.points, frame.stamp_ns, frame.point_seconds)
                 if index == len(dataset) - 1:
                     odometry.check()
             if index == 1:

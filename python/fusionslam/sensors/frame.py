@@ -18,7 +18,7 @@ from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Floats32, Points, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
-from fusionslam.sensors.deskew import Deskew
+from fusionslam.sensors.deskewing import Deskew
 from fusionslam.sensors.messages import as_stamp
 
 Bytes = NDArray[np.uint8]
@@ -106,7 +106,8 @@ class Frame:
         points: float32 (N, 3), metres, in the scan's frame; or a function that loads them.
         colors: uint8 (N, 3) RGB, for data whose points are already coloured; or a loader.
         intensities: float32 (N,), of the returns, in the scanner's own unit; or a loader.
-        point_seconds: float64 (N,), when each point was measured, after the stamp; or a loader.
+        point_seconds: float64 (N,), when each point was measured, after the stamp; None if that is
+            not known, or the motion meanwhile was undone; or a loader.
         deskew: how the motion within the scan was undone, so that the points are as of the stamp;
             None if it was not; or a loader.
         images: by camera name: uint8 (H, W, 3) RGB or (H, W); or loaders. "left" is the main
@@ -198,7 +199,10 @@ class Frame:
 
     @property
     def point_seconds(self) -> Floats | None:
-        """float64 (N,), seconds from the stamp to when each point was measured; None if unknown."""
+        """float64 (N,), seconds from the stamp to when each point was measured.
+
+        None if that is unknown, and where the points are as of the stamp (``deskew``).
+        """
         point_seconds: Floats | None = self._scan["point_seconds"]
         return point_seconds
 

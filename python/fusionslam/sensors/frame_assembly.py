@@ -12,7 +12,7 @@ import numpy as np
 from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
-from fusionslam.sensors.deskew import Deskew, motion_within
+from fusionslam.sensors.deskewing import Deskew, motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
@@ -59,12 +59,12 @@ def frame_from_pair(
     for name, picture in pictures.items():
         check_size(picture, infos[name], name)
     lead = scan or pictures["left"]
-    motion = None
-    if scan is not None and deskews and not still:
-        motion = motion_within(scan, frames)
     around = surround or {}
     cameras = _place_cameras(scan, pictures, infos, frames, still)
     cameras |= _place_surround(scan, around, infos, frames, awaited)
+    motion = None
+    if scan is not None and deskews and not still:
+        motion = motion_within(scan, frames)
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,
@@ -82,17 +82,16 @@ def frame_from_pair(
 
 def _returns_of(scan: Scan, motion: Deskew | None) -> dict[str, Any]:
     """What a frame is told of a scan without the rays that did not return."""
-    points, valid = scan.points, np.isfinite(scan.points).all(axis=1)
-    if motion is not None and scan.point_seconds is not None:
-        points = motion.undo(points, scan.point_seconds)
     values = {
-        "points": points,
+        "points": points_of(scan, motion),
         "colors": scan.colors,
         "intensities": scan.intensities,
-        "point_seconds": scan.point_seconds,
+        "point_seconds": None if motion is not None else scan.point_seconds,
     }
-    kept = {name: None if each is None else each[valid] for name, each in values.items()}
-    return {**kept, "deskew": motion}
+    if not scan.returned.all():
+        kept = scan.returned
+        values = {name: None if each is None else each[kept] for name, each in values.items()}
+    return {**values, "deskew": motion}
 
 
 def _robot_from_points(

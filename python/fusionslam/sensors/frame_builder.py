@@ -58,7 +58,8 @@ _ADVICE = {
     CLOCK_JUMP: "what waited is dropped and all starts anew; nothing is to be done for a bag that "
     "is played again",
     POINT_TIMES: "look at the scanner's driver if that is not so",
-    NOT_DESKEWED: "clouds are bent by it; is odometry published until the last point of each scan?",
+    NOT_DESKEWED: "clouds are bent by it; are odometry and transforms published without pauses, "
+    "until the last point of each scan?",
     "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
     "one, and start anew if it was the first",
@@ -433,9 +434,12 @@ class FrameBuilder:
 
     def _assemble_without(self, make: Callable[..., Frame], error: TransformError) -> Frame:
         """Frame taken as of one moment, or else as if the robot stood, as odometry is not known."""
+        worse = error
         try:
-            frame = make(deskews=False)
-        except TransformError as worse:
+            frame = make(deskews=False) if self.config.deskew else None
+        except TransformError as found:
+            frame, worse = None, found
+        if frame is None:
             frame = make(still=True)
             self.still += 1
             self._log("odometry", str(worse), *cause_of(worse))

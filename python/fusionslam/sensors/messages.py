@@ -81,8 +81,12 @@ class Scan:
     @cached_property
     def point_times(self) -> PointTimes:
         """When each point was measured, as ``read_point_times``."""
-        returned: Mask = np.asarray(np.isfinite(self.points).all(axis=1))
-        return read_point_times(self.fields, self.stamp_ns, returned)
+        return read_point_times(self.fields, self.stamp_ns, self.returned)
+
+    @cached_property
+    def returned(self) -> Mask:
+        """bool (N,), the rays with a return."""
+        return np.asarray(np.isfinite(self.points).all(axis=1))
 
     @property
     def point_seconds(self) -> Floats | None:
@@ -95,7 +99,7 @@ class Scan:
         seconds = self.point_seconds
         if seconds is None:
             return None
-        seconds = seconds[np.isfinite(self.points).all(axis=1)]
+        seconds = seconds[self.returned]
         return (float(seconds.min()), float(seconds.max())) if len(seconds) else None
 
 

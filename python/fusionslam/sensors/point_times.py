@@ -54,13 +54,20 @@ def read_point_times(
     name = next((name for name in _FIELDS if name in fields), None)
     if name is None or not returned.any():
         return PointTimes(None)
-    values = fields[name].astype(np.float64)
+    given = np.asarray(fields[name])
+    if given.shape != returned.shape or given.dtype.kind not in "iuf":
+        return PointTimes(
+            None,
+            f"times of points ('{name}') are {given.dtype} {given.shape}, expected numbers "
+            f"{returned.shape}: they are taken as unknown",
+        )
+    values = given.astype(np.float64)
     returned = returned & np.isfinite(values)
     known = values[returned]
     if not known.size:
         return PointTimes(None, f"no time of a point ('{name}') is finite")
     largest, span = np.abs(known).max(), float(np.ptp(known))
-    in_nanoseconds = fields[name].dtype.kind in "iu" or largest > _LEAST_ABSOLUTE_NS
+    in_nanoseconds = given.dtype.kind in "iu" or largest > _LEAST_ABSOLUTE_NS
     unit, remark = (1e-9 if in_nanoseconds else 1.0), ""
     if largest > (_LEAST_ABSOLUTE_NS if in_nanoseconds else _LEAST_ABSOLUTE):
         seconds = values * unit - stamp_ns / 1e9

@@ -147,16 +147,16 @@ class RobotFrames:
         Raises:
             TransformError: the two are not linked, or not at one of the times.
         """
-        robot, odometry = self.robot, self.odometry
-        if robot is None or odometry is None:
+        body, odometry = self._body, self.odometry
+        if body is None or odometry is None:
             return None
-        is_robot = sensor.removeprefix("/") == robot.removeprefix("/")
-        if not is_robot and robot.removeprefix("/") not in self.tree.frames:
+        names = {sensor.removeprefix("/"), body.removeprefix("/")}
+        if len(names) == 2 and not names <= {*self.tree.frames}:
             return None
-        tree, ends = self.tree, (odometry, robot)
+        tree, ends = self.tree, (odometry, body)
         if self._measured:
             tree, ends = self._moves, self._measured
-        mounts = self.tree.lookup_all(robot, sensor, stamps_ns)
+        mounts = self.tree.lookup_all(body, sensor, stamps_ns)
         return np.asarray(tree.lookup_all(*ends, stamps_ns) @ mounts, dtype=np.float64)
 
     def camera_from_points(
@@ -170,15 +170,25 @@ class RobotFrames:
         Raises:
             TransformError: one of the frames is not linked, or not at its time.
         """
-        from_robot = None if still else self.robot_from(scanner, scan_ns)
+        body = self._body
+        is_known = body is not None and body.removeprefix("/") in self.tree.frames
+        from_robot = None
+        if is_known and not still:
+            from_robot = self.tree.lookup(body or "", scanner, scan_ns)
         if from_robot is None or camera_ns == scan_ns:
             return self.tree.lookup(camera, scanner, scan_ns)
         poses = self.odometry_from_robot(camera_ns), self.odometry_from_robot(scan_ns)
         if poses[0] is None or poses[1] is None:
             return self.tree.lookup(camera, scanner, scan_ns)
         robot_then = np.linalg.inv(poses[0]) @ poses[1] @ from_robot
-        moved = self.tree.lookup(camera, self.robot or "", camera_ns) @ robot_then
+        moved = self.tree.lookup(camera, body or "", camera_ns) @ robot_then
         return np.asarray(moved, dtype=np.float64)
+
+    @property
+    def _body(self) -> str | None:
+        """The frame whose motion odometry tells: that of its messages where TF places it."""
+        measured = self._measured[1] if self._measured else ""
+        return measured if measured.removeprefix("/") in self.tree.frames else self.robot
 
     def _is_true(self, message: Odometry) -> bool:
         frame, truth, odometry = (

@@ -31,7 +31,7 @@ def span_of(frame: Frame) -> Span | None:
     Raises:
         DataError, ShapeError: times that are no numbers.
     """
-    if frame.point_seconds is None or frame.deskew is not None:
+    if frame.point_seconds is None:
         return None
     seconds = read_numbers("point_seconds", frame.point_seconds, "(N,), one for each point")
     known = seconds[np.isfinite(seconds)]

@@ -21,6 +21,9 @@ from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
 
+_WIDEST_NS = NANOSECONDS // 4
+"""Between samples farther apart a robot may have done anything."""
+
 
 class TransformError(DataError):
     """A transform is not known; the message names frames and times.
@@ -177,7 +180,8 @@ class TransformTree:
         """float64 (K, 4, 4), target_from_source at several times, none of them extrapolated.
 
         Raises:
-            TransformError: as ``lookup``.
+            TransformError: as ``lookup``; or the samples around a time are more than 0.25 s apart
+                (code "gap").
         """
         result: Matrix = np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))
         if _name(target) == _name(source):
@@ -186,6 +190,7 @@ class TransformTree:
         for child in [*up, *down]:
             for stamp_ns in (int(stamps_ns.min()), int(stamps_ns.max())):
                 self._check_time(child, self._links[child], stamp_ns, tolerance=0)
+            self._check_gaps(child, self._links[child], stamps_ns)
         for child in up:
             result = self._links[child].at_all(stamps_ns) @ result
         below: Matrix = np.eye(4)
@@ -271,6 +276,20 @@ class TransformTree:
             code="too-late" if late > 0 else "too-early",
             fields=(link.parent, child),
         )
+
+    def _check_gaps(self, child: str, link: _Link, stamps_ns: NDArray[np.int64]) -> None:
+        first = max(bisect_right(link.stamps, int(stamps_ns.min())) - 1, 0)
+        last = bisect_left(link.stamps, int(stamps_ns.max())) + 1
+        gap_ns = max(np.diff(link.stamps[first:last]).tolist(), default=0)
+        if gap_ns > _WIDEST_NS:
+            raise TransformError(
+                f"'{child}' in '{link.parent}' is not known for {_seconds(gap_ns)} s around "
+                f"{_seconds(int(stamps_ns.min()))} s, expected samples at most "
+                f"{_seconds(_WIDEST_NS)} s apart",
+                may_come=False,
+                code="gap",
+                fields=(link.parent, child),
+            )
 
     def _branch(self, name: str, indent: str) -> Iterator[str]:
         link = self._links.get(name)

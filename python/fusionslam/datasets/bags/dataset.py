@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.base.arrays import Points
 from fusionslam.base.texts import counted
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
@@ -24,7 +23,7 @@ from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming, one_line
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair, rectify
-from fusionslam.sensors.deskew import Deskew, motion_within
+from fusionslam.sensors.deskewing import Deskew, motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
@@ -122,8 +121,8 @@ class BagDataset(Dataset):
 
     def _frame(self, index: int) -> Frame:
         scan: Callable[[], Scan] = functools.cache(functools.partial(self._scan, index))
-        motion = functools.cache(lambda: self._motion_within(scan()))
         stamp_ns, robot = int(self.stamps_ns[index]), self.source.frames.robot
+        motion = functools.cache(lambda: self._motion_within(scan(), stamp_ns))
         has_points, places = self.has_points, self.matched.cameras_from_points
         images = [sensor for sensor in self.sensors if sensor in INFO_ROLES]
         images += [name for name, rows in self.surround.items() if rows[index] >= 0]
@@ -131,10 +130,12 @@ class BagDataset(Dataset):
             index=index,
             number=int(self.numbers[index]),
             stamp_ns=stamp_ns,
-            points=(lambda: _points_of(scan(), motion())) if has_points else None,
+            points=(lambda: points_of(scan(), motion())) if has_points else None,
             colors=(lambda: scan().colors) if has_points else None,
             intensities=(lambda: scan().intensities) if has_points else None,
-            point_seconds=(lambda: scan().point_seconds) if has_points else None,
+            point_seconds=(lambda: None if motion() else scan().point_seconds)
+            if has_points
+            else None,
             deskew=motion if has_points else None,
             images={name: functools.partial(self._image, name, index) for name in images},
             cameras=_cameras(self.source, self.matched, index) | self._surround_cameras(index),
@@ -146,18 +147,22 @@ class BagDataset(Dataset):
         )
 
     def _scan(self, index: int) -> Scan:
-        """The scan of a frame, stamped as the frame is: its odometry is of that clock."""
         scan: Scan = self._message("points", index)
-        scan = replace(scan, stamp_ns=int(self.stamps_ns[index]))
         if remark := scan.point_times.remark:
             self.source.say_once("times of points", f"{self.root}: {remark}")
         return scan
 
-    def _motion_within(self, scan: Scan) -> Deskew | None:
+    def _motion_within(self, scan: Scan, stamp_ns: int) -> Deskew | None:
         """How the scanner moved within a scan; None where that is not known, or stays."""
-        with suppress(TransformError):
-            return motion_within(scan, self.source.frames) if self.deskews else None
-        return None
+        if not self.deskews:
+            return None
+        try:
+            return motion_within(scan, self.source.frames, stamp_ns)
+        except TransformError as error:
+            if error.code in ("gap", "odometry-jump"):
+                words = f"{self.root}: motion within scans stays where odometry fails: {error}"
+                self.source.say_once(error.code, words)
+            return None
 
     def _surround_cameras(self, index: int) -> dict[str, Camera]:
         """The further cameras with an image, a usable calibration and a known place."""
@@ -190,12 +195,6 @@ class BagDataset(Dataset):
 
     def _row_of(self, sensor: str, index: int) -> int:
         return int({**self.matched.rows, **self.surround}[sensor][index])
-
-
-def _points_of(scan: Scan, motion: Deskew | None) -> Points:
-    if motion is None or scan.point_seconds is None:
-        return scan.points
-    return motion.undo(scan.points, scan.point_seconds)
 
 
 def open_bag_dataset(path: Path, request: Request) -> BagDataset:

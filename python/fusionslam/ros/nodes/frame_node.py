@@ -157,6 +157,7 @@ class FrameNode(Node[C]):
         refused = {f"refused {kind}": count for kind, count in frames.refused.items()}
         lacking = {f"without {name}": count for name, count in frames.surround.missing.items()}
         more = {"frames": frames.frames, "without odometry": frames.still, "jumps": frames.jumps}
+        more["motion stays"] = frames.skewed
         return {**self.counts, **more, **lacking, **dropped, **refused}
 
     def went_back(self) -> None:

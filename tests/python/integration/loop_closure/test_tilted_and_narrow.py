@@ -191,9 +191,12 @@ def test_odometry_that_jumps_makes_no_wrong_pose() -> None:
     assert_right(loops, TWICE)
 
 
-def piece(x: float) -> Piece:
+def piece(x: float, yaw: float = 0.0, circle: float = 0.0) -> Piece:
+    """What a frame gives whose scanner saw a share of the directions around it."""
     cloud = Cloud(np.zeros((1, 3), np.float32))
-    return Piece(cloud, cloud, np.zeros((2, 4), np.float32), at(x, 0, 0))
+    ranges = np.zeros((2, 40), np.float32)
+    ranges[:, : round(40 * circle)] = 5.0
+    return Piece(cloud, cloud, ranges, at(x, 0, yaw))
 
 
 def test_local_maps_end_at_their_length_at_jumps_and_at_a_number_of_frames() -> None:
@@ -210,6 +213,15 @@ def test_local_maps_end_at_their_length_at_jumps_and_at_a_number_of_frames() -> 
     assert near.numbers_since(2, 100) == range(91, 100)
     near.clear()
     assert not near.pieces and not near.numbers_since(2, 100)
+
+
+def test_local_maps_of_scanners_that_see_all_round_end_at_turns() -> None:
+    """Odometry that errs by one percent of a turn would bend them, and they show nothing new."""
+    for circle, joined in ((0.2, [40, 30, 20, 10, 0]), (1.0, [10, 0])):
+        pieces = [piece(0.0, yaw, circle) for yaw in (40, 30, 20, 10, 0)]
+        found = pieces_to_join(pieces, at(0, 0, 0), 5.0)
+        yaws = [np.degrees(np.arctan2(*each.odometry[[1, 0], 0])) for each in found]
+        np.testing.assert_allclose(yaws, joined, atol=1e-9)
 
 
 def test_without_odometry_clouds_stay_single() -> None:

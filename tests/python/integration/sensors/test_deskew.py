@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,11 +87,16 @@ def build(builder: FrameBuilder, events: Iterable[Event]) -> list[fusionslam.Fra
     return frames + builder.flush()
 
 
+def taken_at_stamp(motion: list[float], at: float, places: Floats) -> Floats:
+    """What the scanner would have seen at the stamp."""
+    return taken(motion, at, places, np.zeros(len(places)))
+
+
 def errors(frame: fusionslam.Frame, motion: list[float], places: Floats) -> Floats:
     """Metres between a frame's points and what the scanner would have seen at the stamp."""
     assert frame.points is not None
     at = (frame.stamp_ns - START) / S
-    true = np.delete(taken(motion, at, places, np.zeros(len(places))), 7, axis=0)
+    true = np.delete(taken_at_stamp(motion, at, places), 7, axis=0)
     return np.linalg.norm(frame.points - true, axis=1)
 
 
@@ -113,7 +119,7 @@ def test_points_are_where_the_scanner_would_have_seen_them_at_the_stamp(
         turned = np.degrees(np.linalg.norm(motion[3:])) * SCAN_S
         assert frame.deskew.turned_deg == pytest.approx(turned, rel=0.01, abs=1e-6)
         # Nothing stays by which covariances would have to grow.
-        assert span_of(frame) is None and frame.point_seconds is not None
+        assert span_of(frame) is None and frame.point_seconds is None
     bent = build(FrameBuilder(OnlineConfig(deskew=False), cameras=()), events)[1]
     assert bent.deskew is None and span_of(bent) == pytest.approx((0.0, SCAN_S))
     moved = SCAN_S * np.hypot(speed, 20 * turn)
@@ -165,22 +171,98 @@ def test_motion_that_odometry_does_not_know_stays_and_is_said(
     assert "motion within scans stays" in said and "needed at" in said
 
 
+@rows("metres, hz", [(5.0, 50.0), (0.5, 50.0), (8.0, 10.0), (0.2, 100.0)])
 def test_odometry_that_jumps_within_a_scan_bends_no_cloud(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, metres: float, hz: float
 ) -> None:
-    events, _ = drive(ways(2.0, 0.5))
+    events, _ = drive(ways(2.0, 0.5), odometry_hz=hz, until=1.6)
     jumped = []
     for event in events:
         moved = event.message
         if isinstance(moved, Odometry) and moved.stamp_ns > START + 0.75 * S:
-            shifted = exp(np.array([5.0, 0, 0, 0, 0, 0])) @ moved.pose
+            shifted = exp(np.array([metres, 0, 0, 0, 0, 0])) @ moved.pose
             event = replace(event, message=replace(moved, pose=shifted))
         jumped.append(event)
+    caplog.clear()
     with caplog.at_level(logging.WARNING):
         frames = build(builder := FrameBuilder(cameras=()), jumped)
     assert [frame.deskew is None for frame in frames] == [False, True, False]
     assert builder.skewed == 1
-    assert "m/s" in caplog.text and "expected up to" in caplog.text
+    assert "odometry jumps" in caplog.text and "expected up to" in caplog.text
+
+
+def test_odometry_with_pauses_undoes_nothing_and_a_bag_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    events, _ = drive(ways(2.0, 1.0))
+    paused = [
+        event
+        for event in events
+        if event.topic != "/odom" or not 0.6 < (event.time_ns - START) / S < 0.95
+    ]
+    path = bags.write_bag(tmp_path / "drive.bag", paused)
+    live = build(builder := FrameBuilder(cameras=()), paused)
+    with caplog.at_level(logging.WARNING):
+        stored = [*fusionslam.open_dataset(path, sensors=["points"])]
+        assert [frame.deskew is None for frame in stored] == [False, True, False]
+    assert [frame.deskew is None for frame in live] == [False, True, False]
+    assert builder.skewed == 1 and "is not known for 0.36" in caplog.text
+
+
+def test_robots_may_be_placed_by_another_frame_than_odometry_tells() -> None:
+    motion = ways(1.0, 1.0)
+    events, places = drive(motion)
+    front = exp(np.array([1.5, 0, 0, 0, 0, 0]))
+    link = FrameTransform(
+        stamp_ns=0, parent="base", child="front", parent_from_child=front, static=True
+    )
+    events.insert(0, Event("/tf_static", START, FrameTransforms(transforms=(link,))))
+    frames = build(FrameBuilder(OnlineConfig(robot_frame="front"), cameras=()), events)
+    for frame in frames:
+        assert errors(frame, motion, places).max() < 0.004
+
+
+@rows("field", ["time", "timestamp"])
+def test_times_of_arrival_do_not_hide_the_times_of_points(tmp_path: Path, field: str) -> None:
+    """The scanner's clock is an hour ahead of all others."""
+    motion = ways(2.0, 1.0)
+    events, places = drive(motion)
+    shifted = []
+    for event in events:
+        taken = event.message
+        if isinstance(taken, Scan):
+            ahead = taken.stamp_ns + 3600 * S
+            times = {field: taken.fields["time"].astype(np.float64)}
+            times["timestamp"] = ahead / S + taken.fields["time"].astype(np.float64)
+            event = replace(
+                event, message=replace(taken, stamp_ns=ahead, fields={field: times[field]})
+            )
+        shifted.append(event)
+    path = bags.write_bag(tmp_path / f"{field}.bag", shifted)
+    dataset = fusionslam.open_dataset(path, sensors=["points"], stamps="bag")
+    for frame in dataset:
+        assert frame.deskew is not None and frame.points is not None
+        at = (frame.stamp_ns - START) / S
+        off = frame.points - taken_at_stamp(motion, at, places)
+        assert np.linalg.norm(np.delete(off, 7, axis=0), axis=1).max() < 0.004
+
+
+@rows("values", [np.zeros(5), np.zeros((200, 2)), np.array(["a"] * 200)])
+def test_times_that_do_not_fit_the_points_stop_no_robot(
+    caplog: pytest.LogCaptureFixture, values: Any
+) -> None:
+    events, _ = drive(ways(2.0, 1.0))
+    bad = [
+        replace(event, message=replace(event.message, fields={"time": values}))
+        if isinstance(event.message, Scan)
+        else event
+        for event in events
+    ]
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        frames = build(FrameBuilder(cameras=()), bad)
+    assert len(frames) == 3 and all(frame.deskew is None for frame in frames)
+    assert "taken as unknown" in caplog.text
 
 
 def test_points_of_one_time_and_robots_without_odometry_stay_as_they_are() -> None:
@@ -209,6 +291,7 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
         ((points, seconds, poses[:0], (0.0, 0.1)), DataError, "no pose"),
         ((points, seconds, poses * np.nan, (0.0, 0.1)), DataError, "not finite"),
         ((points, seconds, poses, (0.1, 0.0)), DataError, "from 0.100000 to 0.0"),
+        ((points, seconds, poses, (-np.inf, np.inf)), DataError, "to inf"),
         ((points, seconds, np.eye(4), (0.0, 0.1)), ShapeError, "expected (K, 4, 4)"),
     ]
     for given, kind, words in cases:

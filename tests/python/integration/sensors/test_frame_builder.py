@@ -312,7 +312,7 @@ def test_points_keep_the_times_that_their_driver_gives() -> None:
             message, points=points, fields={"time": np.array([0, 0.1, 0.2, 0.3], np.float32)}
         )
 
-    frames = run(FrameBuilder(), map(timed, drive()))
+    frames = run(FrameBuilder(OnlineConfig(deskew=False)), map(timed, drive()))
     for frame in frames:
         np.testing.assert_allclose(frame.point_seconds, [0, 0.2], atol=1e-6)
     assert all(frame.point_seconds is None for frame in run(FrameBuilder(), drive()))

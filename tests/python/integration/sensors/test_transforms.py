@@ -99,6 +99,8 @@ def test_a_turn_at_constant_speed_goes_on_between_and_a_little_beyond_the_sample
 
 def test_many_times_at_once_give_what_each_gives_but_nothing_is_extrapolated() -> None:
     tree = robot(extrapolation_s=0.5)
+    for t in np.arange(0, 2, 0.2):
+        tree.add(link("odom", "base", yaw_at(0.5 * t, x=t), t))
     stamps = np.array([0, 0.3, 1.0, 1.7, 2.0]) * S
     for ends in (("odom", "lidar"), ("lidar", "odom"), ("camera", "lidar"), ("base", "base")):
         found = tree.lookup_all(*ends, stamps.astype(np.int64))
@@ -108,6 +110,14 @@ def test_many_times_at_once_give_what_each_gives_but_nothing_is_extrapolated() -
         tree.lookup("odom", "lidar", round(beyond * S))
         with pytest.raises(TransformError, match="is known from"):
             tree.lookup_all("odom", "lidar", (np.array([1.0, beyond]) * S).astype(np.int64))
+
+
+def test_many_times_are_not_known_across_a_gap() -> None:
+    within = (np.array([0.3, 0.4]) * S).astype(np.int64)
+    with pytest.raises(TransformError, match=r"is not known for 1\.000 s") as error:
+        robot().lookup_all("odom", "lidar", within)
+    assert error.value.code == "gap" and not error.value.may_come
+    robot().lookup_all("base", "lidar", within)
 
 
 def test_a_time_before_or_after_what_is_known_is_refused_with_both() -> None:

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion of a scanner within a scan, by odometry and the times of the points, and its undoing."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from fusionslam import _core
+from fusionslam.base.arrays import Floats, Integers, Points
+from fusionslam.geometry.se3 import inverse, log
+from fusionslam.sensors.messages import NANOSECONDS, Scan
+from fusionslam.sensors.robot_frames import RobotFrames
+from fusionslam.sensors.transforms import TransformError
+
+_POSES = 33
+"""Along a scan. At 3 rad/s and 0.1 s they are half a degree apart: 0.2 mm at 20 m."""
+_LEAST_S = 1e-6
+_BEFORE_S = 0.15
+"""Before a scan, odometry is looked at, too."""
+_JUMP_M_S = 5.0
+_JUMP_RAD_S = 5.0
+"""From one moment to the next no robot's velocity changes by so much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Deskew:
+    """Motion of a scanner while it took a scan, which is undone in its points.
+
+    Attributes:
+        source: what told the motion.
+        span: seconds from the scan's stamp to the first and to the last point.
+        poses: float64 (K, 4, 4), stamp_from_then, at even steps of time from the first point to the
+            last.
+    """
+
+    source: Literal["odometry"]
+    span: tuple[float, float]
+    poses: Floats
+
+    def undo(self, points: Points, seconds: Floats) -> Points:
+        """Return points as the scanner would have seen them at the stamp.
+
+        Args:
+            points: float32 (N, 3), metres, each in the scanner's frame when it was measured.
+            seconds: float64 (N,), when that was, after the stamp.
+        """
+        return _core.deskew(points, seconds, self.poses, self.span)
+
+    @cached_property
+    def moved(self) -> Floats:
+        """float64 (2, 6): motions from the stamp to the first and to the last point.
+
+        In the scanner's frame at the stamp: x, y, z in metres, then a rotation in radians.
+        """
+        return log(self.poses[[0, -1]])
+
+    @property
+    def turned_deg(self) -> float:
+        """Degrees by which the scanner turned from the first point to the last."""
+        return float(np.degrees(np.linalg.norm(self.moved[1, 3:] - self.moved[0, 3:])))
+
+
+def points_of(scan: Scan, motion: Deskew | None) -> Points:
+    """Return the points of a scan, with a motion within it undone."""
+    if motion is None or scan.point_seconds is None:
+        return scan.points
+    return motion.undo(scan.points, scan.point_seconds)
+
+
+def motion_within(scan: Scan, frames: RobotFrames, stamp_ns: int | None = None) -> Deskew | None:
+    """Return how a scanner moved while it took a scan.
+
+    None where the times of its points or odometry are not known, or all points were measured at the
+    stamp.
+
+    Args:
+        scan: each point in the scanner's frame when it was measured.
+        frames: the robot's odometry, and where the scanner is on it.
+        stamp_ns: of the scan by the clock of odometry, if that is another one than the scan's.
+
+    Raises:
+        TransformError: odometry is not known at the time of a point, or lacks around it for more
+            than 0.25 s (code "gap"), or jumps within the scan ("odometry-jump").
+    """
+    if scan.span is None or np.abs(scan.span).max() < _LEAST_S:
+        return None
+    # Before the scan, too: a jump may last for all of it.
+    times = np.r_[0.0, np.linspace(*scan.span, _POSES)]
+    stamps_ns = (scan.stamp_ns if stamp_ns is None else stamp_ns) + _nanoseconds(times)
+    odometry = frames.odometry_from(scan.frame_id, stamps_ns)
+    if odometry is None:
+        return None
+    _check_speed(scan, frames, stamps_ns[1:], odometry[1:])
+    return Deskew("odometry", scan.span, inverse(odometry[:1]) @ odometry[1:])
+
+
+def _nanoseconds(seconds: Floats) -> Integers:
+    """Nanoseconds of times to a microsecond, which float32 does not spoil."""
+    return np.round(seconds * 1e6).astype(np.int64) * 1000
+
+
+def _check_speed(scan: Scan, frames: RobotFrames, stamps_ns: Integers, odometry: Floats) -> None:
+    """Raise TransformError (code "odometry-jump") for a motion that no robot makes."""
+    before = stamps_ns[0] - _nanoseconds(np.linspace(_BEFORE_S, 0, 6)[:-1])
+    with suppress(TransformError):  # odometry begins with the scan
+        earlier = frames.odometry_from(scan.frame_id, before)
+        if earlier is not None:
+            odometry = np.concatenate([earlier, odometry])
+            stamps_ns = np.concatenate([before, stamps_ns])
+    steps_s = np.diff(stamps_ns) / NANOSECONDS
+    moved = steps_s > 0
+    if not moved.any():
+        return
+    changes = log(inverse(odometry[:-1]) @ odometry[1:])[moved] / steps_s[moved, None]
+    off = np.abs(changes - np.median(changes, axis=0))
+    metres, radians = (float(np.linalg.norm(part, axis=1).max()) for part in np.hsplit(off, 2))
+    if metres > _JUMP_M_S or radians > _JUMP_RAD_S:
+        raise TransformError(
+            f"odometry jumps: in {steps_s.sum():.2f} s its velocity changes by {metres:.3g} m/s "
+            f"and {radians:.3g} rad/s, expected up to {_JUMP_M_S:g} and {_JUMP_RAD_S:g}",
+            may_come=False,
+            code="odometry-jump",
+            fields=(f"{metres:.3g}", f"{radians:.3g}"),
+        )
