@@ -78,7 +78,8 @@ class LoopDetector:
     ones are joined with those of the frames before, by odometry (``RegistrationConfig.local_map``).
     The log says so. Frames that a local map is joined of are no candidates.
 
-    Scans are taken as of one moment. Where points have times and odometry is known, covariances of
+    Scans are taken as of one moment. Where points still have times (``Frame.point_seconds``: the
+    motion meanwhile was not undone) and odometry is known, covariances of
     loops grow with the motion within both scans, and a warning says how far the robot turned.
 
     Threads may share a detector: frames are described side by side and added one after the other.
