@@ -41,7 +41,7 @@ def build_recording(
         typer.Option(
             metavar="WHAT=/NAME",
             help="Topic of a bag for points, left, camera_info, right, right_camera_info, "
-            "odometry, truth or a further camera; may be repeated.",
+            "odometry, truth, imu or a further camera; may be repeated.",
         ),
     ] = None,
     stamps: Annotated[

@@ -9,7 +9,7 @@ from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import INFO_ROLES, ROLES, candidates
 from fusionslam.fusion import SENSORS_OF
 from fusionslam.ros.nodes import NODES
-from fusionslam.ros.nodes.frame_node import LEFT, ODOM, RIGHT, SCANS
+from fusionslam.ros.nodes.frame_node import IMU_TOPIC, LEFT, ODOM, RIGHT, SCANS
 from fusionslam.ros.nodes.lv_dataset_creator import TRUTH
 
 INPUTS = {
@@ -20,6 +20,7 @@ INPUTS = {
     "right_camera_info": RIGHT[1],
     "odometry": ODOM,
     "truth": TRUTH,
+    "imu": IMU_TOPIC,
 }
 """The nodes' topic name for each role."""
 TF_TOPICS = ("/tf", "/tf_static")
@@ -31,6 +32,7 @@ LAUNCH_ARGUMENTS = {
     "camera_info": "camera_info",
     "odometry": "odom",
     "truth": "truth",
+    "imu": "imu",
 }
 """The launch files' argument for each role."""
 _OF_MOTION = ("odometry", "truth")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a scanner within a scan, by odometry and the times of the points, and its undoing."""
+"""Motion of a scanner within a scan, by odometry, an IMU or both, and its undoing."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,6 +19,8 @@ from fusionslam.sensors.transforms import TransformError
 _POSES = 33
 """Along a scan. At 3 rad/s and 0.1 s they are half a degree apart: 0.2 mm at 20 m."""
 _LEAST_S = 1e-6
+_SLOW_S = 0.06
+"""Between poses of odometry, so long that an IMU tells more of the turn."""
 _BEFORE_S = 0.15
 """Before a scan, odometry is looked at, too."""
 _JUMP_M_S = 5.0
@@ -37,7 +39,7 @@ class Deskew:
             last.
     """
 
-    source: Literal["odometry"]
+    source: Literal["odometry", "imu", "imu and odometry"]
     span: tuple[float, float]
     poses: Floats
 
@@ -71,31 +73,62 @@ def points_of(scan: Scan, motion: Deskew | None) -> Points:
     return motion.undo(scan.points, scan.point_seconds)
 
 
-def motion_within(scan: Scan, frames: RobotFrames, stamp_ns: int | None = None) -> Deskew | None:
+def motion_within(
+    scan: Scan, frames: RobotFrames, stamp_ns: int | None = None, *, late: bool = True
+) -> Deskew | None:
     """Return how a scanner moved while it took a scan.
 
-    None where the times of its points or odometry are not known, or all points were measured at the
-    stamp.
+    Odometry tells it; where its poses are more than 0.06 s apart, an IMU tells the turn; without
+    odometry, the turn alone. None where neither is known, or the times of points are not, or all
+    points were measured at the stamp.
 
     Args:
         scan: each point in the scanner's frame when it was measured.
-        frames: the robot's odometry, and where the scanner is on it.
+        frames: the robot's odometry, its IMU, and where the scanner is on it.
         stamp_ns: of the scan by the clock of odometry, if that is another one than the scan's.
+        late: whether nothing is waited for any more that may yet come.
 
     Raises:
         TransformError: odometry is not known at the time of a point, or lacks around it for more
-            than 0.25 s (code "gap"), or jumps within the scan ("odometry-jump").
+            than 0.25 s (code "gap"), or jumps within the scan ("odometry-jump"), and no IMU tells
+            the turn.
     """
     if scan.span is None or np.abs(scan.span).max() < _LEAST_S:
         return None
-    # Before the scan, too: a jump may last for all of it.
     times = np.r_[0.0, np.linspace(*scan.span, _POSES)]
     stamps_ns = (scan.stamp_ns if stamp_ns is None else stamp_ns) + _nanoseconds(times)
-    odometry = frames.odometry_from(scan.frame_id, stamps_ns)
-    if odometry is None:
+    moved, failure = None, None
+    try:
+        odometry = frames.odometry_from(scan.frame_id, stamps_ns)
+        if odometry is not None:
+            _check_speed(scan, frames, stamps_ns[1:], odometry[1:])
+            moved = inverse(odometry[:1]) @ odometry[1:]
+    except TransformError as error:
+        if error.may_come and not late:
+            raise
+        failure = error
+    if moved is not None and frames.odometry_step(stamps_ns) <= _SLOW_S:
+        return Deskew("odometry", scan.span, moved)
+    turned = _turn(scan, frames, stamps_ns, late)
+    if turned is not None and moved is not None:
+        turned[:, :3, 3] = moved[:, :3, 3]
+        return Deskew("imu and odometry", scan.span, turned)
+    if turned is not None:
+        return Deskew("imu", scan.span, turned)
+    if failure is not None:
+        raise failure
+    return None if moved is None else Deskew("odometry", scan.span, moved)
+
+
+def _turn(scan: Scan, frames: RobotFrames, stamps_ns: Integers, late: bool) -> Floats | None:
+    """stamp_from_then by the IMU, (K, 4, 4), a copy; None if it does not tell."""
+    try:
+        turned = frames.turned_by_imu(scan.frame_id, stamps_ns)
+    except TransformError as error:
+        if error.may_come and not late:
+            raise
         return None
-    _check_speed(scan, frames, stamps_ns[1:], odometry[1:])
-    return Deskew("odometry", scan.span, inverse(odometry[:1]) @ odometry[1:])
+    return None if turned is None else turned[1:].copy()
 
 
 def _nanoseconds(seconds: Floats) -> Integers:

@@ -33,6 +33,7 @@ def frame_from_pair(
     pose: Matrix | None = None,
     still: bool = False,
     deskews: bool = True,
+    late: bool = False,
 ) -> Frame:
     """Assemble a scan and its images into a frame.
 
@@ -50,6 +51,7 @@ def frame_from_pair(
         pose: float64 (4, 4), ground truth, if known.
         still: do not use odometry.
         deskews: whether the motion within the scan is undone, if it is known.
+        late: whether nothing is waited for any more that may tell that motion.
 
     Raises:
         TransformError: a transform is not known at the time needed, or odometry jumps within the
@@ -64,7 +66,7 @@ def frame_from_pair(
     cameras |= _place_surround(scan, around, infos, frames, awaited)
     motion = None
     if scan is not None and deskews and not still:
-        motion = motion_within(scan, frames)
+        motion = motion_within(scan, frames, late=late)
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,

@@ -22,6 +22,7 @@ from fusionslam.sensors.messages import (
     NANOSECONDS,
     CameraInfo,
     FrameTransforms,
+    Imu,
     Message,
     Odometry,
     Picture,
@@ -64,6 +65,7 @@ _ADVICE = {
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
     "one, and start anew if it was the first",
     "Odometry": "look at its publisher",
+    "Imu": "give each of them a topic of its own",
 }
 _PAIR = ("left", "right")
 
@@ -340,7 +342,7 @@ class FrameBuilder:
             self._pending.popleft()
             self._give_up(BUFFER_FULL, "too many scans wait")
 
-    def _move(self, message: FrameTransforms | Odometry) -> None:
+    def _move(self, message: FrameTransforms | Odometry | Imu) -> None:
         if self.robot.goes_back(message, self._jump_ns):
             self.robot.forget_moving()
             self._restart()
@@ -421,6 +423,7 @@ class FrameBuilder:
             awaited=() if late else self.surround.awaited,
             index=self.frames,
             pose=pose,
+            late=late,
         )
         try:
             frame = make(deskews=self.config.deskew)

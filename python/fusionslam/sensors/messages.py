@@ -169,6 +169,23 @@ class Odometry:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Imu:
+    """Turn rate and acceleration by an inertial measurement unit.
+
+    Attributes:
+        stamp_ns: time of the header.
+        frame_id: the frame of the IMU's axes.
+        angular: float64 (3), rad/s.
+        linear: float64 (3), m/s^2, gravity included: at rest it points up.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    angular: Matrix
+    linear: Matrix
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FrameTransform:
     """Pose of one frame in another, at one time or, if static, always.
 
@@ -194,7 +211,7 @@ class FrameTransforms:
     transforms: tuple[FrameTransform, ...]
 
 
-Message = Scan | Picture | CameraInfo | Odometry | FrameTransforms
+Message = Scan | Picture | CameraInfo | Odometry | Imu | FrameTransforms
 
 
 @dataclass(frozen=True, eq=False)

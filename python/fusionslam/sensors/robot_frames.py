@@ -3,14 +3,17 @@
 """Poses of a robot and of its sensors from TF and odometry."""
 
 from collections.abc import Iterable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
-from fusionslam.sensors.messages import FrameTransforms, Odometry
-from fusionslam.sensors.transforms import TransformTree
+from fusionslam.geometry.se3 import inverse
+from fusionslam.sensors.imu_buffer import ImuBuffer
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransforms, Imu, Odometry
+from fusionslam.sensors.transforms import TransformError, TransformTree
 
 # Default names of the robot's frame and of the odometry frame.
 ROBOT_FRAMES = ("base_footprint", "base_link")
@@ -33,6 +36,7 @@ class RobotFrames:
 
     Attributes:
         tree: all of TF.
+        imu: how the robot's IMU turned.
     """
 
     def __init__(
@@ -47,17 +51,21 @@ class RobotFrames:
         self.tree, self._moves, self._true_moves = self._trees = [
             TransformTree(history_s=history_s, extrapolation_s=extrapolation_s) for _ in range(3)
         ]
+        self.imu = ImuBuffer(history_s)
         self._robot, self._odometry, self._truth = robot, odometry, truth
         self._measured: tuple[str, str] | None = None
         self._true: tuple[str, str] | None = None
 
-    def add(self, message: FrameTransforms | Odometry) -> None:
-        """Add transforms or odometry.
+    def add(self, message: FrameTransforms | Odometry | Imu) -> None:
+        """Add transforms, odometry, or what an IMU says.
 
         Raises:
             DataError: as ``TransformTree.add``, for the first invalid transform; the valid ones
-                of the same message are added.
+                of the same message are added. As ``ImuBuffer.add``.
         """
+        if isinstance(message, Imu):
+            self.imu.add(message)
+            return
         if isinstance(message, Odometry):
             ends = message.frame_id, message.child_frame_id
             if self._is_true(message):
@@ -80,14 +88,19 @@ class RobotFrames:
         """Drop all moving transforms after the clock jumped back."""
         for tree in self._trees:
             tree.forget_moving()
+        self.imu.forget_after(0)
 
     def forget_after(self, stamp_ns: int) -> None:
         """Drop moving transforms later than a stamp, to which the clock jumped back."""
         for tree in self._trees:
             tree.forget_after(stamp_ns)
+        self.imu.forget_after(stamp_ns)
 
-    def goes_back(self, message: FrameTransforms | Odometry, jump_ns: int) -> bool:
+    def goes_back(self, message: FrameTransforms | Odometry | Imu, jump_ns: int) -> bool:
         """Whether a stamp in it is earlier than its frame's newest by more than ``jump_ns``."""
+        if isinstance(message, Imu):
+            newest = self.imu.newest
+            return newest is not None and newest - message.stamp_ns > jump_ns
         if isinstance(message, Odometry):
             moves = self._true_moves if self._is_true(message) else self._moves
             newest = moves.newest(message.child_frame_id)
@@ -158,6 +171,33 @@ class RobotFrames:
             tree, ends = self._moves, self._measured
         mounts = self.tree.lookup_all(body, sensor, stamps_ns)
         return np.asarray(tree.lookup_all(*ends, stamps_ns) @ mounts, dtype=np.float64)
+
+    def turned_by_imu(self, sensor: str, stamps_ns: NDArray[np.int64]) -> Matrix | None:
+        """float64 (K, 4, 4): where a sensor is at several times, in its frame at the first of them.
+
+        The IMU only turns; None if there is none, or TF does not link it to the sensor.
+
+        Raises:
+            TransformError: as ``ImuBuffer.turned``.
+        """
+        frame = self.imu.frame
+        if frame is None or not self._is_linked(frame, sensor):
+            return None
+        mounts = self.tree.lookup_all(frame, sensor, stamps_ns)
+        turned = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
+        turned[:, :3, :3] = self.imu.turned(stamps_ns)
+        return np.asarray(inverse(mounts[:1]) @ turned @ mounts, dtype=np.float64)
+
+    def _is_linked(self, one: str, other: str) -> bool:
+        with suppress(TransformError):
+            return one == other or bool(self.tree.chain(one, other))
+        return False
+
+    def odometry_step(self, stamps_ns: NDArray[np.int64]) -> float:
+        """Longest time between odometry messages around some times, seconds; 0 without any."""
+        if not self._measured:
+            return 0.0
+        return self._moves.widest(self._measured[1], stamps_ns) / NANOSECONDS
 
     def camera_from_points(
         self, camera: str, camera_ns: int, scanner: str, scan_ns: int, *, still: bool = False

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.base.arrays import Matrix
 from fusionslam.config import nearest_name
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import is_rigid
+from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, as_nanoseconds, as_stamp
 
 _WIDEST_NS = NANOSECONDS // 4
@@ -76,7 +77,7 @@ class _Link:
         return _between(self.samples[before], self.samples[after], share)
 
     def at_all(self, stamps_ns: NDArray[np.int64]) -> Matrix:
-        """As ``at``, at several times, (K, 4, 4)."""
+        """parent_from_child at several times, (K, 4, 4), moving along arcs between samples."""
         if self.static is not None or len(self.stamps) == 1:
             return np.broadcast_to(self.at(0), (len(stamps_ns), 4, 4))
         last = len(self.stamps) - 1
@@ -84,7 +85,8 @@ class _Link:
         stamps = np.array([[self.stamps[row - 1], self.stamps[row]] for row in after])
         shares = (stamps_ns - stamps[:, 0]) / (stamps[:, 1] - stamps[:, 0])
         samples = np.array([[self.samples[row - 1], self.samples[row]] for row in after])
-        return _between(samples[:, 0], samples[:, 1], shares)
+        steps = log(inverse(samples[:, 0]) @ samples[:, 1])
+        return np.asarray(samples[:, 0] @ exp(shares[:, None] * steps))
 
 
 class TransformTree:
@@ -178,6 +180,8 @@ class TransformTree:
 
     def lookup_all(self, target: str, source: str, stamps_ns: NDArray[np.int64]) -> Matrix:
         """float64 (K, 4, 4), target_from_source at several times, none of them extrapolated.
+
+        Between samples frames move along arcs, at constant velocity in their own axes.
 
         Raises:
             TransformError: as ``lookup``; or the samples around a time are more than 0.25 s apart
@@ -277,10 +281,15 @@ class TransformTree:
             fields=(link.parent, child),
         )
 
-    def _check_gaps(self, child: str, link: _Link, stamps_ns: NDArray[np.int64]) -> None:
+    def widest(self, child: str, stamps_ns: NDArray[np.int64]) -> int:
+        """Longest time between the samples of a moving frame around some times, nanoseconds."""
+        link = self._links[_name(child)]
         first = max(bisect_right(link.stamps, int(stamps_ns.min())) - 1, 0)
         last = bisect_left(link.stamps, int(stamps_ns.max())) + 1
-        gap_ns = max(np.diff(link.stamps[first:last]).tolist(), default=0)
+        return max(np.diff(link.stamps[first:last]).tolist(), default=0)
+
+    def _check_gaps(self, child: str, link: _Link, stamps_ns: NDArray[np.int64]) -> None:
+        gap_ns = self.widest(child, stamps_ns)
         if gap_ns > _WIDEST_NS:
             raise TransformError(
                 f"'{child}' in '{link.parent}' is not known for {_seconds(gap_ns)} s around "
@@ -319,15 +328,13 @@ def _rigid(value: Matrix, parent: str, child: str) -> Matrix:
     )
 
 
-def _between(first: Matrix, second: Matrix, share: float | Floats) -> Matrix:
-    """Interpolate from the first (share 0) to the second (share 1), or beyond; (..., 4, 4)."""
-    shares = np.asarray(share)[..., None]
-    start = Rotation.from_matrix(first[..., :3, :3])
-    turn = (start.inv() * Rotation.from_matrix(second[..., :3, :3])).as_rotvec()
-    matrix = np.zeros(first.shape)
-    matrix[..., 3, 3] = 1
-    matrix[..., :3, :3] = (start * Rotation.from_rotvec(shares * turn)).as_matrix()
-    matrix[..., :3, 3] = (1 - shares) * first[..., :3, 3] + shares * second[..., :3, 3]
+def _between(first: Matrix, second: Matrix, share: float) -> Matrix:
+    """Interpolate from the first (share 0) to the second (share 1), or beyond."""
+    start = Rotation.from_matrix(first[:3, :3])
+    turn = (start.inv() * Rotation.from_matrix(second[:3, :3])).as_rotvec()
+    matrix = np.eye(4)
+    matrix[:3, :3] = (start * Rotation.from_rotvec(share * turn)).as_matrix()
+    matrix[:3, 3] = (1 - share) * first[:3, 3] + share * second[:3, 3]
     return matrix
 
 

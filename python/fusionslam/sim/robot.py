@@ -42,6 +42,26 @@ class OdometryMount(Section):
     errors: OdometryConfig = option(OdometryConfig(), "errors of the odometry")
 
 
+class ImuMount(Section):
+    """An inertial measurement unit mounted on the robot, and its errors.
+
+    Noise is white, given as a density; biases begin at random and walk.
+    """
+
+    topic: str = option("/imu", "topic of the messages", min_length=1)
+    frame_id: str = option("imu", "frame of its axes", min_length=1)
+    parent: str = option("base_footprint", "parent frame", min_length=1)
+    position_m: Vector = option((0.0, 0.0, 0.0), "position in the parent frame", unit="m")
+    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in the parent frame", unit="deg")
+    rate_hz: float = option(200.0, "messages per second", unit="Hz", gt=0, le=2000)
+    gyro_noise: float = option(1e-4, "of the turn rate", unit="rad/s/sqrt(Hz)", ge=0)
+    gyro_bias: float = option(2e-3, "standard deviation at the start", unit="rad/s", ge=0)
+    gyro_walk: float = option(1e-5, "of the turn rate's bias", unit="rad/s^2/sqrt(Hz)", ge=0)
+    accel_noise: float = option(1e-3, "of the acceleration", unit="m/s^2/sqrt(Hz)", ge=0)
+    accel_bias: float = option(0.02, "standard deviation at the start", unit="m/s^2", ge=0)
+    accel_walk: float = option(1e-4, "of the acceleration's bias", unit="m/s^3/sqrt(Hz)", ge=0)
+
+
 class RobotConfig(Section):
     """A wheeled robot with LiDARs and cameras."""
 
@@ -54,6 +74,7 @@ class RobotConfig(Section):
     frames: dict[str, FrameConfig] = option({}, "frames fixed to the robot, by name")
     lidars: dict[str, LidarMount] = option({}, "LiDARs, by name")
     cameras: dict[str, CameraMount] = option({}, "cameras, by name")
+    imus: dict[str, ImuMount] = option({}, "inertial measurement units, by name")
     odometry: OdometryMount = option(OdometryMount(), "the odometry that it publishes")
 
     @model_validator(mode="after")
@@ -70,6 +91,7 @@ class RobotConfig(Section):
         fixed = [transform.child for transform in static_transforms(self)]
         _check_unique("frame", [self.base_frame, self.odometry.frame_id, WORLD, *fixed])
         topics = [lidar.topic for lidar in self.lidars.values()]
+        topics += [imu.topic for imu in self.imus.values()]
         topics += [camera.picture_topic() for camera in self.cameras.values()]
         topics += [camera.info_topic for camera in self.cameras.values()]
         _check_unique("topic", [*OWN_TOPICS, self.odometry.topic, *topics])
@@ -118,6 +140,7 @@ def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:
     """TF transforms of the robot's and its sensors' frames, in the order of the description."""
     poses = [(name, frame.parent, _pose(frame)) for name, frame in robot.frames.items()]
     poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.lidars.values()]
+    poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.imus.values()]
     poses += [
         (camera.frame_id, camera.parent, parent_from_camera(camera))
         for camera in robot.cameras.values()
@@ -155,7 +178,7 @@ def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Floats:
     return pose
 
 
-def _pose(mount: FrameConfig | LidarMount) -> Floats:
+def _pose(mount: FrameConfig | LidarMount | ImuMount) -> Floats:
     pose = np.eye(4)
     pose[:3, :3] = rotation(np.deg2rad(mount.tilt_deg).tolist())
     pose[:3, 3] = mount.position_m

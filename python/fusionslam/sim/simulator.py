@@ -20,12 +20,14 @@ from fusionslam.sensors.messages import (
     Event,
     FrameTransform,
     FrameTransforms,
+    Imu,
     Message,
     Odometry,
     Picture,
     Scan,
 )
 from fusionslam.sim.camera import CameraMount, camera_info, gains, photograph
+from fusionslam.sim.imu import ImuTrack, simulate_imu
 from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
 from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
@@ -128,6 +130,7 @@ def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationCo
     rates = [lidar.rate_hz for lidar in robot.lidars.values()]
     rates += [camera.rate_hz for camera in robot.cameras.values()] * 2
     rates += [robot.odometry.rate_hz] * 3
+    rates += [imu.rate_hz for imu in robot.imus.values()]
     return 1 + sum(_ticks(rate, seconds) for rate in rates)
 
 
@@ -166,6 +169,15 @@ class _Simulation:
         rate_hz = robot.odometry.rate_hz
         self.truth = simulate_odometry(trajectory, OdometryConfig(), rate_hz)
         self.odometry = simulate_odometry(trajectory, odometry_errors(robot, config), rate_hz)
+        self.imus = [
+            simulate_imu(
+                partial(self._mounted, base_from(robot, imu.frame_id)),
+                imu,
+                self._drive_times(imu.rate_hz),
+                np.random.default_rng([config.seed, 5, number]),
+            )
+            for number, imu in enumerate(robot.imus.values())
+        ]
         self.obstacles: tuple[Obstacle, ...] = plan_obstacles(
             config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
@@ -197,6 +209,8 @@ class _Simulation:
             )
         for number, lidar in enumerate(self.robot.lidars.values()):
             yield lidar.rate_hz, lidar.topic, partial(self._make_scan, lidar, number)
+        for imu, track in zip(self.robot.imus.values(), self.imus, strict=True):
+            yield imu.rate_hz, imu.topic, partial(_make_imu, imu.frame_id, track)
 
     def _every(
         self, rate_hz: float, topic: str, make: Callable[[int, int], Message], rank: int
@@ -208,9 +222,19 @@ class _Simulation:
     def _drive_seconds(self, stamp_ns: int) -> float:
         return float(self.trajectory.seconds[0]) + (stamp_ns - self.start_ns) / NANOSECONDS
 
+    def _drive_times(self, rate_hz: float) -> Floats:
+        """Seconds of the drive at which a sensor of this rate measures."""
+        ticks = np.arange(_ticks(rate_hz, self.seconds)) / rate_hz
+        return np.asarray(self.trajectory.seconds[0] + ticks)
+
+    def _mounted(self, mount: Floats, seconds: Floats) -> Floats:
+        """world_from_sensor, (M, 4, 4), of a sensor that is fixed to the robot."""
+        return self._poses(seconds) @ mount
+
     def _poses(self, seconds: Floats) -> Floats:
-        """world_from_base, (M, 4, 4); after the end of its drive the robot stands still."""
-        return self.trajectory.at(np.minimum(seconds, self.trajectory.seconds[-1]))
+        """world_from_base, (M, 4, 4); before and after its drive the robot stands still."""
+        first, last = self.trajectory.seconds[[0, -1]]
+        return self.trajectory.at(np.clip(seconds, first, last))
 
     def _rng(self, kind: int, sensor: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.config.seed, kind, sensor, number])
@@ -272,6 +296,15 @@ class _Simulation:
             parent_from_child=self.odometry.poses[number],
         )
         return FrameTransforms(transforms=(link,))
+
+
+def _make_imu(frame_id: str, track: ImuTrack, number: int, stamp_ns: int) -> Imu:
+    return Imu(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        angular=track.angular[number],
+        linear=track.linear[number],
+    )
 
 
 def odometry_errors(robot: RobotConfig, config: SimulationConfig) -> OdometryConfig:

@@ -8,7 +8,7 @@ That is stamps, frames and all small messages, but no clouds and no images.
 import logging
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 
@@ -20,7 +20,8 @@ from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.datasets.bags.reader import Bag, RawMessage
 from fusionslam.datasets.bags.topics import TRANSFORM_TYPES, info_role
 from fusionslam.errors import DataError, cause_of
-from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Message, Odometry
+from fusionslam.sensors.imu_buffer import ImuBuffer
+from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Imu, Message, Odometry
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
@@ -181,6 +182,22 @@ class IndexedBag:
         """float64 (4, 4), body_from_frame, or None if it is not known."""
         return lookup_or_none(lambda: self.frames.tree.lookup(body, frame, stamp_ns))
 
+    def imu_messages(self) -> Iterator[Imu]:
+        """Read what the IMU says; messages that cannot be used are left out, which is logged."""
+        topic, by_arrival = self.roles["imu"], self.stamps == "bag"
+
+        def leave_out(topic: str, time_ns: int, error: DataError) -> None:
+            self.say_once(f"{topic} {error.code}", f"{self.bag.path}: {error}")
+
+        for raw in self.bag.raw([topic], on_error=leave_out):
+            try:
+                imu = restamp(raw.value(), raw.time_ns if by_arrival else None)
+            except DataError as error:
+                leave_out(topic, raw.time_ns, error)
+                continue
+            assert isinstance(imu, Imu)
+            yield imu
+
     def say_once(self, cause: str, words: str) -> None:
         """Log a warning, unless one of the same cause was logged before."""
         if cause not in self._said:
@@ -233,6 +250,8 @@ def index_bag(
             messages that cannot be used are left out, counted and logged.
     """
     source = IndexedBag(bag, roles, stamps)
+    if "imu" in roles:
+        source.frames.imu = ImuBuffer(load=source.imu_messages)
     moving = [topic.name for topic in bag.topics.values() if topic.type in TRANSFORM_TYPES]
     names = list(dict.fromkeys([*topics, *moving]))
     # Those without a usable message are dropped at the end.
@@ -259,7 +278,8 @@ def index_bag(
 
 def _check_found(source: IndexedBag, moving: Iterable[str]) -> None:
     """Raise DataError if a topic in use has no message that can be decoded; of TF, say it only."""
-    bag, used = source.bag, {*source.roles.values()}
+    bag = source.bag
+    used = {topic for role, topic in source.roles.items() if role != "imu"}
     for topic in sorted({*used, *moving} - source.indexed.keys()):
         lost, first = source.refused.get(("undecodable", topic), (0, ""))
         message = f"{bag.path}: {topic} has no messages"

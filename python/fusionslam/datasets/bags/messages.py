@@ -28,6 +28,7 @@ from fusionslam.sensors.messages import (
     CameraInfo,
     FrameTransform,
     FrameTransforms,
+    Imu,
     Message,
     Odometry,
     Picture,
@@ -130,6 +131,15 @@ def _odometry(message: Any) -> Odometry:
     )
 
 
+def _imu(message: Any) -> Imu:
+    return Imu(
+        stamp_ns=stamp_of(message.header.stamp),
+        frame_id=message.header.frame_id.lstrip("/"),
+        angular=_vector("angular_velocity", message.angular_velocity),
+        linear=_vector("linear_acceleration", message.linear_acceleration),
+    )
+
+
 def _transforms(message: Any, static: bool) -> FrameTransforms:
     return FrameTransforms(
         transforms=tuple(
@@ -156,6 +166,7 @@ _VALUES: dict[str, Callable[[Any], Message]] = {
     "sensor_msgs/CompressedImage": lambda m: _picture(m, compressed_image_of(m)),
     "sensor_msgs/CameraInfo": _camera_info,
     "nav_msgs/Odometry": _odometry,
+    "sensor_msgs/Imu": _imu,
 }
 _CHECKS: dict[str, Callable[[Any], None]] = {
     "sensor_msgs/PointCloud2": check_scan,
@@ -200,6 +211,7 @@ def ros_type(value: Message, stored: str) -> str:
         Scan: "sensor_msgs/msg/PointCloud2",
         CameraInfo: "sensor_msgs/msg/CameraInfo",
         Odometry: "nav_msgs/msg/Odometry",
+        Imu: "sensor_msgs/msg/Imu",
         FrameTransforms: "tf2_msgs/msg/TFMessage",
     }[type(value)]
 
@@ -234,6 +246,8 @@ class MessageBuilder:
             return make(name, header=header, **parts)
         if isinstance(value, CameraInfo):
             return make(name, header=header, **self._camera_info(value))
+        if isinstance(value, Imu):
+            return make(name, header=header, **self._imu(value))
         return make(name, header=header, **self._odometry(value))
 
     def _header(self, stamp_ns: int, frame_id: str) -> Any:
@@ -293,6 +307,18 @@ class MessageBuilder:
             "child_frame_id": odometry.child_frame_id,
             "pose": make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
             "twist": make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
+        }
+
+    def _imu(self, imu: Imu) -> dict[str, Any]:
+        unknown, none = np.zeros(9), np.zeros(9)
+        none[0] = -1  # says that there is no orientation
+        return {
+            "orientation": self._make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            "orientation_covariance": none,
+            "angular_velocity": self._vector(imu.angular),
+            "angular_velocity_covariance": unknown,
+            "linear_acceleration": self._vector(imu.linear),
+            "linear_acceleration_covariance": unknown,
         }
 
     def _transform(self, transform: FrameTransform) -> Any:

@@ -78,7 +78,9 @@ def _open_cached(
     bag = open_bag(path)
     roles = choose_topics(bag.topics, dict(named), str(path))
     known = [topic.name for topic in bag.topics.values() if topic.is_known]
-    source = index_bag(bag, known if everything else roles.values(), roles, stamps)
+    # IMUs send so much that their messages are read when they are needed.
+    used = [topic for role, topic in roles.items() if role != "imu"]
+    source = index_bag(bag, known if everything else used, roles, stamps)
     if calibration is not None:
         apply_calibration(source, calibration)
     return source

@@ -20,6 +20,7 @@ ROLES = {
     "right_camera_info": ("sensor_msgs/CameraInfo",),
     "odometry": ("nav_msgs/Odometry",),
     "truth": ("nav_msgs/Odometry",),
+    "imu": ("sensor_msgs/Imu",),
 }
 """Roles that a topic can have in a dataset, with the message types of each."""
 INFO_ROLES = {"left": "camera_info", "right": "right_camera_info"}

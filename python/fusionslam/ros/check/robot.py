@@ -155,7 +155,8 @@ def judge(evidence: Evidence) -> Check:
 def _launch_arguments(evidence: Evidence, file: str) -> Iterator[str]:
     """Yield the arguments that a launch file needs: topics that differ from its defaults."""
     for role, argument in LAUNCH_ARGUMENTS.items():
-        topic = evidence.choices[role].topic
+        choice = evidence.choices.get(role)
+        topic = choice.topic if choice is not None else None
         is_known = file != "visual" or role in _OF_IMAGES
         # Without this argument a launch file uses no ground truth.
         if topic and is_known and (role == "truth" or topic != f"/{INPUTS[role]}"):

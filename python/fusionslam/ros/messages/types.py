@@ -22,6 +22,7 @@ CLOUD = "sensor_msgs/PointCloud2"
 IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 CAMERA_INFO = "sensor_msgs/CameraInfo"
 ODOMETRY = "nav_msgs/Odometry"
+IMU = "sensor_msgs/Imu"
 TRANSFORMS = "tf2_msgs/TFMessage"
 POSE = "geometry_msgs/PoseStamped"
 LOCATED_POSE = "geometry_msgs/PoseWithCovarianceStamped"

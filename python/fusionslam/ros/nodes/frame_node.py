@@ -13,7 +13,7 @@ from pydantic import field_validator
 from fusionslam.config import option
 from fusionslam.errors import DataError, ShapeError, cause_of
 from fusionslam.fusion import SENSORS_OF, Source
-from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, ODOMETRY, TRANSFORMS
+from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, IMU, ODOMETRY, TRANSFORMS
 from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.frame import Frame
@@ -26,7 +26,7 @@ logger = logging.getLogger(__name__)
 SCANS = "velodyne_points"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
-ODOM = "odom"
+ODOM, IMU_TOPIC = "odom", "imu"
 # Names that would give another camera's topics.
 RESERVED = ("left", "right", "rgb", "points")
 _WENT_BACK = (
@@ -124,9 +124,10 @@ class FrameNode(Node[C]):
 
     @property
     def inputs(self) -> Sequence[Input]:
-        """Inputs: scans, images with their calibration, odometry and TF."""
+        """Inputs: scans, images with their calibration, odometry, IMU and TF."""
         found = [
             Input(ODOM, [ODOMETRY], self._take, small=True, optional=True),
+            Input(IMU_TOPIC, [IMU], self._take, small=True, optional=True),
             Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]

@@ -18,8 +18,17 @@ from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
-from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms, Odometry, Scan
+from fusionslam.sensors.imu_buffer import ImuBuffer
+from fusionslam.sensors.messages import (
+    Event,
+    FrameTransform,
+    FrameTransforms,
+    Imu,
+    Odometry,
+    Scan,
+)
 from fusionslam.sensors.scan_motion import span_of
+from fusionslam.sensors.transforms import TransformError
 from rows import rows
 
 S = 1_000_000_000
@@ -263,6 +272,128 @@ def test_times_that_do_not_fit_the_points_stop_no_robot(
         frames = build(FrameBuilder(cameras=()), bad)
     assert len(frames) == 3 and all(frame.deskew is None for frame in frames)
     assert "taken as unknown" in caplog.text
+
+
+def imu_events(motion: list[float], *, hz: float = 200.0, until: float = 1.4) -> list[Event]:
+    """What an IMU on the robot says, whose axes are turned against the robot's."""
+    mount = exp(np.array([0.1, 0, 0.5, 0.4, -0.2, 1.1]))
+    link = FrameTransform(
+        stamp_ns=0, parent="base", child="imu", parent_from_child=mount, static=True
+    )
+    rate = mount[:3, :3].T @ np.array(motion[3:])
+    events = [Event("/tf_static", START, FrameTransforms(transforms=(link,)))]
+    for k in range(round(until * hz)):
+        stamp = START + round(k * S / hz)
+        said = Imu(stamp_ns=stamp, frame_id="imu", angular=rate, linear=np.array([0, 0, 9.8]))
+        events.append(Event("/imu", stamp, said))
+    return events
+
+
+def in_order(*events: list[Event]) -> list[Event]:
+    return sorted([each for some in events for each in some], key=lambda event: event.time_ns)
+
+
+@rows(
+    "odometry_hz, speed, source, most",
+    [
+        (50.0, 15.0, "odometry", 0.004),
+        (10.0, 15.0, "imu and odometry", 0.004),
+        (None, 0.0, "imu", 0.004),
+    ],
+)
+def test_an_imu_tells_the_turn_where_odometry_is_slow_or_not_there(
+    tmp_path: Path, odometry_hz: float | None, speed: float, source: str, most: float
+) -> None:
+    motion = [speed, 0, 0, 0, 0.3, 3.0]
+    events, places = drive(motion, odometry_hz=odometry_hz or 50.0, until=1.6)
+    if odometry_hz is None:
+        events = [event for event in events if event.topic != "/odom"]
+    events = in_order(events, imu_events(motion, until=1.6))
+    live = build(builder := FrameBuilder(OnlineConfig(robot_frame="base"), cameras=()), events)
+    path = bags.write_bag(tmp_path / f"{source}.bag".replace(" ", "-"), events)
+    stored = [*fusionslam.open_dataset(path, sensors=["points"])]
+    assert len(live) == len(stored) == 3 and not builder.skewed
+    for frame, read in zip(live, stored, strict=True):
+        assert frame.deskew is not None and read.deskew is not None and read.points is not None
+        assert frame.deskew.source == read.deskew.source == source
+        np.testing.assert_array_equal(frame.points, np.delete(read.points, 7, axis=0))
+        if source == "imu":  # the robot turns about its base, which moves the scanner
+            off = errors_of_turn(frame, motion, places)
+        else:
+            off = errors(frame, motion, places)
+        assert off.max() < most
+
+
+def errors_of_turn(frame: fusionslam.Frame, motion: list[float], places: Floats) -> Floats:
+    """Metres that points are off, once the scanner's own way beside the IMU is left out."""
+    return np.maximum(errors(frame, motion, places) - 0.1, 0)
+
+
+def test_where_odometry_fails_an_imu_tells_the_turn() -> None:
+    motion = ways(0.0, 2.0)
+    events, places = drive(motion, until=1.24)
+    frames = build(
+        builder := FrameBuilder(cameras=()), in_order(events, imu_events(motion, until=1.4))
+    )
+    sources = [frame.deskew.source for frame in frames if frame.deskew is not None]
+    assert sources == ["odometry", "odometry", "imu"] and not builder.skewed
+    assert errors_of_turn(frames[2], motion, places).max() < 0.004
+
+
+def test_an_imu_that_pauses_or_is_nowhere_on_the_robot_tells_nothing() -> None:
+    motion = ways(0.0, 2.0)
+    events, _ = drive(motion)
+    events = [event for event in events if event.topic != "/odom"]
+    told = imu_events(motion)
+    paused = [each for each in told if not 0.72 < (each.time_ns - START) / S < 0.78]
+    lost = [each for each in told if each.topic != "/tf_static"]
+    for imu, undone in ((paused, [True, False, True]), (lost, [False, False, False])):
+        builder = FrameBuilder(OnlineConfig(robot_frame="base"), cameras=())
+        frames = build(builder, in_order(events, imu))
+        assert [frame.deskew is not None for frame in frames] == undone
+
+
+@rows("name", ["drive.bag", "drive.mcap", "drive.db3"])
+def test_what_an_imu_says_is_kept_by_bags(tmp_path: Path, name: str) -> None:
+    events = [event for event in imu_events(ways(0.0, 1.0)) if event.topic == "/imu"][:20]
+    path = bags.write_bag(tmp_path / name, events)
+    with open_bag(path) as bag:
+        read = [*bag.events()]
+    assert len(read) == 20
+    for one, other in zip(events, read, strict=True):
+        assert one.time_ns == other.time_ns and bags.same(one.message, other.message)
+
+
+def test_two_imus_on_one_topic_are_refused() -> None:
+    buffer = ImuBuffer()
+    (first, second) = (event.message for event in imu_events(ways(0.0, 1.0))[1:3])
+    assert isinstance(first, Imu) and isinstance(second, Imu)
+    buffer.add(first)
+    with pytest.raises(DataError, match="'other', expected those of 'imu'"):
+        buffer.add(replace(second, frame_id="other"))
+
+
+def test_the_turn_of_an_imu_is_that_of_its_rates() -> None:
+    """Against small steps: rates that change while they turn about changing axes."""
+    times = np.arange(0, 0.5, 0.005)
+
+    def rate(t: Floats) -> Floats:
+        return np.stack([np.sin(7 * t), 2 * np.cos(3 * t), 1 + t], axis=-1)
+
+    buffer = ImuBuffer()
+    for t, angular in zip(times, rate(times), strict=True):
+        buffer.add(Imu(stamp_ns=round(t * S), frame_id="imu", angular=angular, linear=np.zeros(3)))
+    fine = np.arange(0.1003, 0.3, 1e-5)
+    true = np.eye(3)
+    for angular in rate(fine + 5e-6):
+        true = true @ exp(np.r_[np.zeros(3), angular * 1e-5])[:3, :3]
+    found = buffer.turned(np.array([round(0.1003 * S), round(0.3 * S)]))
+    np.testing.assert_allclose(found[0], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(found[1], true, atol=5e-5)
+    buffer.forget_after(round(0.25 * S))
+    with pytest.raises(TransformError, match="is not known from 0") as error:
+        buffer.turned(np.array([round(0.1 * S), round(0.3 * S)]))
+    assert error.value.may_come
 
 
 def test_points_of_one_time_and_robots_without_odometry_stay_as_they_are() -> None:

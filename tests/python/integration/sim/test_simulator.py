@@ -16,10 +16,20 @@ from error_codes import has_code
 from fusionslam.config import merged
 from fusionslam.errors import DataError
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.sensors.messages import CameraInfo, Event, FrameTransforms, Odometry, Picture, Scan
+from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
+from fusionslam.sensors.messages import (
+    CameraInfo,
+    Event,
+    FrameTransforms,
+    Imu,
+    Odometry,
+    Picture,
+    Scan,
+)
 from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
 from fusionslam.sim.world import World, scene_of
+from rows import rows
 from worlds import EVEN, PLAIN, bare_robot, block, floor, hall, straight
 
 SECOND = 1_000_000_000
@@ -136,6 +146,38 @@ def test_scan_motion_gives_each_column_the_time_and_place_of_its_shot(world: Wor
     # Stamp 0.5 s: the LiDAR is at x = -3.4, and a quarter of a second later at -3.15.
     assert ahead == pytest.approx(2 + 3.4, abs=1e-4)
     assert behind == pytest.approx(6 - 3.15, abs=1e-4)
+
+
+@rows("odometry_hz, source", [(50.0, "odometry"), (4.5, "imu and odometry")])
+def test_sweeps_on_the_move_are_undone_by_what_the_robot_publishes(
+    world: World, odometry_hz: float, source: str
+) -> None:
+    """It drives and sways by up to 1 rad/s: by the pose at the stamp, points are on the walls."""
+    robot = merged(
+        bare_robot(rings=2, top_deg=1, bottom_deg=-1, azimuths=180, rate_hz=5, scan_motion=True),
+        {"imus": {"imu": {"tilt_deg": (10, 0, 90)}}, "odometry": {"rate_hz": odometry_hz}},
+        new_names=True,
+    )
+    times = np.linspace(0, 3, 301)
+    way = Trajectory(times, -4 + 0.5 * times, 0 * times, 0.8 * np.sin(1.25 * times))
+    events = [*simulate(world, robot, way, SimulationConfig(seed=2))]
+    rates = by_topic(events)["/imu"]
+    assert len(rates) == 600 and isinstance(rates[0].message, Imu)
+    worst = {}
+    for deskews in (True, False):
+        builder = FrameBuilder(OnlineConfig(deskew=deskews), cameras=())
+        frames = [frame for event in events for frame in builder.process(event.message)]
+        off = []
+        for frame in frames:
+            assert frame.points is not None and frame.robot_from_points is not None
+            assert (frame.deskew.source if frame.deskew else "") == (source if deskews else "")
+            pose = way.at(frame.stamp_ns / SECOND - 1000)[0] @ frame.robot_from_points
+            x, y, _ = np.abs(frame.points @ pose[:3, :3].T + pose[:3, 3]).T
+            walls = np.minimum(np.abs(x - 6), np.abs(y - 4))
+            off.append(walls[(x > 3.5) | (y > 1)])
+        assert len(frames) > 8
+        worst[deskews] = float(np.concatenate(off).max())
+    assert worst[True] < 0.04 and worst[False] > 0.3
 
 
 def test_pictures_are_taken_from_the_cameras_true_pose(world: World) -> None:
