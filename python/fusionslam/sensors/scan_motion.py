@@ -18,6 +18,8 @@ _LONGEST_S = 1.0
 """No scan takes longer, and between frames farther apart a robot may have turned and stopped."""
 _MOST_SCANS = 10_000
 """That are counted: a robot drives for days."""
+_FEWEST = 2
+"""Scans that are worth a word: of most sessions the last one lacks odometry until its last point."""
 _MUCH_DEG = 1.0
 """Less is hardly more than the errors of registered poses."""
 
@@ -88,7 +90,7 @@ class ScanMotion:
         """Log, once, how far the robot turned within scans, if in one by more than a degree."""
         turned = np.array(self.turned)
         much = int((turned > _MUCH_DEG).sum())
-        if not much or self._has_warned:
+        if not much or len(turned) < _FEWEST or self._has_warned:
             return
         self._has_warned = True
         logger.warning(

@@ -216,7 +216,7 @@ def test_turns_within_scans_are_said_and_make_poses_less_certain(
         assert not caplog.records
     with PlaceMap.open(path, read_only=True) as site:
         site.warn_of_turns()
-        _, found = (site.localize(see(k, 0.2)) for k in range(2))
+        *_, found = (site.localize(see(k, 0.2)) for k in range(3))
         floor = site.settings.registration.angle_sd**2
     assert found.covariance is not None
     said = [each for each in caplog.records if each.args and each.args[0] == str(path)]
