@@ -19,7 +19,7 @@ _LONGEST_S = 1.0
 _MOST_SCANS = 10_000
 """That are counted: a robot drives for days."""
 _FEWEST = 2
-"""Scans that are worth a word: of most sessions the last one lacks odometry until its last point."""
+"""Scans that are worth a word: the last one of a session may lack odometry to its end."""
 _MUCH_DEG = 1.0
 """Less is hardly more than the errors of registered poses."""
 
