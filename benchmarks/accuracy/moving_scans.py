@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What does motion within scans cost, and what is left of it once it is undone? Markdown tables.
 
-python -m benchmarks.accuracy.moving_scans [--write] [SEED ...]
+python -m benchmarks.accuracy.moving_scans [--write] [--parts sweeps loops maps] [SEED ...]
 
 A VLP-16 on a small robot in made houses, which nothing was fitted to. Its scans are taken in one
 instant, on the move, and on the move with the motion undone by odometry. Some four minutes of
@@ -12,7 +12,7 @@ processor time a house.
 import argparse
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -35,11 +35,12 @@ from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.grids import GridConfig
 from fusionslam.mapping.place_map import PlaceMap
-from fusionslam.sensors.messages import NANOSECONDS, Odometry, Scan
+from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry, Scan
 from fusionslam.sim.catalogue import MADE, drive_through
+from fusionslam.sim.imu import simulate_imu
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.motion.planner import PlanConfig
-from fusionslam.sim.robot import RobotConfig, base_from, robot_named
+from fusionslam.sim.robot import ImuMount, RobotConfig, base_from, robot_named
 from fusionslam.sim.scene import RayCaster
 from fusionslam.sim.simulator import SimulationConfig, Task, simulate
 from fusionslam.sim.world import World
@@ -55,10 +56,19 @@ NEAR_M = 0.1
 """From a true surface, within which an occupied cell is right."""
 DRIFT = OdometryConfig(scale=1.02, rotation_scale=1.01)
 SWEEP_S = 0.1
-SWEEPS = ["m/s", "rad/s", "as measured: median, m", "most", "undone: median, m", "most"]
+WAYS = {
+    "odometry at 30 Hz": (30.0, False),
+    "at 5 Hz": (5.0, False),
+    "at 5 Hz, and IMU": (5.0, True),
+}
+"""How often odometry comes, and whether an IMU helps it."""
+SWEEPS = ["m/s", "rad/s"]
+for _way in ("as measured", *WAYS):
+    SWEEPS += [f"{_way}: median, m", "most"]
 LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees off: median"]
 LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
 MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
+PARTS = ("sweeps", "loops", "maps")
 SPEEDS_M_S = (0.0, 5.0, 15.0)
 TURNS_RAD_S = (0.0, 0.5, 1.0, 2.0, 3.0)
 
@@ -193,7 +203,7 @@ def true_surfaces(seed: int) -> cKDTree:
 def sweep_errors(speed: float, turn: float) -> list[str]:
     """How far points at 20 m are from the truth when the robot turns fastest: median and most.
 
-    The robot sways: its turn rate goes up and down once in two seconds. Odometry comes at 30 Hz.
+    The robot sways: its turn rate goes up and down once in two seconds.
     """
     times = np.arange(0, 2, 1e-4)
     yaw = turn / np.pi * np.sin(np.pi * (times - 1))
@@ -207,26 +217,44 @@ def sweep_errors(speed: float, turn: float) -> list[str]:
     places = ring @ here[:3, :3].T + here[:3, 3]
     then = inverse(way.at(1.0 + seconds))
     points = np.einsum("nij,nj->ni", then[:, :3, :3], places) + then[:, :3, 3]
-    builder = FrameBuilder(OnlineConfig(robot_frame="base"), cameras=())
-    for at in np.arange(0, 1.99, 1 / 30):
-        stamp = NANOSECONDS + round(at * NANOSECONDS)
-        moved = way.at((stamp - NANOSECONDS) / NANOSECONDS)[0]
-        builder.process(
-            Odometry(stamp_ns=stamp, frame_id="odom", child_frame_id="base", pose=moved)
-        )
     taken = Scan(
         stamp_ns=2 * NANOSECONDS,
         frame_id="base",
         points=points.astype(np.float32),
         fields={"time": seconds.astype(np.float32)},
     )
-    (frame,) = builder.process(taken) + builder.flush()
-    assert frame.deskew is not None and frame.points is not None
+    found = [points, *(undo(taken, way, rate, helped) for rate, helped in WAYS.values())]
     cells = [f"{speed:g}", f"{turn:g}"]
-    for found in (points, frame.points):
-        off = np.linalg.norm(found - ring, axis=1)
+    for each in found:
+        off = np.linalg.norm(each - ring, axis=1)
         cells += [f"{np.median(off):.3f}", f"{off.max():.3f}"]
     return cells
+
+
+def undo(taken: Scan, way: Trajectory, rate_hz: float, has_imu: bool) -> Floats:
+    """Points of a scan as of its stamp, one second after the robot's way begins."""
+    builder = FrameBuilder(OnlineConfig(robot_frame="base"), cameras=())
+    for at in np.arange(0, 1.99, 1 / rate_hz):
+        stamp = NANOSECONDS + round(at * NANOSECONDS)
+        moved = way.at((stamp - NANOSECONDS) / NANOSECONDS)[0]
+        builder.process(
+            Odometry(stamp_ns=stamp, frame_id="odom", child_frame_id="base", pose=moved)
+        )
+    if has_imu:
+        times = np.arange(0.02, 1.97, 0.005)
+        track = simulate_imu(way.at, ImuMount(), times, np.random.default_rng(3))
+        for at, angular, linear in zip(times, *track, strict=True):
+            stamp = NANOSECONDS + round(at * NANOSECONDS)
+            builder.process(Imu(stamp_ns=stamp, frame_id="base", angular=angular, linear=linear))
+    (frame,) = builder.process(taken) + builder.flush()
+    assert frame.deskew is not None and frame.points is not None
+    return np.asarray(frame.points, np.float64)
+
+
+def sweeps_table() -> str:
+    rows = [sweep_errors(speed, turn) for speed in SPEEDS_M_S for turn in TURNS_RAD_S]
+    spent = fill(f"Undoing the motion of 120,000 points takes {kernel_time():.2f} ms.", 99)
+    return f"{table(SWEEPS, rows)}\n\n{spent}"
 
 
 def loops_table(seeds: Sequence[int]) -> str:
@@ -273,16 +301,16 @@ def kernel_time() -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("seeds", nargs="*", type=int, default=[])
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
     parser.add_argument("--write", action="store_true", help="put the tables into the docs")
     arguments = parser.parse_args()
     seeds = arguments.seeds or SEEDS
-    sweeps = [sweep_errors(speed, turn) for speed in SPEEDS_M_S for turn in TURNS_RAD_S]
-    tables = {
-        "sweeps": f"{table(SWEEPS, sweeps)}\n\n"
-        + fill(f"Undoing the motion of 120,000 points takes {kernel_time():.2f} ms.", 99),
-        "loops": loops_table(seeds),
-        "maps": maps_table(seeds[0]),
+    makes: dict[str, Callable[[], str]] = {
+        "sweeps": sweeps_table,
+        "loops": lambda: loops_table(seeds),
+        "maps": lambda: maps_table(seeds[0]),
     }
+    tables = {name: makes[name]() for name in arguments.parts}
     for name, text in tables.items():
         print(f"\n{text}")
         if arguments.write:
