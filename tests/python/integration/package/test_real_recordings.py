@@ -4,6 +4,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from benchmarks.real.protocol import count_right, find_revisits, judge
 from benchmarks.real.recordings import Rule, fill_columns
 from fusionslam import Cloud
 from fusionslam.base.arrays import Floats, Integers
+from fusionslam.evaluation import VerifiedRun
 
 SECONDS = 10**9
 STAMPS = np.arange(9) * 10 * SECONDS
@@ -52,22 +54,25 @@ def test_a_revisit_is_near_a_frame_that_is_old_enough() -> None:
     assert rows(Rule(1.0, degrees=45.0)) == []
 
 
+def run_of(poses: Floats, match: Integers, estimates: Floats, **found: Any) -> VerifiedRun:
+    """What a detector says of the frames of ``looped``."""
+    clouds = [Cloud(np.zeros((1, 3), np.float32))] * len(poses)
+    seen = {"stamps_ns": STAMPS, "match": match, "match_from_query": estimates}
+    return as_run("made", clouds, poses, **seen, **found)
+
+
 def test_loops_are_right_or_wrong_by_the_true_poses() -> None:
     poses, match, estimates = looped()
-    count = len(poses)
     estimates[6, 1, 3] += 0.9
     estimates[7, 1, 3] += 1.1
     estimates[8, :3, :3] = Rotation.from_euler("z", 187, degrees=True).as_matrix()
-    run = as_run(
-        "made",
-        [Cloud(np.zeros((1, 3), np.float32))] * count,
+    run = run_of(
         poses,
-        stamps_ns=STAMPS,
-        match=match,
-        match_from_query=estimates,
+        match,
+        estimates,
         probability=np.array([0, 0, 0, 0, 0, 0.99, 0.5, 0.6, 0.7]),
         accepted=np.array([False] * 5 + [True, True, True, False]),
-        seconds=np.full(count, 0.002),
+        seconds=np.full(9, 0.002),
     )
     found = judge(run, Rule(1.0))
     assert (found.frames, found.revisits, found.accepted, found.wrong) == (9, 4, 3, 1)
@@ -79,18 +84,14 @@ def test_loops_are_right_or_wrong_by_the_true_poses() -> None:
 
 def test_poses_are_counted_by_the_probability_that_was_stated(tmp_path: Path) -> None:
     poses, match, estimates = looped()
-    count = len(poses)
     estimates[7, 1, 3] += 1.1
-    run = as_run(
-        "made",
-        [Cloud(np.zeros((1, 3), np.float32))] * count,
+    run = run_of(
         poses,
-        stamps_ns=STAMPS,
-        match=match,
-        match_from_query=estimates,
+        match,
+        estimates,
         probability=np.array([0, 0, 0, 0, 0, 1.0, 0.995, 0.991, 0.5]),
-        accepted=np.zeros(count, np.bool_),
-        seconds=np.zeros(count),
+        accepted=np.zeros(9, np.bool_),
+        seconds=np.zeros(9),
     )
     cells = count_right(run)
     assert cells == ["-", "-", "1.00 (1)", "-", "-", "-", "0.67 (3)"]
