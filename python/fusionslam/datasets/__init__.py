@@ -125,8 +125,8 @@ def open_dataset(
             bag's CameraInfo and TF.
         shapes: shapes that the scanner of a range recording saw, "visual" or "collision"; None
             for visual if the recording has both.
-        deskew: whether motion within the scans of a bag is undone by odometry and the times of
-            points (``Frame.deskew``); False for clouds whose driver did so.
+        deskew: whether motion within the scans of a bag is undone by odometry, or an IMU, and the
+            times of points (``Frame.deskew``); False for clouds whose driver did so.
         without_pose: "skip" leaves out frames whose pose is unknown while others have one, and
             logs how many; "keep" keeps them, with a pose of NaN.
 

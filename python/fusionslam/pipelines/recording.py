@@ -198,9 +198,9 @@ def warn_of_mistakes(dataset: Dataset, source: str) -> None:
 
     motion = ScanMotion()
     with suppress(DataError):
-        rows = {0, len(dataset) // 2, len(dataset) - 1} if len(dataset) else ()
-        spans = [span for row in rows if (span := span_of(dataset[row])) is not None]
         # The motion of the last scan alone stays where odometry ends before its last point.
+        rows = {0, len(dataset) // 2, max(len(dataset) - 2, 0)} if len(dataset) else ()
+        spans = [span for row in rows if (span := span_of(dataset[row])) is not None]
         if len(spans) > len(rows) / 2:
             typical = sorted(spans, key=lambda span: span[1] - span[0])[len(spans) // 2]
             for frame in dataset:

@@ -21,6 +21,10 @@ _POSES = 33
 _LEAST_S = 1e-6
 _SLOW_S = 0.06
 """Between poses of odometry, so long that an IMU tells more of the turn."""
+_SILENT_NS = NANOSECONDS // 5
+"""An IMU that is so far behind is not waited for where odometry tells the motion."""
+_APART_DEG = 3.0
+"""An IMU may tell more of a turn than slow odometry by so much and half of the turn."""
 _BEFORE_S = 0.15
 """Before a scan, odometry is looked at, too."""
 _JUMP_M_S = 5.0
@@ -109,9 +113,14 @@ def motion_within(
         failure = error
     if moved is not None and frames.odometry_step(stamps_ns) <= _SLOW_S:
         return Deskew("odometry", scan.span, moved)
+    newest = frames.imu.newest
+    if moved is not None and newest is not None and stamps_ns.max() - newest > _SILENT_NS:
+        late = True  # it would hold up what odometry tells
     turned = _turn(scan, frames, stamps_ns, late)
     if turned is not None and moved is not None:
         turned[:, :3, 3] = moved[:, :3, 3]
+        if _contradict(turned, moved, frames):
+            return Deskew("odometry", scan.span, moved)
         return Deskew("imu and odometry", scan.span, turned)
     if turned is not None:
         return Deskew("imu", scan.span, turned)
@@ -129,6 +138,17 @@ def _turn(scan: Scan, frames: RobotFrames, stamps_ns: Integers, late: bool) -> F
             raise
         return None
     return None if turned is None else turned[1:].copy()
+
+
+def _contradict(turned: Floats, moved: Floats, frames: RobotFrames) -> bool:
+    """Whether an IMU turns so differently from odometry that one of them means something else."""
+    turns = [log(inverse(each[:1]) @ each[-1:])[0, 3:] for each in (turned, moved)]
+    sizes = [float(np.degrees(np.linalg.norm(turn))) for turn in turns]
+    off = float(np.degrees(np.linalg.norm(turns[0] - turns[1])))
+    if off <= _APART_DEG + 0.5 * sizes[1]:
+        return False
+    frames.imu.distrust(*sizes)
+    return True
 
 
 def _nanoseconds(seconds: Floats) -> Integers:

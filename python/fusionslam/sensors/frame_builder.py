@@ -65,7 +65,7 @@ _ADVICE = {
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
     "one, and start anew if it was the first",
     "Odometry": "look at its publisher",
-    "Imu": "give each of them a topic of its own",
+    "Imu": "look at its driver; two IMUs need topics of their own",
 }
 _PAIR = ("left", "right")
 
@@ -90,7 +90,7 @@ class OnlineConfig(Section):
     )
     history: float = option(10.0, "how long transforms are kept", unit="s", gt=0)
     deskew: bool = option(
-        True, "whether motion within scans is undone by odometry and the times of their points"
+        True, "whether motion within scans is undone by odometry, or an IMU, and times of points"
     )
     extrapolation: float = option(
         0.0, "how far beyond the known transforms a robot's motion is carried on", unit="s", ge=0
@@ -343,11 +343,14 @@ class FrameBuilder:
             self._give_up(BUFFER_FULL, "too many scans wait")
 
     def _move(self, message: FrameTransforms | Odometry | Imu) -> None:
-        if self.robot.goes_back(message, self._jump_ns):
+        if not isinstance(message, Imu) and self.robot.goes_back(message, self._jump_ns):
             self.robot.forget_moving()
             self._restart()
         try:
-            self.robot.add(message)
+            if isinstance(message, Imu):
+                self.robot.imu.add(message, self._jump_ns)
+            else:
+                self.robot.add(message)
         except DataError as error:
             self.refused[type(message).__name__] += 1
             self._log(type(message).__name__, str(error), *cause_of(error))

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How an inertial measurement unit turned between any two times."""
 
-from bisect import bisect_left, bisect_right, insort
+import logging
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
-from fusionslam.sensors.messages import NANOSECONDS, Imu
+from fusionslam.sensors.messages import NANOSECONDS, Imu, as_stamp
 from fusionslam.sensors.transforms import TransformError
+
+logger = logging.getLogger(__name__)
 
 _WIDEST_NS = NANOSECONDS // 20
 """Between rates farther apart the turn is not known."""
@@ -33,8 +37,15 @@ class ImuBuffer:
         self._history_ns = None if history_s is None else round(history_s * NANOSECONDS)
         self._load = load
         self._lock = Lock()
-        self._rates: list[tuple[int, tuple[float, float, float]]] = []
+        self._rates: list[tuple[int, tuple[float, ...]]] = []
         self._frame: str | None = None
+        self._is_distrusted = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _lock=Lock())
 
     @property
     def frame(self) -> str | None:
@@ -47,12 +58,25 @@ class ImuBuffer:
         """Stamp of the last message; None if there is none."""
         return self._rates[-1][0] if self._rates else None
 
-    def add(self, imu: Imu) -> None:
-        """Take a message, which may arrive out of order.
+    def add(self, imu: Imu, jump_ns: int | None = None) -> None:
+        """Take a message, which may arrive out of order; of equal stamps the first counts.
+
+        Args:
+            imu: what it says.
+            jump_ns: a stamp farther behind the newest one starts all anew; None never does.
 
         Raises:
-            DataError: its frame is another one than before: two IMUs share a topic.
+            DataError: its frame is another one than before (code "two-imus"), or its stamp or turn
+                rate is none.
         """
+        stamp_ns = as_stamp(imu.stamp_ns)
+        rate = tuple(np.ravel(np.asarray(imu.angular, object)).tolist())
+        if len(rate) != 3 or not all(isinstance(each, int | float) for each in rate):
+            raise DataError(f"turn rate {imu.angular!r} of an IMU: expected three numbers, rad/s")
+        if not np.isfinite(rate).all():
+            raise DataError(f"turn rate {rate} of an IMU is not finite", code="not-finite")
+        if jump_ns is not None and self._rates and self._rates[-1][0] - stamp_ns > jump_ns:
+            self.forget_after(0)
         if self._frame not in (None, imu.frame_id):
             raise DataError(
                 f"IMU messages of '{imu.frame_id}', expected those of '{self._frame}' as before",
@@ -60,10 +84,9 @@ class ImuBuffer:
                 fields=(imu.frame_id, str(self._frame)),
             )
         self._frame = imu.frame_id
-        x, y, z = (float(value) for value in imu.angular)
-        if self._rates and imu.stamp_ns == self._rates[-1][0]:
-            self._rates.pop()
-        insort(self._rates, (imu.stamp_ns, (x, y, z)))
+        row = bisect_left(self._rates, (stamp_ns,))
+        if row == len(self._rates) or self._rates[row][0] != stamp_ns:
+            self._rates.insert(row, (stamp_ns, rate))
         if self._history_ns is not None:
             count = bisect_left(self._rates, (self._rates[-1][0] - self._history_ns,))
             del self._rates[:count]
@@ -71,6 +94,20 @@ class ImuBuffer:
     def forget_after(self, stamp_ns: int) -> None:
         """Drop messages later than a stamp, to which the clock jumped back."""
         del self._rates[bisect_right(self._rates, (stamp_ns, (np.inf,) * 3)) :]
+        if not self._rates:
+            self._frame = None
+
+    def distrust(self, turned_deg: float, expected_deg: float) -> None:
+        """Say once that odometry contradicts it."""
+        if not self._is_distrusted:
+            self._is_distrusted = True
+            logger.warning(
+                "the IMU in '%s' turns by %.1f degrees within a scan, odometry by %.1f: it is not "
+                "used there; are its rates in rad/s, and does TF place it rightly?",
+                self._frame,
+                turned_deg,
+                expected_deg,
+            )
 
     def turned(self, stamps_ns: NDArray[np.int64]) -> Floats:
         """float64 (K, 3, 3): first_from_then, its axes at the first of some times and at each.
@@ -110,12 +147,18 @@ class ImuBuffer:
         return _integrate(times, rates, stamps_ns)
 
     def _read(self) -> None:
-        if self._load is None:
-            return
         with self._lock:
-            load, self._load = self._load, None
-            for imu in load() if load is not None else ():
-                self.add(imu)
+            if self._load is None:
+                return
+            problem: DataError | None = None
+            for imu in self._load():
+                try:
+                    self.add(imu)
+                except DataError as error:
+                    problem = problem or error
+            self._load = None
+        if problem is not None:
+            logger.warning("messages of an IMU are left out: %s", problem)
 
 
 def _integrate(times_ns: NDArray[np.int64], rates: Floats, stamps_ns: NDArray[np.int64]) -> Floats:

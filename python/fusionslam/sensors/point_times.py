@@ -66,19 +66,7 @@ def read_point_times(
     known = values[returned]
     if not known.size:
         return PointTimes(None, f"no time of a point ('{name}') is finite")
-    largest, span = np.abs(known).max(), float(np.ptp(known))
-    in_nanoseconds = given.dtype.kind in "iu" or largest > _LEAST_ABSOLUTE_NS
-    unit, remark = (1e-9 if in_nanoseconds else 1.0), ""
-    if largest > (_LEAST_ABSOLUTE_NS if in_nanoseconds else _LEAST_ABSOLUTE):
-        seconds = values * unit - stamp_ns / 1e9
-    else:
-        if span and known.size >= _WHOLE and not _SHORTEST_SWEEP_S <= span * unit <= 1:
-            low, high = _USUAL_S
-            others = [each for each in _UNITS if low <= span * each <= high]
-            if others:
-                unit = others[0]
-                remark = f"times of points ('{name}') are taken for {_UNITS[unit]}"
-        seconds = values * unit
+    seconds, remark = _seconds_from(values, known, given.dtype.kind in "iu", stamp_ns / 1e9, name)
     off = float(np.abs(seconds[returned]).max())
     if off > _LONGEST_SWEEP_S:
         return PointTimes(
@@ -88,3 +76,24 @@ def read_point_times(
         )
     seconds[~returned] = 0.0
     return PointTimes(seconds, remark)
+
+
+def _seconds_from(
+    values: Floats, known: Floats, is_integer: bool, stamp_s: float, name: str
+) -> tuple[Floats, str]:
+    """Seconds after the stamp, and a remark on an unusual unit; ``known`` are the finite values."""
+    largest, span = float(np.abs(known).max()), float(np.ptp(known))
+    in_nanoseconds = is_integer or largest > _LEAST_ABSOLUTE_NS
+    unit = 1e-9 if in_nanoseconds else 1.0
+    absolute: Floats = values * unit - stamp_s
+    is_absolute = largest > (_LEAST_ABSOLUTE_NS if in_nanoseconds else _LEAST_ABSOLUTE)
+    if is_absolute and np.abs(known * unit - stamp_s).max() <= _LONGEST_SWEEP_S:
+        return absolute, ""
+    low, high = _USUAL_S
+    is_sweep = _SHORTEST_SWEEP_S <= span * unit <= _LONGEST_SWEEP_S
+    if is_absolute or (span and known.size >= _WHOLE and not is_sweep):
+        for other, words in _UNITS.items():
+            begins = float(np.abs(known * other).max())
+            if low <= span * other <= high and begins <= _LONGEST_SWEEP_S:
+                return values * other, f"times of points ('{name}') are taken for {words}"
+    return (absolute if is_absolute else values * unit), ""

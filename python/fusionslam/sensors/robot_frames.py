@@ -12,7 +12,7 @@ from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
 from fusionslam.geometry.se3 import inverse
 from fusionslam.sensors.imu_buffer import ImuBuffer
-from fusionslam.sensors.messages import NANOSECONDS, FrameTransforms, Imu, Odometry
+from fusionslam.sensors.messages import NANOSECONDS, FrameTransforms, Odometry
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
 # Default names of the robot's frame and of the odometry frame.
@@ -56,16 +56,13 @@ class RobotFrames:
         self._measured: tuple[str, str] | None = None
         self._true: tuple[str, str] | None = None
 
-    def add(self, message: FrameTransforms | Odometry | Imu) -> None:
-        """Add transforms, odometry, or what an IMU says.
+    def add(self, message: FrameTransforms | Odometry) -> None:
+        """Add transforms or odometry.
 
         Raises:
             DataError: as ``TransformTree.add``, for the first invalid transform; the valid ones
-                of the same message are added. As ``ImuBuffer.add``.
+                of the same message are added.
         """
-        if isinstance(message, Imu):
-            self.imu.add(message)
-            return
         if isinstance(message, Odometry):
             ends = message.frame_id, message.child_frame_id
             if self._is_true(message):
@@ -96,11 +93,8 @@ class RobotFrames:
             tree.forget_after(stamp_ns)
         self.imu.forget_after(stamp_ns)
 
-    def goes_back(self, message: FrameTransforms | Odometry | Imu, jump_ns: int) -> bool:
+    def goes_back(self, message: FrameTransforms | Odometry, jump_ns: int) -> bool:
         """Whether a stamp in it is earlier than its frame's newest by more than ``jump_ns``."""
-        if isinstance(message, Imu):
-            newest = self.imu.newest
-            return newest is not None and newest - message.stamp_ns > jump_ns
         if isinstance(message, Odometry):
             moves = self._true_moves if self._is_true(message) else self._moves
             newest = moves.newest(message.child_frame_id)
@@ -175,7 +169,8 @@ class RobotFrames:
     def turned_by_imu(self, sensor: str, stamps_ns: NDArray[np.int64]) -> Matrix | None:
         """float64 (K, 4, 4): where a sensor is at several times, in its frame at the first of them.
 
-        The IMU only turns; None if there is none, or TF does not link it to the sensor.
+        The robot only turns, about its own frame, or about the IMU where TF does not link the two.
+        None if there is no IMU, or TF does not link it to the sensor.
 
         Raises:
             TransformError: as ``ImuBuffer.turned``.
@@ -183,9 +178,13 @@ class RobotFrames:
         frame = self.imu.frame
         if frame is None or not self._is_linked(frame, sensor):
             return None
-        mounts = self.tree.lookup_all(frame, sensor, stamps_ns)
+        body = self._body
+        if body is None or not self._is_linked(body, frame):
+            body = frame
+        turns = self.tree.lookup_all(body, frame, stamps_ns)[:, :3, :3]
+        mounts = self.tree.lookup_all(body, sensor, stamps_ns)
         turned = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
-        turned[:, :3, :3] = self.imu.turned(stamps_ns)
+        turned[:, :3, :3] = turns[:1] @ self.imu.turned(stamps_ns) @ np.swapaxes(turns, 1, 2)
         return np.asarray(inverse(mounts[:1]) @ turned @ mounts, dtype=np.float64)
 
     def _is_linked(self, one: str, other: str) -> bool:
@@ -194,10 +193,13 @@ class RobotFrames:
         return False
 
     def odometry_step(self, stamps_ns: NDArray[np.int64]) -> float:
-        """Longest time between odometry messages around some times, seconds; 0 without any."""
-        if not self._measured:
+        """Longest time between poses of odometry around some times, seconds; 0 without any."""
+        tree, ends = self.tree, (self.odometry, self._body)
+        if self._measured:
+            tree, ends = self._moves, self._measured
+        if ends[0] is None or ends[1] is None:
             return 0.0
-        return self._moves.widest(self._measured[1], stamps_ns) / NANOSECONDS
+        return tree.widest(ends[0], ends[1], stamps_ns) / NANOSECONDS
 
     def camera_from_points(
         self, camera: str, camera_ns: int, scanner: str, scan_ns: int, *, still: bool = False

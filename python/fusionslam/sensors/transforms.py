@@ -281,15 +281,19 @@ class TransformTree:
             fields=(link.parent, child),
         )
 
-    def widest(self, child: str, stamps_ns: NDArray[np.int64]) -> int:
-        """Longest time between the samples of a moving frame around some times, nanoseconds."""
-        link = self._links[_name(child)]
+    def widest(self, target: str, source: str, stamps_ns: NDArray[np.int64]) -> int:
+        """Longest time between samples around some times on the way between frames, nanoseconds."""
+        up, down = self._ways(target, source)
+        links = [self._links[child] for child in (*up, *down)]
+        return max((self._widest_of(link, stamps_ns) for link in links), default=0)
+
+    def _widest_of(self, link: _Link, stamps_ns: NDArray[np.int64]) -> int:
         first = max(bisect_right(link.stamps, int(stamps_ns.min())) - 1, 0)
         last = bisect_left(link.stamps, int(stamps_ns.max())) + 1
         return max(np.diff(link.stamps[first:last]).tolist(), default=0)
 
     def _check_gaps(self, child: str, link: _Link, stamps_ns: NDArray[np.int64]) -> None:
-        gap_ns = self.widest(child, stamps_ns)
+        gap_ns = self._widest_of(link, stamps_ns)
         if gap_ns > _WIDEST_NS:
             raise TransformError(
                 f"'{child}' in '{link.parent}' is not known for {_seconds(gap_ns)} s around "

@@ -132,6 +132,8 @@ def _odometry(message: Any) -> Odometry:
 
 
 def _imu(message: Any) -> Imu:
+    if len(message.angular_velocity_covariance) and message.angular_velocity_covariance[0] == -1:
+        raise DataError("angular_velocity_covariance[0] is -1: the IMU tells no turn rates")
     return Imu(
         stamp_ns=stamp_of(message.header.stamp),
         frame_id=message.header.frame_id.lstrip("/"),

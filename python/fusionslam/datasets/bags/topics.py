@@ -31,6 +31,7 @@ TRANSFORM_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 # Parts of names that exclude a role.
 _NOT_LEFT = ("depth", "right")
 _TRUTH = ("truth", "_gt", "/gt")
+_NO_RATES = ("accel", "magn")
 
 
 def choose_topics(
@@ -166,6 +167,8 @@ def candidates(topics: Mapping[str, Topic], role: str, chosen: Mapping[str, str]
         return _right_images(names, chosen.get("left", ""))
     if role == "right_camera_info":
         return _right_infos(names, chosen)
+    if role == "imu":
+        return sorted(names, key=lambda name: _has(name, _NO_RATES))
     if role in ("odometry", "truth"):
         return [name for name in names if _has(name, _TRUTH) == (role == "truth")]
     return names
