@@ -11,13 +11,14 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 PACKAGE = "fusionslam_ros2"
-SENSORS = "scan", "image", "camera_info", "odom"
+SENSORS = "scan", "image", "camera_info", "odom", "imu"
 COMMON = "parameters", "rviz", "live", "use_sim_time"
 ARGUMENTS = {  # of each the default and a description; that of a topic is the nodes' name for it
     "scan": ("velodyne_points", "topic of the scans"),
     "image": ("camera/rgb/image_raw", "topic of the images, compressed or not"),
     "camera_info": ("camera/rgb/camera_info", "topic of their calibration"),
     "odom": ("odom", "topic of the odometry"),
+    "imu": ("imu", "topic of the IMU, if there is one"),
     "truth": ("", "topic of the true odometry, if views are to be judged"),
     "views": ("alignment", "what recognises places, as fusionslam ratslam --views"),
     "views_file": ("", ".npz that keeps the views for the next start"),
