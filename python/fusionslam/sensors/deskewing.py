@@ -3,18 +3,15 @@
 """Motion of a scanner within a scan, by odometry, an IMU or both, and its undoing."""
 
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
-from fusionslam import _core
 from fusionslam.base.arrays import Floats, Integers, Points
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.sensors.messages import NANOSECONDS, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
+from fusionslam.sensors.undone_motion import Deskew
 
 _POSES = 33
 """Along a scan. At 3 rad/s and 0.1 s they are half a degree apart: 0.2 mm at 20 m."""
@@ -30,44 +27,6 @@ _BEFORE_S = 0.15
 _JUMP_M_S = 5.0
 _JUMP_RAD_S = 5.0
 """From one moment to the next no robot's velocity changes by so much."""
-
-
-@dataclass(frozen=True, eq=False)
-class Deskew:
-    """Motion of a scanner while it took a scan, which is undone in its points.
-
-    Attributes:
-        source: what told the motion.
-        span: seconds from the scan's stamp to the first and to the last point.
-        poses: float64 (K, 4, 4), stamp_from_then, at even steps of time from the first point to the
-            last.
-    """
-
-    source: Literal["odometry", "imu", "imu and odometry"]
-    span: tuple[float, float]
-    poses: Floats
-
-    def undo(self, points: Points, seconds: Floats) -> Points:
-        """Return points as the scanner would have seen them at the stamp.
-
-        Args:
-            points: float32 (N, 3), metres, each in the scanner's frame when it was measured.
-            seconds: float64 (N,), when that was, after the stamp.
-        """
-        return _core.deskew(points, seconds, self.poses, self.span)
-
-    @cached_property
-    def moved(self) -> Floats:
-        """float64 (2, 6): motions from the stamp to the first and to the last point.
-
-        In the scanner's frame at the stamp: x, y, z in metres, then a rotation in radians.
-        """
-        return log(self.poses[[0, -1]])
-
-    @property
-    def turned_deg(self) -> float:
-        """Degrees by which the scanner turned from the first point to the last."""
-        return float(np.degrees(np.linalg.norm(self.moved[1, 3:] - self.moved[0, 3:])))
 
 
 def points_of(scan: Scan, motion: Deskew | None) -> Points:

@@ -18,8 +18,8 @@ from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Floats32, Points, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
-from fusionslam.sensors.deskewing import Deskew
 from fusionslam.sensors.messages import as_stamp
+from fusionslam.sensors.undone_motion import Deskew
 
 Bytes = NDArray[np.uint8]
 

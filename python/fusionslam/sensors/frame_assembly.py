@@ -12,11 +12,12 @@ import numpy as np
 from fusionslam.base.arrays import Matrix
 from fusionslam.errors import DataError
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_size, rectify
-from fusionslam.sensors.deskewing import Deskew, motion_within, points_of
+from fusionslam.sensors.deskewing import motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
+from fusionslam.sensors.undone_motion import Deskew
 
 _PAIR = ("left", "right")
 

@@ -23,11 +23,12 @@ from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
 from fusionslam.errors import DataError, naming, one_line
 from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair, rectify
-from fusionslam.sensors.deskewing import Deskew, motion_within, points_of
+from fusionslam.sensors.deskewing import motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
 from fusionslam.sensors.transforms import TransformError
+from fusionslam.sensors.undone_motion import Deskew
 
 logger = logging.getLogger(__name__)
 

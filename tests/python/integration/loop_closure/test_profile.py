@@ -13,8 +13,8 @@ from fusionslam.loop_closure import LoopConfig
 from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.loop_closure.profile import SensorProfile, profile_sensor
 from fusionslam.registration import RegistrationConfig
-from fusionslam.sensors.deskewing import Deskew
 from fusionslam.sensors.frame import Frame
+from fusionslam.sensors.undone_motion import Deskew
 from rows import rows
 from streets import at, changed
 

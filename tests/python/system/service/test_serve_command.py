@@ -63,6 +63,8 @@ def test_a_process_answers_and_ends_cleanly_on_sigterm(made: Path, tmp_path: Pat
         assert "server" not in query.headers
         client.close()
         with begun_query(url) as (line, rest_of_body):
+            # What is answered later shows that the query was begun: only such ones are finished.
+            assert httpx.get(f"{url}/health").status_code == 200
             process.send_signal(signal.SIGTERM)
             wait_until_closed(url)
             line.sendall(rest_of_body)

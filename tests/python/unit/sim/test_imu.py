@@ -69,15 +69,15 @@ def allan_deviation(values: Floats, rate_hz: float, seconds: float) -> float:
 def test_allan_deviations_are_those_of_the_stated_densities(
     changes: dict[str, float], field: str, seconds: float, stated: float
 ) -> None:
-    mount = ImuMount(**CLEAR | changes, rate_hz=100.0)
-    times = np.arange(0, 2000, 0.01)
+    mount = ImuMount(**CLEAR | changes, rate_hz=20.0)
+    times = np.arange(0, 1000, 0.05)
     values = getattr(simulate_imu(still, mount, times, np.random.default_rng(1)), field)
-    assert allan_deviation(values, 100.0, seconds) == pytest.approx(stated, rel=0.05)
+    assert allan_deviation(values, 20.0, seconds) == pytest.approx(stated, rel=0.1)
 
 
 def test_biases_are_drawn_once() -> None:
     mount = ImuMount(**CLEAR | {"gyro_bias": 0.1, "accel_bias": 1.0})
-    times = np.arange(0, 1, 0.005)
+    times = np.arange(0, 0.05, 0.005)
     starts = [simulate_imu(still, mount, times, np.random.default_rng(seed)) for seed in range(300)]
     for found, bias in (("angular", 0.1), ("linear", 1.0)):
         drawn = np.array(
