@@ -92,5 +92,5 @@ class _Publisher:
             if not is_shutdown_requested():
                 raise
 
-    def is_wanted(self) -> bool:
-        return bool(self._publisher.get_num_connections())
+    def subscriptions(self) -> int:
+        return int(self._publisher.get_num_connections())

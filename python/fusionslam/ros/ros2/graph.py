@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from fusionslam.datasets.bags.reader import Topic
 from fusionslam.datasets.bags.topics import ROLES
@@ -54,3 +55,24 @@ def _foreign(node: Node, topic: str, publishers: Sequence[Endpoint]) -> list[str
 
 def _type_hash(endpoint: Endpoint) -> str:
     return str(getattr(endpoint, "topic_type_hash", _UNKNOWN))
+
+
+def subscribers_of(node: Node, topic: str) -> set[str]:
+    """Full names of the nodes that have subscribed to a topic."""
+    return {sender_of(each) for each in node.get_subscriptions_info_by_topic(topic)}
+
+
+def count_reachable(node: Node, publisher: str, topic: str) -> int:
+    """Number of subscriptions that take what a node with this full name publishes on a topic."""
+    takers = node.get_subscriptions_info_by_topic(topic)
+    return sum(
+        _fits(offer, taker)
+        for offer in node.get_publishers_info_by_topic(topic)
+        if sender_of(offer) == publisher
+        for taker in takers
+    )
+
+
+def _fits(offer: Endpoint, taker: Endpoint) -> bool:
+    compatible, _ = qos_check_compatible(offer.qos_profile, taker.qos_profile)
+    return bool(taker.topic_type == offer.topic_type and compatible != QoSCompatibility.ERROR)

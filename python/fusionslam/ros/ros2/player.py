@@ -152,23 +152,32 @@ class _Player:
                 elif count and waited > wait and self._are_heard(reports):
                     return
                 elif count and waited > wait + _PATIENCE_S:
-                    logger.warning("some nodes of fusionslam have not subscribed to what they take")
+                    logger.warning(
+                        "some nodes of fusionslam have not subscribed to what they take, or do not "
+                        "reach who subscribed to what they publish"
+                    )
                     return
                 progress("waiting for subscribers", min(count, 1), 1)
                 self._spin()
 
     def _are_heard(self, reports: NodeReports) -> bool:
-        """Tell whether each node of ours has subscribed to what it takes of the bag."""
+        """Tell whether each node of ours takes what it wants of the bag, and reaches all it can.
+
+        A publisher knows of a subscription later than the graph; what it sends meanwhile is lost.
+        """
+        from fusionslam.ros.ros2.graph import count_reachable, subscribers_of
+
         played = {each.topic_name for each in self._publishers.values()}
-        for node in self._nodes():
-            topics = reports.topics(node)
-            if topics is None or not all(node in self._subscribers(t) for t in topics & played):
+        for name in self._nodes():
+            topics = reports.topics(name)
+            if topics is None:
+                return False
+            if not all(name in subscribers_of(self._node, topic) for topic in topics & played):
+                return False
+            reached = reports.reached(name).items()
+            if any(count < count_reachable(self._node, name, topic) for topic, count in reached):
                 return False
         return True
-
-    def _subscribers(self, topic: str) -> set[str]:
-        found = self._node.get_subscriptions_info_by_topic(topic)
-        return {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
 
     def _spin(self) -> None:
         import rclpy

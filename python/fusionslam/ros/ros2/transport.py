@@ -277,8 +277,8 @@ class _Publisher:
     def publish(self, message: Any) -> None:
         self._publisher.publish(self._own.note(message))
 
-    def is_wanted(self) -> bool:
-        return bool(self._publisher.get_subscription_count())
+    def subscriptions(self) -> int:
+        return int(self._publisher.get_subscription_count())
 
 
 def _refuse(response: Any, code: str, text: str) -> Any:

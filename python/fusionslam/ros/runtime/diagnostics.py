@@ -4,7 +4,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fusionslam.ros.messages.library import make, message_class
@@ -18,16 +18,25 @@ _SAME_REPORTS = 3
 """So many reports of each node since the last change of any: what one sent reached the next."""
 _OWN_TIME = ("processor time", "latency")
 """Values of a report that change even if nothing happens."""
-_OF_MESSAGES = ("received ", "dropped ", "refused ")
-"""Values of a report that count messages, not results."""
+_REACHES = "subscriptions to "
+_OF_MESSAGES = ("received ", "dropped ", "refused ", _REACHES)
+"""Values of a report that count messages or connections, not results."""
 _IDLE = ("idle", "yes")
 LISTENS_TO = "listens to"
 """Value of a report that holds full names of topics."""
 
 
-def diagnostics(worker: "Worker", node: str, now_ns: int) -> Any:
-    """Return a DiagnosticArray of the current state of a node with this full name."""
+def diagnostics(worker: "Worker", node: str, now_ns: int, reached: Mapping[str, int]) -> Any:
+    """Return a DiagnosticArray of the current state of a node.
+
+    Args:
+        worker: of the node.
+        node: its full name.
+        now_ns: time by the clock of the stamps.
+        reached: number of subscriptions that its messages reach, by full names of topics.
+    """
     values = dict(list_values(worker))
+    values |= {f"{_REACHES}{topic}": str(count) for topic, count in reached.items()}
     problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
     problems += [f"{t}: {cause}" for (t, cause), _ in worker.problems.counts.most_common(1)]
     level = message_class("diagnostic_msgs/DiagnosticStatus")
@@ -85,6 +94,14 @@ class NodeReports:
         if node not in self._last:
             return None
         return set(dict(self._last[node]).get(LISTENS_TO, "").split())
+
+    def reached(self, node: str) -> dict[str, int]:
+        """Number of subscriptions that a node's messages reach, by full names of topics."""
+        return {
+            key.removeprefix(_REACHES): int(value)
+            for key, value in self._last.get(node, ())
+            if key.startswith(_REACHES)
+        }
 
     def have(self, nodes: Collection[str]) -> bool:
         """Tell whether all nodes have reported."""

@@ -171,8 +171,8 @@ class Publisher(Protocol):
     def publish(self, message: Any) -> None:
         """Send a message; called in any thread."""
 
-    def is_wanted(self) -> bool:
-        """Tell whether the topic has subscribers."""
+    def subscriptions(self) -> int:
+        """Number of subscriptions that messages reach."""
 
 
 class Transport(Protocol):

@@ -106,7 +106,7 @@ class NodeRunner:
 
     def is_wanted(self, topic: str) -> bool:
         """As ``Outlet``."""
-        return self._publishers[topic].is_wanted()
+        return self._publishers[topic].subscriptions() > 0
 
     def run(self) -> None:
         """Process messages until the middleware shuts down, then let the node save its state."""
@@ -144,12 +144,17 @@ class NodeRunner:
             self._worker.log_silent()
         if now - self._last_report >= common.report:
             self._last_report = now
-            self._worker.run_guarded(
-                REPORTS,
-                lambda: self._reports.publish(
-                    diagnostics(self._worker, self._transport.name, self._transport.now_ns())
-                ),
-            )
+            self._worker.run_guarded(REPORTS, self._report)
+
+    def _report(self) -> None:
+        reached = {
+            self._transport.full_name(topic): each.subscriptions()
+            for topic, each in self._publishers.items()
+        }
+        transport = self._transport
+        self._reports.publish(
+            diagnostics(self._worker, transport.name, transport.now_ns(), reached)
+        )
 
     def _beat(self, timer: Timer, has_ended: threading.Event) -> None:
         while not has_ended.wait(timer.period) and not self._transport.is_shut_down():

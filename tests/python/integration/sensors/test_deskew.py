@@ -45,18 +45,16 @@ def ways(speed: float, turn: float) -> list[float]:
     return [speed, 0.0, 0.05 * min(speed, 1), 0.1 * turn, 0.0, turn]
 
 
-def pose(motion: list[float], seconds: float) -> Floats:
-    """odom_from_base at constant velocity."""
-    return exp(np.array(motion) * seconds)
+def pose(motion: list[float], seconds: float | Floats) -> Floats:
+    """odom_from_base at constant velocity, (..., 4, 4) of times (...)."""
+    return exp(np.multiply.outer(seconds, motion))
 
 
 def taken(motion: list[float], at: float, places: Floats, times: Floats) -> Floats:
     """Places in odom as the scanner sees them, each at its own time after ``at``."""
-    seen = [
-        inverse(pose(motion, at + time) @ MOUNT) @ [*place, 1]
-        for place, time in zip(places, times, strict=True)
-    ]
-    return np.array(seen)[:, :3]
+    scanner_from_odom = inverse(pose(motion, at + times) @ MOUNT)
+    turned = np.einsum("nij,nj->ni", scanner_from_odom[:, :3, :3], places)
+    return turned + scanner_from_odom[:, :3, 3]
 
 
 def drive(

@@ -108,13 +108,16 @@ def test_a_bag_is_over_once_no_node_has_changed_for_some_reports_of_each() -> No
     assert not reports.are_quiet(nodes)
 
 
-def test_reports_say_which_topics_a_node_takes() -> None:
+def test_reports_say_which_topics_a_node_takes_and_whom_it_reaches() -> None:
     reports = NodeReports()
     assert reports.topics("/node") is None
     reports.take(report("/node", idle="yes"))
     assert reports.topics("/node") == set()
     reports.take(report("/node", **{"listens to": "/odom /robot/points"}))
-    assert reports.topics("/node") == {"/odom", "/robot/points"}
+    assert reports.topics("/node") == {"/odom", "/robot/points"} and not reports.reached("/node")
+    reports.take(report("/node", **{"subscriptions to /cloud": "2", "clouds": "7"}))
+    assert reports.reached("/node") == {"/cloud": 2}
+    assert reports.results() == {"/node": ["7 clouds"]}
 
 
 class Quiet(Node[CommonConfig]):
