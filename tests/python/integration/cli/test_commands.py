@@ -367,6 +367,7 @@ def test_the_demo_drives_a_robot_through_an_indoor_world_once(
     assert work.configs["lidar"]["evaluation"]["radius"] == 0.8
 
 
+@pytest.mark.slow
 def test_the_demo_does_not_replace_results_of_a_real_recording(kitti: Path, tmp_path: Path) -> None:
     pytest.importorskip("embreex")
     out, tiny = tmp_path / "out", settings(*TINY_TOWN)

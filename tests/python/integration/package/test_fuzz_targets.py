@@ -26,6 +26,7 @@ def test_hostile_input_is_refused_or_harmless(name: str) -> None:
     assert short_run(TARGETS[name], 30) >= 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", sorted({name.partition("/")[0] for name in TARGETS}))
 def test_some_hostile_inputs_are_refused_or_harmless(group: str) -> None:
     for name, target in TARGETS.items():

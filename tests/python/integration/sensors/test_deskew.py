@@ -468,8 +468,9 @@ def test_the_turn_of_an_imu_is_that_of_its_rates() -> None:
         buffer.add(Imu(stamp_ns=round(t * S), frame_id="imu", angular=angular, linear=np.zeros(3)))
     fine = np.arange(0.1003, 0.3, 1e-5)
     true = np.eye(3)
-    for angular in rate(fine + 5e-6):
-        true = true @ exp(np.r_[np.zeros(3), angular * 1e-5])[:3, :3]
+    steps = np.c_[np.zeros((len(fine), 3)), rate(fine + 5e-6) * 1e-5]
+    for turn in exp(steps)[:, :3, :3]:
+        true = true @ turn
     found = buffer.turned(np.array([round(0.1003 * S), round(0.3 * S)]))
     np.testing.assert_allclose(found[0], np.eye(3), atol=1e-12)
     np.testing.assert_allclose(found[1], true, atol=5e-5)
