@@ -69,6 +69,7 @@ EXTRAS = {
         ),
     ),
     "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
+    "inertial": Extra({"rko-lio": "rko_lio"}, ("odometry of scans and IMU", "--odometry inertial")),
     "fleet": Extra(
         _RAY
         | _same("lancedb", "fastapi", "uvicorn", "limits")

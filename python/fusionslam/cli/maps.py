@@ -25,14 +25,14 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-ODOMETRY = ("recorded", "lidar", "truth+noise")
+ODOMETRY = ("recorded", "lidar", "inertial", "truth+noise")
 Odometry = Annotated[
     str,
     opt.one_of(
         "--odometry",
         names=ODOMETRY,
-        help="The recording's, that of its scans (extra odometry), or true poses with errors "
-        "(--set odometry.KEY).",
+        help="The recording's, that of its scans (extra odometry), of scans and IMU (extra "
+        "inertial), or true poses with errors (--set odometry.KEY).",
     ),
 ]
 

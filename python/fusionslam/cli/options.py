@@ -37,7 +37,7 @@ KINDS = (
     *("folder", "ranges"),
     *("rosbag1", "rosbag2", "mcap", "scenes"),
 )
-ODOMETRY = ("topic", "lidar", "visual", "truth", "truth+noise")
+ODOMETRY = ("topic", "lidar", "inertial", "visual", "truth", "truth+noise")
 POSE_FORMATS = ("tum", "kitti")
 PRESETS_OF_RATSLAM = ("robust", "openratslam")
 PROTOCOLS = (

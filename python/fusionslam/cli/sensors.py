@@ -143,11 +143,15 @@ def odometry(
     skip_bad_frames: opt.SkipBad = False,
     jobs: opt.Jobs = None,
 ) -> None:
-    """Estimate the path of DATA from its scans, by KISS-ICP.
+    """Estimate the path of DATA from its scans, by KISS-ICP, or RKO-LIO where it has an IMU.
 
     Poses that cannot be right are refused with the reason, and then nothing is written.
     """
-    needs_extra("odometry")
+    chosen = read_config().lidar_odometry
+    if chosen.imu == "always":
+        needs_extra("inertial")
+    else:
+        needs_extra("odometry", unless="--set lidar_odometry.imu=always")
     from fusionslam.pipelines.frame_check import readable_frames
     from fusionslam.pipelines.lidar_odometry import (
         check_new_file,
@@ -157,7 +161,6 @@ def odometry(
 
     opt.check_output(output, build_recording, read_config)
     check_new_file(output)
-    chosen = read_config().lidar_odometry
     bad_frames, cores = opt.bad_frames(skip_bad_frames), opt.cores(jobs)
     with progress() as step:
         with during(step):

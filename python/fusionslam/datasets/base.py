@@ -27,7 +27,7 @@ from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError, one_line
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.sensors.messages import Odometry
+from fusionslam.sensors.messages import Imu, Odometry
 
 CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
@@ -133,6 +133,18 @@ class Dataset(ABC):
     def motion(self, role: str) -> list[Odometry]:
         """Messages of role "odometry" or "truth", by stamp. Raises DataError if there are none."""
         raise DataError(f"{self.name} has no {role} messages", code="no-messages", fields=(role,))
+
+    def imu_messages(self) -> Iterator[Imu]:
+        """What an IMU says, as it was recorded; nothing where there is none."""
+        return iter(())
+
+    def points_from_imu(self) -> Matrix | None:
+        """float64 (4, 4): where the IMU is in the frame of the scans; None if that is unknown."""
+        return None
+
+    def as_measured(self) -> Self:
+        """The dataset with scans in which the motion of the scanner is not undone."""
+        return self
 
     @property
     @abstractmethod

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of a LiDAR from its scans alone."""
+"""The motion of a LiDAR from its scans, and what an IMU feels."""
 
+from fusionslam.odometry.inertial_matcher import Felt
 from fusionslam.odometry.lidar_odometry import Deviation, LidarOdometry, LidarOdometryConfig
 
-__all__ = ["Deviation", "LidarOdometry", "LidarOdometryConfig"]
+__all__ = ["Deviation", "Felt", "LidarOdometry", "LidarOdometryConfig"]

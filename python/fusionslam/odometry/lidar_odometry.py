@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry of a LiDAR: scans registered by KISS-ICP, each pose checked before it is returned.
+"""Odometry of a LiDAR, with an IMU or without; each pose is checked before it is returned.
 
 >>> odometry = LidarOdometry()
 >>> for frame in dataset:
@@ -9,7 +9,7 @@
 
 import sys
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,9 +28,18 @@ from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix, Points, read_numbers
 from fusionslam.base.texts import counted
 from fusionslam.config import Section, merged, option
-from fusionslam.errors import ClockError, DataError, FusionSlamError, ShapeError, needing
-from fusionslam.geometry.se3 import motion_size
-from fusionslam.sensors.messages import NANOSECONDS, as_stamp
+from fusionslam.errors import (
+    ClockError,
+    ConfigError,
+    DataError,
+    FusionSlamError,
+    ShapeError,
+    needing,
+)
+from fusionslam.geometry.se3 import inverse, motion_size
+from fusionslam.odometry.inertial_matcher import Felt, InertialMatcher
+from fusionslam.sensors.frame import read_pose
+from fusionslam.sensors.messages import NANOSECONDS, Imu, as_stamp
 
 FEWEST_POINTS = 100
 """Scans with fewer points are refused."""
@@ -69,6 +78,11 @@ class LidarOdometryConfig(Section):
         0.6, "least overlap of two scans whose poses are believed", ge=0, le=1
     )
     lost_scans: int = option(3, "scans with less overlap until odometry counts as lost", ge=1)
+    imu: Literal["auto", "always", "never"] = option(
+        "auto",
+        "whether the turns and accelerations of an IMU are used: auto, where the recording has "
+        "them with times of points and RKO-LIO is installed",
+    )
 
 
 class Deviation(NamedTuple):
@@ -100,7 +114,8 @@ class _RegisteredScan(NamedTuple):
 class LidarOdometry:
     """Estimates the poses of a LiDAR from its scans, and refuses poses that cannot be right.
 
-    The map is that of the last scans within range; there is no loop closure, so poses drift.
+    KISS-ICP registers scans alone, RKO-LIO scans with what an IMU feels. The map is that of the
+    last scans within range; there is no loop closure, so poses drift.
 
     Attributes:
         overlap: share of what the last scan and the one before both saw that agrees, 0 to 1.
@@ -108,21 +123,36 @@ class LidarOdometry:
 
     Args:
         config: None for the defaults.
+        scan_from_imu: float64 (4, 4), where the IMU is in the frame of the scans; None without one.
         changes: configuration values to override.
 
     Raises:
         ConfigError: an unknown key, or a value out of range.
-        FusionSlamError: KISS-ICP is not installed (code "missing-extra"), or has no package for
-            this Python ("no-package").
+        ShapeError, DataError: ``scan_from_imu`` is no rigid motion.
+        FusionSlamError: KISS-ICP or RKO-LIO is not installed (code "missing-extra"), or KISS-ICP
+            has no package for this Python ("no-package").
     """
 
-    def __init__(self, config: LidarOdometryConfig | None = None, **changes: Any) -> None:
+    def __init__(
+        self,
+        config: LidarOdometryConfig | None = None,
+        scan_from_imu: Matrix | None = None,
+        **changes: Any,
+    ) -> None:
         self.config = merged(config or LidarOdometryConfig(), changes)
         self.overlap = 1.0
         self.motion: Matrix = np.eye(4)
         self._voxel = self.config.voxel or 0.0
         # Made here so that a missing package is found before the first scan is read.
-        self._icp = _make_icp(self._voxel or 1.0, self.config.max_range)
+        self._icp: Any = None
+        self._inertial: InertialMatcher | None = None
+        place = read_pose("scan_from_imu", scan_from_imu)
+        if place is not None and not np.isfinite(place).all():
+            raise DataError(f"scan_from_imu is not finite: {place.tolist()}", code="not-finite")
+        if place is None:
+            self._icp = _make_icp(self._voxel or 1.0, self.config.max_range)
+        else:
+            self._inertial = InertialMatcher(place, self.config.max_range)
         self._last: _RegisteredScan | None = None
         # In which the motion was made; None before the velocity is known.
         self._gap_ns: int | None = None
@@ -140,6 +170,29 @@ class LidarOdometry:
         # The difference of two motions has twice the variance of one.
         random = np.sqrt(self._changes / 2 / max(self._way, _LEAST_WAY_M))
         return Deviation(*np.maximum(random, _LEAST_DEVIATION).tolist())
+
+    @property
+    def takes_imu(self) -> bool:
+        """Whether it uses an IMU."""
+        return self._inertial is not None
+
+    @property
+    def felt(self) -> Felt | None:
+        """What the IMU says of itself and of what is up; None before the first scan, or without."""
+        return None if self._inertial is None else self._inertial.felt
+
+    def add(self, imu: Imu) -> None:
+        """Take a message of the IMU: before a scan, all until its last point.
+
+        Raises:
+            DataError: it is not finite (code "not-finite"), or in other units ("imu-unit").
+            ConfigError: nothing says where the IMU is.
+        """
+        if self._inertial is None:
+            raise ConfigError(
+                "the IMU is of no use: expected its place, LidarOdometry(scan_from_imu=)"
+            )
+        self._inertial.add(imu)
 
     def process(self, points: Points, stamp_ns: int, seconds: ArrayLike | None = None) -> Matrix:
         """Register the next scan.
@@ -159,6 +212,8 @@ class LidarOdometry:
             ClockError: a stamp that is not later than the one before (code "clock").
             DataError: too few points (code "few-points"), or a time that is not finite
                 ("not-finite"). These scans change nothing.
+            DataError: the IMU says nothing between two scans ("no-imu"), or feels no gravity in
+                the beginning ("imu-unit"). So is every scan after it.
             DataError: the scan is too far from the one before ("far-apart"), or the last
                 ``lost_scans`` overlap too little with the ones before ("lost"); so is every
                 scan after it.
@@ -176,7 +231,8 @@ class LidarOdometry:
         if self._last is None and not self._voxel:
             ranges = np.linalg.norm(kept, axis=1)
             self._voxel = float(np.clip(np.quantile(ranges, 0.9) / 20, 0.1, 1.0))
-            self._icp = _make_icp(self._voxel, self.config.max_range)
+            if self._inertial is None:
+                self._icp = _make_icp(self._voxel, self.config.max_range)
         try:
             return self._register(kept, stamp_ns, parts)
         except DataError as error:
@@ -190,24 +246,44 @@ class LidarOdometry:
         ratio = gap_ns / self._gap_ns if self._gap_ns else 0.0
         part = ratio if ratio <= _LONGEST_RATIO else 0.0
         expected: Matrix = _take_part(self.motion, np.array([part]))[0]
-        # To the middle of the sweep: to its begin, errors of the velocity would build up.
-        middle = (seconds.min() + seconds.max()) / 2 if len(seconds) else 0.0
-        if len(seconds):
-            points = _undo(points, (seconds - middle) * (NANOSECONDS / gap_ns), expected)
-        # Rings on the ground move with the LiDAR: only what is above it shows motion.
-        ground = GroundSegmentsConfig(distance=self._voxel / 5)
-        above, _, _ = remove_ground_segments(points, config=ground)
-        self._icp.last_delta = expected if last else np.eye(4)
-        thinned = _thin_rest(points, above).astype(np.float64)
-        self._icp.register_frame(thinned, np.zeros(0))
-        pose: Matrix = self._icp.last_pose.copy()
+        if self._inertial is None:
+            # To the middle of the sweep: to its begin, errors of the velocity would build up.
+            at = (seconds.min() + seconds.max()) / 2 if len(seconds) else 0.0
+            points, above = self._look_above(points, seconds - at, gap_ns, expected)
+            pose = self._match(points, above, expected if last else np.eye(4))
+        else:
+            at = float(seconds.max()) if len(seconds) else 0.0
+            times_ns = stamp_ns + np.round(seconds * NANOSECONDS).astype(np.int64)
+            if not len(seconds):
+                times_ns = np.full(len(points), stamp_ns)
+            pose = self._inertial.register(points, times_ns, self._voxel)
+            motion = np.eye(4) if last is None else inverse(last.pose) @ pose
+            points, above = self._look_above(points, seconds - at, gap_ns, motion)
         voxels = voxel_downsample(points[above], size=self._voxel / 2)[0]
         self._last = _RegisteredScan(stamp_ns, pose, voxels, nearest_ranges(points, step=1.0))
         if last is not None:
             self._follow(last, self._last, expected)
-        until_stamp = np.array([-middle * NANOSECONDS / gap_ns])
+        until_stamp = np.array([-at * NANOSECONDS / gap_ns])
         at_stamp: Matrix = pose @ _take_part(self.motion, until_stamp)[0]
         return at_stamp
+
+    def _look_above(
+        self, points: Points, seconds: Floats, gap_ns: int, motion: Matrix
+    ) -> tuple[Points, Integers]:
+        """The points as seen at the time 0 of theirs, and the indices of those above the ground."""
+        if len(seconds):
+            points = _undo(points, seconds * (NANOSECONDS / gap_ns), motion)
+        # Rings on the ground move with the LiDAR: only what is above it shows motion.
+        ground = GroundSegmentsConfig(distance=self._voxel / 5)
+        return points, remove_ground_segments(points, config=ground)[0]
+
+    def _match(self, points: Points, above: Integers, expected: Matrix) -> Matrix:
+        """first_from_scan by KISS-ICP."""
+        self._icp.last_delta = expected
+        thinned = _thin_rest(points, above).astype(np.float64)
+        self._icp.register_frame(thinned, np.zeros(0))
+        pose: Matrix = self._icp.last_pose.copy()
+        return pose
 
     def _follow(self, last: _RegisteredScan, scan: _RegisteredScan, expected: Matrix) -> None:
         """Take over the motion between two scans, and check it."""
@@ -264,6 +340,11 @@ class LidarOdometry:
         )
 
     def _expectation(self) -> str:
+        if self._inertial is not None:
+            return (
+                "expected turns and accelerations of the IMU in rad/s and m/s^2, in a place and at "
+                "times that fit the scans"
+            )
         return (
             f"expected scans at most {self.config.max_step:g} m and {self.config.max_turn:g} "
             "degrees apart, as 10 in a second are; slower scans need odometry of the wheels"

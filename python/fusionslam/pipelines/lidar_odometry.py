@@ -3,6 +3,7 @@
 """Odometry of a recording from its scans, and the files that keep it."""
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,13 +15,14 @@ from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.base.files import PathLike
 from fusionslam.base.parallel import ordered_results
 from fusionslam.base.progress import Progress, reported
+from fusionslam.config import merged
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
-from fusionslam.errors import DataError
-from fusionslam.odometry import Deviation, LidarOdometry, LidarOdometryConfig
+from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.odometry import Deviation, Felt, LidarOdometry, LidarOdometryConfig
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import Odometry
+from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +46,7 @@ class LidarTrack:
         overlap: float64 (N - 1), of each scan with the one before.
         deviation: estimate of the error.
         has_times: whether the data say when each point was measured.
+        felt: what the IMU says of itself and of gravity; None if none was used.
     """
 
     name: str
@@ -53,6 +56,7 @@ class LidarTrack:
     overlap: Floats
     deviation: Deviation
     has_times: bool
+    felt: Felt | None = None
 
     @property
     def length_m(self) -> float:
@@ -86,13 +90,27 @@ class LidarTrack:
         write_poses_kitti(path, self.poses)
 
     def __str__(self) -> str:
-        """Length, overlap and deviation, in one line."""
+        """Length, overlap, deviation and what the IMU says, in one line."""
         times = "with" if self.has_times else "without"
         return (
-            f"{len(self.poses)} poses, {self.length_m:.1f} m, points {times} times, "
+            f"{len(self.poses)} poses, {self.length_m:.1f} m, {self._by}, points {times} times, "
             f"overlap at least {self.overlap.min():.2f}, error about "
             f"{self.deviation.position:.2g} m and {np.rad2deg(self.deviation.angle):.2g} degrees "
             "after a metre, growing with the root of the way"
+        )
+
+    @property
+    def _by(self) -> str:
+        if self.felt is None:
+            return "by scans alone"
+        bias, up = self.felt.bias, self.felt.up
+        tilt = np.degrees(np.arccos(np.clip(up[2], -1, 1)))
+        rest = "not at rest in the beginning"
+        if bias is not None:
+            rest = f"bias {np.degrees(np.linalg.norm(bias)):.2g} degrees/s"
+        return (
+            f"by scans and IMU (gravity {self.felt.gravity:.2f} m/s^2, scanner tilted by "
+            f"{tilt:.1f} degrees, {rest})"
         )
 
 
@@ -103,25 +121,29 @@ def track_lidar(
     jobs: int = 1,
     progress: Progress | None = None,
 ) -> LidarTrack:
-    """Estimate the poses of a recording from its scans.
+    """Estimate the poses of a recording from its scans, and its IMU where it has one.
 
     Args:
-        dataset: with scans as the LiDAR measured them, best at 10 Hz.
+        dataset: with scans at best 10 Hz. Where an IMU is used, they are read as measured.
         config: None for the defaults.
         jobs: number of scans read ahead; does not change the result.
         progress: called with (scans done, total scans).
 
     Raises:
         DataError: fewer than two scans, a scan cannot be read or used, or its pose is refused as
-            ``LidarOdometry.process`` says; the message names the frame.
-        FusionSlamError: KISS-ICP is missing.
+            ``LidarOdometry.process`` says; the message names the frame. An IMU is needed, but there
+            is none (code "no-imu").
+        FusionSlamError: KISS-ICP or RKO-LIO is missing.
     """
     if not dataset.has_points or len(dataset) < 2:
         raise DataError(
             f"{dataset.name}: odometry by LiDAR needs scans of two frames or more",
             code="no-scans",
         )
-    odometry = LidarOdometry(config)
+    odometry = _odometry_of(dataset, config or LidarOdometryConfig())
+    messages = dataset.imu_messages() if odometry.takes_imu else iter(())
+    if odometry.takes_imu:
+        dataset = dataset.as_measured()
     poses: list[Matrix] = []
     overlap, has_times = [], True
     with ordered_results(lambda index: _read(dataset, index), range(len(dataset)), jobs) as frames:
@@ -129,6 +151,7 @@ def track_lidar(
             assert frame.points is not None
             has_times &= frame.point_seconds is not None or frame.deskew is not None
             with name_frame(dataset, index):
+                _add_until(odometry, messages, frame)
                 pose = odometry.process(frame.points, frame.stamp_ns, frame.point_seconds)
                 if index == len(dataset) - 1:
                     odometry.check()
@@ -151,7 +174,56 @@ def track_lidar(
         overlap=np.array(overlap[1:]),
         deviation=odometry.deviation,
         has_times=has_times,
+        felt=odometry.felt,
     )
+
+
+def scan_odometry(kind: str, config: LidarOdometryConfig | None) -> LidarOdometryConfig:
+    """The configuration for odometry of a kind: "inertial" needs an IMU, "lidar" does not."""
+    return merged(config or LidarOdometryConfig(), {"imu": "always"} if kind == "inertial" else {})
+
+
+def _odometry_of(dataset: Dataset, config: LidarOdometryConfig) -> LidarOdometry:
+    """Odometry with the IMU of a recording if it is wanted and can be used, else without."""
+    first = None if config.imu == "never" else next(dataset.imu_messages(), None)
+    if first is None and config.imu != "always":
+        return LidarOdometry(config)
+    lacking, scan_from_imu = f"{dataset.name} has no IMU", None
+    if first is not None:
+        lacking, scan_from_imu = _place_imu(dataset, first)
+    if scan_from_imu is None and config.imu == "always":
+        raise DataError(f"{lacking}, which odometry by LiDAR and IMU needs", code="no-imu")
+    if scan_from_imu is not None:
+        try:
+            return LidarOdometry(config, scan_from_imu)
+        except FusionSlamError as error:
+            if config.imu == "always" or error.code != "missing-extra":
+                raise
+            lacking = str(error)
+    logger.warning("the IMU is not used: %s", lacking)
+    return LidarOdometry(config)
+
+
+def _place_imu(dataset: Dataset, first: Imu) -> tuple[str, Matrix | None]:
+    """Where an IMU is in the frame of the scans, or None and what is lacking to use it."""
+    name, frame = dataset.name, dataset.as_measured()[0]
+    if frame.point_seconds is None:
+        return f"points of {name} have no times", None
+    late_s = (first.stamp_ns - frame.stamp_ns) / NANOSECONDS - frame.point_seconds.max()
+    if late_s > 0:
+        return f"the IMU of {name} begins {late_s:.3g} s after the first scan", None
+    return f"TF of {name} does not place '{first.frame_id}'", dataset.points_from_imu()
+
+
+def _add_until(odometry: LidarOdometry, messages: Iterator[Imu], frame: Frame) -> None:
+    """Add messages of an IMU until one is later than the last point of a frame."""
+    last_ns = frame.stamp_ns
+    if frame.point_seconds is not None:
+        last_ns += round(float(np.nanmax(frame.point_seconds)) * NANOSECONDS)
+    for imu in messages:
+        odometry.add(imu)
+        if imu.stamp_ns > last_ns:
+            return
 
 
 def lidar_motions(dataset: Dataset, track: LidarTrack) -> list[Odometry]:

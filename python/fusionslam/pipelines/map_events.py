@@ -17,13 +17,13 @@ from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.odometry import LidarOdometryConfig
 from fusionslam.pipelines.drive_images import estimate_motions, image_stamps_ns, template_views
 from fusionslam.pipelines.drives import Drive
-from fusionslam.pipelines.lidar_odometry import lidar_motions, track_lidar
+from fusionslam.pipelines.lidar_odometry import lidar_motions, scan_odometry, track_lidar
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig
 from fusionslam.sensors.messages import Odometry
 
-OdometryName = Literal["topic", "lidar", "visual", "truth", "truth+noise"]
+OdometryName = Literal["topic", "lidar", "inertial", "visual", "truth", "truth+noise"]
 ODOMETRY: tuple[str, ...] = get_args(OdometryName)
 """The kinds of odometry."""
 
@@ -155,10 +155,12 @@ def events_of(
     stamps_ns, item = _looks(drive, source, jobs, progress)
     if odometry == "visual":
         title, motions = estimate_motions(drive, seen, jobs=jobs, progress=progress)
-    elif odometry == "lidar":
+    elif odometry in ("lidar", "inertial"):
         show = label_progress(progress, f"{drive.name}: registering scans")
-        track = track_lidar(drive.dataset, scanned, jobs=jobs, progress=show)
-        title, motions = "odometry by LiDAR", [*lidar_motions(drive.dataset, track)]
+        chosen = scan_odometry(odometry, scanned)
+        track = track_lidar(drive.dataset, chosen, jobs=jobs, progress=show)
+        by = "LiDAR" if track.felt is None else "LiDAR and IMU"
+        title, motions = f"odometry by {by}", [*lidar_motions(drive.dataset, track)]
     else:
         title, motions = motions_of(drive, odometry, errors)
     used = during(motions, stamps_ns, resumed=resumed, continued=continued)

@@ -30,7 +30,7 @@ from fusionslam.mapping.clouds import unpack_cloud
 from fusionslam.mapping.geojson import MapOrigin, write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.odometry import LidarOdometryConfig
-from fusionslam.pipelines.lidar_odometry import track_lidar
+from fusionslam.pipelines.lidar_odometry import scan_odometry, track_lidar
 from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.registration import Refusal
@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-MapOdometry = Literal["recorded", "lidar", "truth+noise"]
+MapOdometry = Literal["recorded", "lidar", "inertial", "truth+noise"]
 _MOST_COMPARED = 50
 """Keyframes of a map in which it is looked which way is up."""
 POSE_NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -102,7 +102,8 @@ def odometry_of(
 
     Args:
         dataset: the recording.
-        kind: "recorded"; "lidar", from the scans; "truth+noise", true poses with errors.
+        kind: "recorded"; "lidar", from the scans; "inertial", from scans and an IMU;
+            "truth+noise", true poses with errors.
         scanned: configuration of odometry by LiDAR.
         errors: of "truth+noise".
         jobs: number of scans read ahead.
@@ -115,10 +116,10 @@ def odometry_of(
     if kind == "recorded":
         at_frames = dataset[0].odometry is not None
         return None if at_frames else _odometry_at_frames(dataset)
-    if kind == "lidar":
-        track = track_lidar(
-            dataset, scanned, jobs=jobs, progress=label_progress(step, "registering scans")
-        )
+    if kind in ("lidar", "inertial"):
+        show = label_progress(step, "registering scans")
+        chosen = scan_odometry(kind, scanned)
+        track = track_lidar(dataset, chosen, jobs=jobs, progress=show)
         return track.poses @ dataset.body_from_robot
     assert dataset.true_poses is not None  # checked above
     places = places_of(dataset.true_poses @ dataset.body_from_robot)

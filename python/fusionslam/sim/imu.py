@@ -13,7 +13,7 @@ from fusionslam.sim.robot import ImuMount
 
 GRAVITY = np.array([0.0, 0.0, 9.80665])
 """m/s^2: what an accelerometer at rest measures, in the world."""
-_STEP_S = 0.01
+STEP_S = 0.01
 """Over which motion is differentiated: ways of robots have corners."""
 
 
@@ -41,13 +41,14 @@ def simulate_imu(
     Args:
         poses: world_from_imu, float64 (M, 4, 4), at times (M,).
         mount: rate and errors.
-        seconds: float64 (N,), times of the samples.
+        seconds: float64 (N,), times of the samples; ``poses`` move ``STEP_S`` before and after,
+            too.
         rng: source of the errors.
     """
-    before, here, after = (poses(seconds + step) for step in (-_STEP_S, 0.0, _STEP_S))
-    angular = log(inverse(before) @ after)[:, 3:] / (2 * _STEP_S)
+    before, here, after = (poses(seconds + step) for step in (-STEP_S, 0.0, STEP_S))
+    angular = log(inverse(before) @ after)[:, 3:] / (2 * STEP_S)
     places = (before[:, :3, 3], here[:, :3, 3], after[:, :3, 3])
-    felt = (places[0] - 2 * places[1] + places[2]) / _STEP_S**2 + GRAVITY
+    felt = (places[0] - 2 * places[1] + places[2]) / STEP_S**2 + GRAVITY
     linear = np.einsum("nji,nj->ni", here[:, :3, :3], felt)
     root = np.sqrt(mount.rate_hz)
     errors = (

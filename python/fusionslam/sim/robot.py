@@ -21,6 +21,7 @@ from fusionslam.sensors.messages import FrameTransform
 from fusionslam.sim.camera import CameraMount, parent_from_camera
 from fusionslam.sim.lidar import LidarMount, Vector
 from fusionslam.sim.motion.path_following import DriveLimits
+from fusionslam.sim.motion.riding import SwayConfig
 
 _ROBOTS = Path(__file__).with_name("robots")
 
@@ -76,6 +77,7 @@ class RobotConfig(Section):
     cameras: dict[str, CameraMount] = option({}, "cameras, by name")
     imus: dict[str, ImuMount] = option({}, "inertial measurement units, by name")
     odometry: OdometryMount = option(OdometryMount(), "the odometry that it publishes")
+    sway: SwayConfig = option(SwayConfig(), "how its body moves beside the planned way")
 
     @model_validator(mode="after")
     def _sensors_fit_together(self) -> "RobotConfig":

@@ -4,7 +4,7 @@
 
 import heapq
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -14,6 +14,7 @@ from fusionslam.base.arrays import Floats
 from fusionslam.base.parallel import ordered_results
 from fusionslam.config import Section, merged, option
 from fusionslam.geometry.odometry_noise import OdometryConfig, OdometryTrack, simulate_odometry
+from fusionslam.geometry.se3 import inverse, log
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sensors.messages import (
     NANOSECONDS,
@@ -27,10 +28,11 @@ from fusionslam.sensors.messages import (
     Scan,
 )
 from fusionslam.sim.camera import CameraMount, camera_info, gains, photograph
-from fusionslam.sim.imu import ImuTrack, simulate_imu
+from fusionslam.sim.imu import STEP_S, ImuTrack, simulate_imu
 from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
 from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
+from fusionslam.sim.motion.riding import Hills, HillsConfig, Sway
 from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
 from fusionslam.sim.robot import (
     TF_STATIC_TOPIC,
@@ -56,6 +58,7 @@ class SimulationConfig(Section):
     start_s: int = option(1000, "time of the first message", unit="s", ge=0, lt=2**32 - 2**20)
     seconds: float | None = option(None, "duration; none: the whole drive", unit="s", gt=0)
     obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
+    hills: HillsConfig = option(HillsConfig(), "hills on which the world stands")
 
 
 Select = Callable[[Iterable["Task"]], Iterable["Task"]]
@@ -164,16 +167,21 @@ class _Simulation:
         self.robot, self.trajectory, self.config = robot, trajectory, config
         self.start_ns = config.start_s * NANOSECONDS
         self.seconds = recorded_seconds(trajectory, config)
-        self.scenes = {"visual": world.visual, "collision": world.collision}
-        self.casters = _casters(world, robot)
+        self.hills = Hills(config.hills, config.seed)
+        self.sway = Sway(robot.sway, config.seed)
+        self.scenes = _scenes(world, robot, self.hills)
+        self.casters = _casters(self.scenes)
         rate_hz = robot.odometry.rate_hz
-        self.truth = simulate_odometry(trajectory, OdometryConfig(), rate_hz)
+        self.truth = self._true_track(simulate_odometry(trajectory, OdometryConfig(), rate_hz))
         self.odometry = simulate_odometry(trajectory, odometry_errors(robot, config), rate_hz)
         self.imus = [
             simulate_imu(
                 partial(self._mounted, base_from(robot, imu.frame_id)),
                 imu,
-                self._drive_times(imu.rate_hz),
+                # A drive that begins at speed is no jerk.
+                self._drive_times(imu.rate_hz).clip(
+                    *trajectory.seconds[[0, -1]] + [STEP_S, -STEP_S]
+                ),
                 np.random.default_rng([config.seed, 5, number]),
             )
             for number, imu in enumerate(robot.imus.values())
@@ -234,13 +242,25 @@ class _Simulation:
     def _poses(self, seconds: Floats) -> Floats:
         """world_from_base, (M, 4, 4); before and after its drive the robot stands still."""
         first, last = self.trajectory.seconds[[0, -1]]
-        return self.trajectory.at(np.clip(seconds, first, last))
+        planned = self.trajectory.at(np.clip(seconds, first, last))
+        return self.hills.stand(planned) @ self.sway.at(seconds - first)
+
+    def _true_track(self, planned: OdometryTrack) -> OdometryTrack:
+        """The planned motion as it is in space."""
+        if self.hills.is_flat and self.sway.is_still:
+            return planned
+        seconds = planned.stamps_ns / NANOSECONDS
+        poses = self._poses(seconds)
+        steps_s = np.diff(seconds)[:, None]
+        rates = log(inverse(poses[:-1]) @ poses[1:]) / steps_s
+        rates = np.concatenate([rates[:1], rates])
+        return planned._replace(poses=poses, linear=rates[:, :3], angular=rates[:, 3:])
 
     def _rng(self, kind: int, sensor: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.config.seed, kind, sensor, number])
 
     def _around(self, shapes: str, seconds: float) -> Crowd:
-        boxes = [obstacle.at(seconds) for obstacle in self.obstacles]
+        boxes = [self.hills.lift(obstacle.at(seconds)) for obstacle in self.obstacles]
         return Crowd(self.casters[shapes], self.scenes[shapes], boxes)
 
     def _make_scan(self, lidar: LidarMount, sensor: int, number: int, stamp_ns: int) -> Scan:
@@ -313,16 +333,19 @@ def odometry_errors(robot: RobotConfig, config: SimulationConfig) -> OdometryCon
     return errors if "seed" in errors.model_fields_set else merged(errors, {"seed": config.seed})
 
 
-def _casters(world: World, robot: RobotConfig) -> dict[str, RayCaster]:
-    """Ray casters of the shapes that the robot's sensors use."""
-    needed: dict[str, Scene] = {}
-    if robot.cameras:
-        needed["visual"] = world.visual
-    for lidar in robot.lidars.values():
-        needed[lidar.shapes] = world.visual if lidar.shapes == "visual" else world.collision
-    # If both are the same scene, its tree is built once.
-    made = {id(scene): RayCaster(scene) for scene in needed.values()}
-    return {shapes: made[id(scene)] for shapes, scene in needed.items()}
+def _scenes(world: World, robot: RobotConfig, hills: Hills) -> dict[str, Scene]:
+    """The shapes that the robot's sensors use, on the hills."""
+    names = [lidar.shapes for lidar in robot.lidars.values()]
+    names += ["visual"] if robot.cameras else []
+    scenes = {name: world.visual if name == "visual" else world.collision for name in names}
+    raised = {id(scene): hills.raise_scene(scene) for scene in scenes.values()}
+    return {name: raised[id(scene)] for name, scene in scenes.items()}
+
+
+def _casters(scenes: Mapping[str, Scene]) -> dict[str, RayCaster]:
+    # If two are the same scene, its tree is built once.
+    made = {id(scene): RayCaster(scene) for scene in scenes.values()}
+    return {shapes: made[id(scene)] for shapes, scene in scenes.items()}
 
 
 def _render_events(tasks: Iterable[Task], jobs: int) -> Iterator[Event]:

@@ -4,15 +4,16 @@
 
 import functools
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Matrix
 from fusionslam.base.texts import counted
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
@@ -26,7 +27,7 @@ from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair
 from fusionslam.sensors.deskewing import motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.sensors.messages import CameraInfo, Odometry, Picture, Scan
+from fusionslam.sensors.messages import CameraInfo, Imu, Odometry, Picture, Scan
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.sensors.undone_motion import Deskew
 
@@ -115,6 +116,19 @@ class BagDataset(Dataset):
                 fields=(topic,),
             )
         return sorted(found, key=lambda message: message.stamp_ns)
+
+    def imu_messages(self) -> Iterator[Imu]:
+        return self.source.imu_messages() if "imu" in self.source.roles else iter(())
+
+    def points_from_imu(self) -> Matrix | None:
+        first = next(self.imu_messages(), None)
+        if first is None or not self.has_points:
+            return None
+        scanner, stamp_ns = self.matched.points_frame, int(self.stamps_ns[0])
+        return self.source.find_transform(scanner, first.frame_id, stamp_ns)
+
+    def as_measured(self) -> Self:
+        return replace(self, deskews=False)
 
     def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         surround = {name: found[rows] for name, found in self.surround.items()}

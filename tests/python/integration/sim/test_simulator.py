@@ -13,8 +13,10 @@ import pytest
 pytest.importorskip("embreex", reason="the simulator is an extra")
 
 from error_codes import has_code
+from fusionslam.base.arrays import Floats
 from fusionslam.config import merged
 from fusionslam.errors import DataError
+from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
 from fusionslam.sensors.messages import (
@@ -26,6 +28,7 @@ from fusionslam.sensors.messages import (
     Picture,
     Scan,
 )
+from fusionslam.sim.motion.riding import Hills, HillsConfig
 from fusionslam.sim.robot import RobotConfig, base_from, base_from_camera, robot_named
 from fusionslam.sim.simulator import SimulationConfig, event_count, simulate
 from fusionslam.sim.world import World, scene_of
@@ -148,6 +151,7 @@ def test_scan_motion_gives_each_column_the_time_and_place_of_its_shot(world: Wor
     assert behind == pytest.approx(6 - 3.15, abs=1e-4)
 
 
+@pytest.mark.slow
 @rows("odometry_hz, source", [(50.0, "odometry"), (4.5, "imu and odometry")])
 def test_sweeps_on_the_move_are_undone_by_what_the_robot_publishes(
     world: World, odometry_hz: float, source: str
@@ -178,6 +182,51 @@ def test_sweeps_on_the_move_are_undone_by_what_the_robot_publishes(
         assert len(frames) > 8
         worst[deskews] = float(np.concatenate(off).max())
     assert worst[True] < 0.04 and worst[False] > 0.3
+
+
+@pytest.mark.slow
+def test_a_robot_that_rides_over_hills_says_truly_where_it_is() -> None:
+    """Its scans lie on the ground by the true poses, which an IMU's rates and felt weight tell."""
+    ground = scene_of([floor(60.0)], [PLAIN], EVEN)
+    world = World(name="field", visual=ground, collision=ground)
+    robot = merged(
+        bare_robot(rings=8, top_deg=-5, bottom_deg=-25, azimuths=90, scan_motion=True),
+        {
+            "imus": {"imu": {"gyro_noise": 0.0, "gyro_bias": 0.0, "gyro_walk": 0.0}},
+            "sway": {"roll_deg": 3.0, "pitch_deg": 2.0, "yaw_deg": 2.0, "heave_m": 0.05},
+        },
+        new_names=True,
+    )
+    config = SimulationConfig(seed=4, hills=HillsConfig(height_m=1.5, length_m=40.0))
+    found = by_topic(simulate(world, robot, straight(speed=1.0), config))
+    truth = {event.time_ns: event.message for event in found["/ground_truth"]}
+    hills = Hills(config.hills, config.seed)
+    stamps_ns, poses = np.array([*truth]), np.stack([each.pose for each in truth.values()])
+
+    def at(times_ns: Floats) -> Floats:
+        before = np.searchsorted(stamps_ns, times_ns, side="right") - 1
+        part = (times_ns - stamps_ns[before]) / (stamps_ns[before + 1] - stamps_ns[before])
+        steps = log(inverse(poses[before]) @ poses[before + 1])
+        return np.asarray(poses[before] @ exp(part[:, None] * steps))
+
+    for event in found["/points"][1:-1]:
+        scan = event.message
+        times_ns = event.time_ns + np.round(scan.fields["time"].astype(np.float64) * SECOND)
+        lidar = at(times_ns) @ base_from(robot, "lidar")
+        places = np.einsum("nij,nj->ni", lidar[:, :3, :3], scan.points) + lidar[:, :3, 3]
+        assert len(places) > 100
+        np.testing.assert_allclose(places[:, 2], hills.height(places), atol=0.05)
+    planned = straight(speed=1.0).at(np.array([2.0]))[0]
+    ridden = truth[1002 * SECOND].pose
+    assert np.abs(ridden - planned).max() > 0.1
+    np.testing.assert_allclose(found["/odom"][60].message.pose, planned, atol=1e-9)
+    rates = np.array([event.message.angular for event in found["/imu"]])
+    turned = inverse(truth[1001 * SECOND].pose) @ truth[1003 * SECOND].pose
+    steps = exp(np.c_[np.zeros((400, 3)), (rates[200:600] + rates[201:601]) / 400])
+    summed = np.eye(4)
+    for step in steps:
+        summed = summed @ step
+    np.testing.assert_allclose(summed[:3, :3], turned[:3, :3], atol=2e-3)
 
 
 def test_pictures_are_taken_from_the_cameras_true_pose(world: World) -> None:
