@@ -160,3 +160,12 @@ def ground_and_things(seed: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]
     things = rng.uniform([-30, -30, -0.5], [30, 30, 4], (2000, 3))
     things[:, 2] += 0.02 * things[:, 0]
     return np.concatenate([floor, things]), np.arange(5000) < 3000
+
+
+def make_room(count: int = 3000, sides: int = 4) -> Points:
+    """Points on the walls of a room of 8 m, with ``sides`` 6 on floor and ceiling, too."""
+    rng = np.random.default_rng(3)
+    walls = rng.uniform(-4, 4, (count, 3))
+    rows = np.arange(count)
+    walls[rows, rng.integers(0, sides // 2, count)] = rng.choice([-4.0, 4.0], count)
+    return walls.astype(np.float32)

@@ -16,9 +16,10 @@ import pytest
 import bags
 from artefacts import artefact
 from cli import refusal, succeeds
+from clouds import make_room
 from error_codes import has_code
 from fusionslam import open_dataset
-from fusionslam.base.arrays import Floats, Points
+from fusionslam.base.arrays import Floats
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.se3 import exp, inverse
@@ -170,19 +171,11 @@ def test_scans_alone_do_where_the_imu_cannot(
     assert found.felt is None and "does not place 'imu'" in caplog.text
 
 
-def room(count: int = 4000) -> Points:
-    rng = np.random.default_rng(3)
-    walls = rng.uniform(-4, 4, (count, 3))
-    rows = np.arange(count)
-    walls[rows, rng.integers(0, 3, count)] = rng.choice([-4.0, 4.0], count)
-    return walls.astype(np.float32)
-
-
 def stand(
     odometry: LidarOdometry, tilt: Floats, scans: int = 12, unit: float = 1.0, begin_s: int = 1
 ) -> Floats:
     """Poses of a scanner that stands in a room, tilted; rates have a bias."""
-    scanned = room() @ tilt.astype(np.float32)
+    scanned = make_room(4000, sides=6) @ tilt.astype(np.float32)
     up = MOUNT[:3, :3].T @ tilt.T @ [0, 0, 1]
     poses = []
     for scan in range(scans):

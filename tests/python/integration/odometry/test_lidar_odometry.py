@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from artefacts import artefact
-from clouds import read_scan
+from clouds import make_room, read_scan
 from error_codes import has_code
 from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import ClockError, ConfigError, DataError, FusionSlamError, ShapeError
@@ -205,14 +205,6 @@ def test_frames_of_kitti_lie_as_far_apart_as_registration_says(test_data: Path) 
     # The images and the scan in view of the camera say 2.15 m, too (PnP).
     path = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
     assert path == pytest.approx(2.15, abs=0.05)
-
-
-def make_room(count: int = 3000) -> Points:
-    rng = np.random.default_rng(3)
-    walls = rng.uniform(-4, 4, (count, 3))
-    rows = np.arange(count)
-    walls[rows, rng.integers(0, 2, count)] = rng.choice([-4.0, 4.0], count)
-    return walls.astype(np.float32)
 
 
 def test_what_is_no_scan_changes_nothing() -> None:
