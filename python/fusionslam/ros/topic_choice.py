@@ -35,7 +35,9 @@ LAUNCH_ARGUMENTS = {
     "imu": "imu",
 }
 """The launch files' argument for each role."""
-_OF_MOTION = ("odometry", "truth")
+_OF_MOTION = ("odometry", "truth", "imu")
+_RARE = ("imu",)
+"""Few robots have them, and none needs them: they are no choice where nobody publishes one."""
 
 
 def expand_launch_argument(argument: str) -> str:
@@ -88,6 +90,8 @@ def choose(
 ) -> dict[str, Choice]:
     """Choose a topic for each role, guessing if the one asked for is missing.
 
+    An IMU is left out if there is none.
+
     Args:
         topics: all published topics.
         publishers: nodes by topic; topics of our own nodes are not sensors.
@@ -107,6 +111,8 @@ def choose(
         fitting = [chosen[role]] if role in chosen else candidates(free, role, chosen)
         taken = [other for key, other in chosen.items() if key != role]
         fitting = [each for each in fitting if each not in taken]
+        if role in _RARE and not fitting and name not in topics:
+            continue
         if fitting:
             chosen[role] = fitting[0]
         found[role] = Choice(role, name, next(iter(fitting), ""), tuple(fitting[1:]))

@@ -27,6 +27,7 @@ TOPICS = {
     "right_camera_info": "/camera/right_info",
     "odometry": "/odom",
     "truth": "/truth",
+    "imu": "/imu",
 }
 """The topics of ``bags.drive``."""
 

@@ -18,7 +18,7 @@ from fusionslam.errors import DataError, cause_of, one_line
 from fusionslam.ros.check.evidence import Evidence
 from fusionslam.ros.check.graph import CLOCK
 from fusionslam.ros.topic_choice import needed_roles
-from fusionslam.sensors.messages import NANOSECONDS, Odometry, Picture, Scan
+from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry, Picture, Scan
 
 _WORDS = {
     "points": "scans",
@@ -28,6 +28,7 @@ _WORDS = {
     "right_camera_info": "right CameraInfo",
     "odometry": "odometry",
     "truth": "true poses",
+    "imu": "IMU",
 }
 _CAMERA = "start the camera's driver"
 _ADVICE = {
@@ -36,6 +37,7 @@ _ADVICE = {
     "right": _CAMERA,
     "odometry": "ratslam and mapper need it; clouds are fused as if the robot stood still",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
+    "imu": "it tells the turn within scans where odometry is slow or fails",
 }
 _SET_CLOCKS = "set the clocks (chrony, PTP)"
 _NO_POINTS = {
@@ -52,6 +54,9 @@ _APART_S = 1.0
 # Stamps further than this from ROS time come from another clock; they are not just late.
 _FAR_S = 10.0
 _QUALITIES = {None: "", True: ", reliable", False: ", best effort"}
+_FELT = (5.0, 20.0)
+"""m/s^2: accelerations that an IMU of a robot feels, in the units of ROS."""
+_TF_IMU = "TF IMU"
 _LARGE = ("points", "left", "right")
 """Roles with messages of many packets."""
 
@@ -195,9 +200,15 @@ def _by_arrival(evidence: Evidence) -> str:
 def _check_content(evidence: Evidence, role: str) -> Iterator[Finding]:
     """Report content that the overview and the fusing do not judge."""
     value, what = evidence.first(role), f"{_WORDS[role]} content"
-    if isinstance(value, Scan | Odometry) and not value.frame_id:
+    if isinstance(value, Scan | Odometry | Imu) and not value.frame_id:
         detail = "their frame has no name; the driver has to give it one"
-        yield Finding(what, detail, "no-frame-name", optional=isinstance(value, Odometry))
+        yield Finding(what, detail, "no-frame-name", optional=not isinstance(value, Scan))
+    if isinstance(value, Imu) and not _FELT[0] < (felt := np.linalg.norm(value.linear)) < _FELT[1]:
+        detail = (
+            f"it feels {felt:.3g} m/s^2, expected about 9.8 of gravity: are accelerations in "
+            "m/s^2, and turn rates in rad/s?"
+        )
+        yield Finding(what, detail, "imu-unit", (f"{felt:.3g}",), optional=True)
     if isinstance(value, Picture) and value.image.ndim == 2:
         yield Finding(what, "grey, so clouds are, too", "grey-images", optional=True)
     online = evidence.config.online
@@ -226,6 +237,8 @@ def _check_links(evidence: Evidence) -> Iterator[Finding]:
     scanner = evidence.source.series("points").frame_id if "points" in roles else ""
     camera = evidence.source.optical_frame() if "left" in roles else ""
     links = [("TF camera", camera, scanner)] if camera and scanner else []
+    if scanner and "imu" in roles and (imu := evidence.source.series("imu").frame_id):
+        links.append((_TF_IMU, imu, scanner))
     if evidence.config.fusion.frame in ("robot", "odometry") and (scanner or camera):
         if robot := evidence.robot:
             links.append(("TF robot", robot, scanner or camera))
@@ -247,7 +260,8 @@ def _check_links(evidence: Evidence) -> Iterator[Finding]:
             parent, child = (target, source) if is_parent else (source, target)
             top = tree.root(child)
             publish = evidence.advice.publish.format(parent=parent, child=top)
-            yield Finding(what, f"{one_line(error)}: {advice}{publish}", error.code, (parent, top))
+            detail = f"{one_line(error)}: {advice}{publish}"
+            yield Finding(what, detail, error.code, (parent, top), optional=what == _TF_IMU)
 
 
 def _check_fusing(evidence: Evidence) -> Finding:

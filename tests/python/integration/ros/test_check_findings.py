@@ -26,7 +26,7 @@ from bags import TOPICS as TOPICS_OF_PAIR
 from cli import fails
 from fusionslam.errors import ConfigError
 from fusionslam.ros.check.graph import ROS2
-from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms
+from fusionslam.sensors.messages import Event, FrameTransform, FrameTransforms, Imu
 from robots import TOPICS, check_events, faults, finding, problems
 from ros_master import needs_ros
 from rows import rows
@@ -159,6 +159,38 @@ def test_true_poses_are_found_and_make_judging_possible() -> None:
     assert not problems(check) and not check.lacking
     assert check.nodes == [*ON_CLOUDS, "lv_analyzer", "lv_dataset_creator", "mapper", "ratslam"]
     assert "truth:=/truth" in check.launch
+
+
+def felt(topic: str = "/imu", frame: str = "velodyne", weight: float = 9.81) -> list[Event]:
+    """The drive with an IMU."""
+    events = drive()
+    last = events[-1].time_ns
+    for stamp_ns in range(START, last, SECOND // 100):
+        imu = Imu(
+            stamp_ns=stamp_ns,
+            frame_id=frame,
+            angular=np.zeros(3),
+            linear=np.array([0.0, 0.0, weight]),
+        )
+        events.append(Event(topic, stamp_ns, imu))
+    return events
+
+
+def test_an_imu_is_looked_at_where_there_is_one() -> None:
+    assert "IMU" not in {each.what for each in check_events(drive()).findings}
+    check = check_events(felt())
+    assert finding(check, "IMU").fine and check.works
+    assert set(problems(check)) == {"true poses"}
+    guessed = check_events(felt("/imu/data"))
+    assert problems(guessed)["IMU"] == "not-published" and guessed.works
+    assert finding(guessed, "IMU").fields == ("imu:=/imu/data",) and not faults(guessed)
+    assert "imu:=/imu/data" in guessed.again
+    unlinked = check_events(felt(frame="somewhere"))
+    assert problems(unlinked)["TF IMU"] == "no-frame" and not faults(unlinked)
+    in_g = check_events(felt(weight=1.0))
+    assert problems(in_g)["IMU content"] == "imu-unit" and not faults(in_g)
+    nameless = check_events(felt(frame=""))
+    assert problems(nameless)["IMU content"] == "no-frame-name" and not faults(nameless)
 
 
 def test_odometry_that_data_fusion_takes_for_the_truth_is_reported() -> None:
