@@ -31,6 +31,8 @@ _NO_PULL = -1.0
 _IN_G = (0.8, 1.2)
 _FELT = (8.5, 11.1)
 """m/s^2: mean acceleration of robots that start gently."""
+_BEFORE_NS = NANOSECONDS
+"""Until the end of the first scan, in which gravity is felt."""
 _FASTEST_RAD_S = 40.0
 """Beyond what gyroscopes measure (2000 degrees/s)."""
 _REST_S = 0.5
@@ -45,7 +47,7 @@ class Felt(NamedTuple):
 
     Attributes:
         up: float64 (3), opposite to gravity, in the axes of the first scan.
-        gravity: m/s^2, as accelerations until the end of the first scan say.
+        gravity: m/s^2, as accelerations in the second until the end of the first scan say.
         bias: float64 (3), rad/s, of its turn rates, by which they are corrected; None unless the
             robot rests in the beginning, for half a second.
     """
@@ -126,14 +128,16 @@ class InertialMatcher:
         """
         last_ns = int(times_ns.max())
         due = sorted(self._waiting, key=lambda imu: imu.stamp_ns)
-        felt = [imu for imu in due if self._last_ns < imu.stamp_ns <= last_ns]
+        # An IMU may have been carried about long before the first scan.
+        begin_ns = self._last_ns or last_ns - _BEFORE_NS
+        felt = [imu for imu in due if begin_ns < imu.stamp_ns <= last_ns]
         self._waiting = [imu for imu in due if imu.stamp_ns > last_ns]
         if not felt:
             raise DataError(
-                f"no message of the IMU from {self._last_ns} to {last_ns} ns, expected some "
-                "between two scans",
+                f"no message of the IMU from {begin_ns} to {last_ns} ns, expected some between "
+                "two scans",
                 code="no-imu",
-                fields=(str(self._last_ns), str(last_ns)),
+                fields=(str(begin_ns), str(last_ns)),
             )
         if self.felt is None:
             self.felt, self._begin_ns = self._feel_gravity(felt), last_ns
@@ -152,8 +156,8 @@ class InertialMatcher:
 
     def _feel_gravity(self, felt: list[Imu]) -> Felt:
         """Take what is felt for gravity, whose opposite is up from now on."""
-        mean = np.median([imu.linear for imu in felt], axis=0)  # whatever else shakes it
-        size = float(np.linalg.norm(mean))
+        weight = np.median([imu.linear for imu in felt], axis=0)  # whatever else shakes it
+        size = float(np.linalg.norm(weight))
         if _IN_G[0] < size < _IN_G[1]:
             logger.warning("the IMU feels gravity as %.3f: it is taken to measure in g", size)
             self._unit = _G
@@ -164,9 +168,9 @@ class InertialMatcher:
                 code="imu-unit",
                 fields=("linear_acceleration", f"{size:.3g}"),
             )
-        level, _ = Rotation.align_vectors(np.array([[0.0, 0.0, 1.0]]), mean[None] / size)
+        level, _ = Rotation.align_vectors(np.array([[0.0, 0.0, 1.0]]), weight[None] / size)
         self._base_from_imu[:3, :3] = level.as_matrix()
-        return Felt(self._scan_from_imu[:3, :3] @ mean / size, self._unit * size, None)
+        return Felt(self._scan_from_imu[:3, :3] @ weight / size, self._unit * size, None)
 
     def _look_for_bias(self, felt: list[Imu], pose: Matrix) -> None:
         """Take the mean turn rate of a robot that rests in the beginning for the IMU's bias."""

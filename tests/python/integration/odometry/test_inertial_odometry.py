@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry by LiDAR and IMU agrees with the truth, says what it felt, or is refused."""
 
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -206,6 +204,17 @@ def test_gravity_and_bias_are_felt_however_the_scanner_is_tilted(
 
 
 @pytest.mark.slow
+def test_how_the_imu_was_carried_before_the_first_scan_is_no_matter() -> None:
+    odometry = LidarOdometry(scan_from_imu=MOUNT)
+    for k in range(800):  # from five seconds to one before, lying on its side
+        stamp_ns = S - 5 * S + k * S // 200
+        carried = np.array([0.0, G, 0.0])
+        odometry.add(Imu(stamp_ns=stamp_ns, frame_id="imu", angular=np.ones(3), linear=carried))
+    stand(odometry, np.eye(3), 2)
+    assert odometry.felt is not None
+    np.testing.assert_allclose(odometry.felt.up, [0, 0, 1], atol=1e-6)
+
+
 def test_equal_scans_give_equal_bits() -> None:
     one, other = (stand(LidarOdometry(scan_from_imu=MOUNT), np.eye(3), 4) for _ in range(2))
     assert one.tobytes() == other.tobytes()
@@ -227,9 +236,7 @@ def test_a_message_that_is_none_changes_nothing() -> None:
 def test_the_end_of_its_process_is_an_error() -> None:
     odometry = LidarOdometry(scan_from_imu=MOUNT)
     stand(odometry, np.eye(3), 1)
-    (child,) = subprocess.run(
-        ["pgrep", "-P", str(os.getpid()), "-f", "rko_worker"], capture_output=True, text=True
-    ).stdout.split()[-1:]
-    os.kill(int(child), signal.SIGKILL)
+    assert odometry._inertial is not None
+    odometry._inertial._process.kill()
     with pytest.raises(FusionSlamError, check=has_code("process", "-9")):
         stand(odometry, np.eye(3), 2, begin_s=2)
