@@ -203,7 +203,6 @@ def test_gravity_and_bias_are_felt_however_the_scanner_is_tilted(
     assert ("measure in g" in caplog.text) == (unit != 1)
 
 
-@pytest.mark.slow
 def test_how_the_imu_was_carried_before_the_first_scan_is_no_matter() -> None:
     odometry = LidarOdometry(scan_from_imu=MOUNT)
     for k in range(800):  # from five seconds to one before, lying on its side
@@ -215,6 +214,7 @@ def test_how_the_imu_was_carried_before_the_first_scan_is_no_matter() -> None:
     np.testing.assert_allclose(odometry.felt.up, [0, 0, 1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_equal_scans_give_equal_bits() -> None:
     one, other = (stand(LidarOdometry(scan_from_imu=MOUNT), np.eye(3), 4) for _ in range(2))
     assert one.tobytes() == other.tobytes()
