@@ -56,6 +56,14 @@ class Felt(NamedTuple):
     gravity: float
     bias: Floats | None
 
+    def __str__(self) -> str:
+        """Gravity, tilt and bias in a few words."""
+        tilt = np.degrees(np.arccos(np.clip(self.up[2], -1, 1)))
+        rest = "not at rest in the beginning"
+        if self.bias is not None:
+            rest = f"bias {np.degrees(np.linalg.norm(self.bias)):.2g} degrees/s"
+        return f"gravity {self.gravity:.2f} m/s^2, scanner tilted by {tilt:.1f} degrees, {rest}"
+
 
 class InertialMatcher:
     """RKO-LIO (Malladi et al., RA-L 2026) on one thread.
