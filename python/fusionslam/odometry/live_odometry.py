@@ -4,7 +4,6 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from itertools import chain
 
 import numpy as np
 
@@ -260,17 +259,21 @@ class LiveOdometry:
                 code="no-times",
             )
         end_ns = end_of(scan.stamp_ns, scan.point_seconds)
-        first = next(chain(self._felt, self._due), None)
-        if first is None or first.stamp_ns > end_ns:
-            late = "has said nothing yet"
-            if first is not None:
-                late = f"begins {(first.stamp_ns - end_ns) / NANOSECONDS:.3g} s after it"
+        felt = [*self._felt, *self._due]
+        silence = ""
+        if not felt:
+            silence = "has said nothing yet"
+        elif felt[0].stamp_ns > end_ns:
+            silence = f"begins {(felt[0].stamp_ns - end_ns) / NANOSECONDS:.3g} s after it"
+        elif felt[-1].stamp_ns < scan.stamp_ns:
+            silence = f"ended {(scan.stamp_ns - felt[-1].stamp_ns) / NANOSECONDS:.3g} s before it"
+        if silence:
             raise DataError(
-                f"a scan is left out, as the IMU {late}: expected its messages from before the "
-                "first scan on, by the same clock",
+                f"a scan is left out, as the IMU {silence}: expected messages from before the scan "
+                "to its last point, by the same clock",
                 code="no-imu",
             )
-        return self._frames.tree.lookup(scan.frame_id, first.frame_id, scan.stamp_ns)
+        return self._frames.tree.lookup(scan.frame_id, felt[0].frame_id, scan.stamp_ns)
 
     def _begin_anew(self) -> None:
         self._odometry = self._first = self._held = None
