@@ -221,7 +221,8 @@ def _start() -> tuple[Connection, "subprocess.Popen[bytes]"]:
     ours, its = Pipe()
     with its:
         command = [sys.executable, "-m", "fusionslam.odometry.rko_worker", str(its.fileno())]
-        process = subprocess.Popen(command, pass_fds=[its.fileno()])
+        # In a session of its own, as Ctrl-C is for its owner, which still has scans to register.
+        process = subprocess.Popen(command, pass_fds=[its.fileno()], start_new_session=True)
     try:
         problem = ours.recv()
     except EOFError:

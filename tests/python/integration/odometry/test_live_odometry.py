@@ -35,7 +35,7 @@ class Robot:
     def __init__(self, imu: str = "always") -> None:
         self.frames = RobotFrames(history_s=10)
         self.refused: list[FusionSlamError] = []
-        config = LidarOdometryConfig(imu=imu)  # type: ignore[arg-type]
+        config = LidarOdometryConfig(imu=imu)
         self.odometry = LiveOdometry(
             config, self.frames, self.refused.append, wait_s=0.5, jump_s=1.0
         )
@@ -72,7 +72,7 @@ def messages(house: Path) -> list[Message]:
     """All but the robot's own odometry and truth, in the order of the bag."""
     with open_bag(house) as bag:
         every = [event.message for event in bag.events()]
-    kept = []
+    kept: list[Message] = []
     for message in every:
         if isinstance(message, FrameTransforms):
             links = tuple(each for each in message.transforms if each.static)
