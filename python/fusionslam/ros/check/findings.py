@@ -36,7 +36,7 @@ _ADVICE = {
     "left": _CAMERA,
     "right": _CAMERA,
     "odometry": "ratslam and mapper need it, clouds are fused as if the robot stood still; "
-    "data_fusion and mapper can take it from scans (parameter odometry: lidar, or inertial with an IMU)",
+    "data_fusion and mapper can take it from scans (odometry lidar, or inertial with an IMU)",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
     "imu": "it tells the turn within scans where odometry is slow or fails",
 }
