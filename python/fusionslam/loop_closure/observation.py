@@ -30,8 +30,7 @@ from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengt
 from fusionslam.registration.clouds import check_points
 from fusionslam.registration.leveling import Level, find_level
 from fusionslam.sensors.frame import Cloud, Frame, read_pose
-from fusionslam.sensors.messages import Span
-from fusionslam.sensors.scan_motion import span_of
+from fusionslam.sensors.point_times import Span
 
 logger = logging.getLogger(__name__)
 
@@ -210,7 +209,7 @@ class FrameObserver:
         )
         if is_first and lengths.method != "planar":
             _say_how_it_is_taken(prepared, found)
-        span = None if frame is None else span_of(frame)
+        span = None if frame is None else frame.span
         return Observation(
             vectors, stamp_ns, prepared, odometry, span, fitted, points, piece, len(joined), found
         )

@@ -12,7 +12,7 @@ from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig, measure_reach
 from fusionslam.registration.leveling import Level
 from fusionslam.sensors.frame import Cloud, Frame
-from fusionslam.sensors.messages import Span
+from fusionslam.sensors.point_times import Span
 from fusionslam.sensors.undone_motion import Deskew
 
 _ALL_ROUND_DEG = 355.0

@@ -4,5 +4,14 @@
 
 from fusionslam.odometry.inertial_matcher import Felt
 from fusionslam.odometry.lidar_odometry import Deviation, LidarOdometry, LidarOdometryConfig
+from fusionslam.odometry.live_odometry import LiveOdometry
+from fusionslam.odometry.tracking import scan_odometry
 
-__all__ = ["Deviation", "Felt", "LidarOdometry", "LidarOdometryConfig"]
+__all__ = [
+    "Deviation",
+    "Felt",
+    "LidarOdometry",
+    "LidarOdometryConfig",
+    "LiveOdometry",
+    "scan_odometry",
+]

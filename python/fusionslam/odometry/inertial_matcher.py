@@ -56,6 +56,14 @@ class Felt(NamedTuple):
     gravity: float
     bias: Floats | None
 
+    def __str__(self) -> str:
+        """Gravity, tilt and bias in a few words."""
+        tilt = np.degrees(np.arccos(np.clip(self.up[2], -1, 1)))
+        rest = "not at rest in the beginning"
+        if self.bias is not None:
+            rest = f"bias {np.degrees(np.linalg.norm(self.bias)):.2g} degrees/s"
+        return f"gravity {self.gravity:.2f} m/s^2, scanner tilted by {tilt:.1f} degrees, {rest}"
+
 
 class InertialMatcher:
     """RKO-LIO (Malladi et al., RA-L 2026) on one thread.
@@ -213,7 +221,8 @@ def _start() -> tuple[Connection, "subprocess.Popen[bytes]"]:
     ours, its = Pipe()
     with its:
         command = [sys.executable, "-m", "fusionslam.odometry.rko_worker", str(its.fileno())]
-        process = subprocess.Popen(command, pass_fds=[its.fileno()])
+        # In a session of its own, as Ctrl-C is for its owner, which still has scans to register.
+        process = subprocess.Popen(command, pass_fds=[its.fileno()], start_new_session=True)
     try:
         problem = ours.recv()
     except EOFError:

@@ -120,6 +120,7 @@ class LidarOdometry:
     Attributes:
         overlap: share of what the last scan and the one before both saw that agrees, 0 to 1.
         motion: float64 (4, 4), the pose of the last scan in the frame of the one before.
+        failure: why no further scan is taken; None before one was.
 
     Args:
         config: None for the defaults.
@@ -156,7 +157,7 @@ class LidarOdometry:
         self._last: _RegisteredScan | None = None
         # In which the motion was made; None before the velocity is known.
         self._gap_ns: int | None = None
-        self._failure: DataError | None = None
+        self.failure: FusionSlamError | None = None
         self._lost = 0
         self._way = 0.0
         self._changes = np.zeros(2)
@@ -218,8 +219,8 @@ class LidarOdometry:
                 ``lost_scans`` overlap too little with the ones before ("lost"); so is every
                 scan after it.
         """
-        if self._failure is not None:
-            raise self._failure
+        if self.failure is not None:
+            raise self.failure
         stamp_ns = as_stamp(stamp_ns)
         kept, parts = _check_scan(points, seconds)
         if self._last is not None and stamp_ns <= self._last.stamp_ns:
@@ -235,8 +236,8 @@ class LidarOdometry:
                 self._icp = _make_icp(self._voxel, self.config.max_range)
         try:
             return self._register(kept, stamp_ns, parts)
-        except DataError as error:
-            self._failure = error
+        except FusionSlamError as error:
+            self.failure = error
             raise
 
     def _register(self, points: Points, stamp_ns: int, seconds: Floats) -> Matrix:

@@ -3,7 +3,6 @@
 """Odometry of a recording from its scans, and the files that keep it."""
 
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -15,11 +14,11 @@ from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.base.files import PathLike
 from fusionslam.base.parallel import ordered_results
 from fusionslam.base.progress import Progress, reported
-from fusionslam.config import merged
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.pose_files import write_poses_kitti, write_poses_tum
 from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.odometry import Deviation, Felt, LidarOdometry, LidarOdometryConfig
+from fusionslam.odometry.tracking import add_until, end_of, poses_of_body
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry
@@ -91,26 +90,13 @@ class LidarTrack:
 
     def __str__(self) -> str:
         """Length, overlap, deviation and what the IMU says, in one line."""
+        by = "by scans alone" if self.felt is None else f"by scans and IMU ({self.felt})"
         times = "with" if self.has_times else "without"
         return (
-            f"{len(self.poses)} poses, {self.length_m:.1f} m, {self._by}, points {times} times, "
+            f"{len(self.poses)} poses, {self.length_m:.1f} m, {by}, points {times} times, "
             f"overlap at least {self.overlap.min():.2f}, error about "
             f"{self.deviation.position:.2g} m and {np.rad2deg(self.deviation.angle):.2g} degrees "
             "after a metre, growing with the root of the way"
-        )
-
-    @property
-    def _by(self) -> str:
-        if self.felt is None:
-            return "by scans alone"
-        bias, up = self.felt.bias, self.felt.up
-        tilt = np.degrees(np.arccos(np.clip(up[2], -1, 1)))
-        rest = "not at rest in the beginning"
-        if bias is not None:
-            rest = f"bias {np.degrees(np.linalg.norm(bias)):.2g} degrees/s"
-        return (
-            f"by scans and IMU (gravity {self.felt.gravity:.2f} m/s^2, scanner tilted by "
-            f"{tilt:.1f} degrees, {rest})"
         )
 
 
@@ -151,7 +137,7 @@ def track_lidar(
             assert frame.points is not None
             has_times &= frame.point_seconds is not None or frame.deskew is not None
             with name_frame(dataset, index):
-                _add_until(odometry, messages, frame)
+                add_until(odometry, messages, end_of(frame.stamp_ns, frame.point_seconds))
                 pose = odometry.process(frame.points, frame.stamp_ns, frame.point_seconds)
                 if index == len(dataset) - 1:
                     odometry.check()
@@ -164,23 +150,16 @@ def track_lidar(
     if body_from_points is None:
         logger.warning("%s does not say where its scans are: poses are of the scan", dataset.name)
         body_from_points = np.eye(4)
-    relative = np.linalg.inv(scans[0]) @ scans
-    poses_of_body: Matrix = body_from_points @ relative @ np.linalg.inv(body_from_points)
     return LidarTrack(
         name=dataset.name,
         numbers=dataset.numbers,
         stamps_ns=dataset.stamps_ns,
-        poses=poses_of_body,
+        poses=poses_of_body(scans, scans[0], body_from_points),
         overlap=np.array(overlap[1:]),
         deviation=odometry.deviation,
         has_times=has_times,
         felt=odometry.felt,
     )
-
-
-def scan_odometry(kind: str, config: LidarOdometryConfig | None) -> LidarOdometryConfig:
-    """The configuration for odometry of a kind: "inertial" needs an IMU, "lidar" does not."""
-    return merged(config or LidarOdometryConfig(), {"imu": "always"} if kind == "inertial" else {})
 
 
 def _odometry_of(dataset: Dataset, config: LidarOdometryConfig) -> LidarOdometry:
@@ -213,17 +192,6 @@ def _place_imu(dataset: Dataset, first: Imu) -> tuple[str, Matrix | None]:
     if late_s > 0:
         return f"the IMU of {name} begins {late_s:.3g} s after the first scan", None
     return f"TF of {name} does not place '{first.frame_id}'", dataset.points_from_imu()
-
-
-def _add_until(odometry: LidarOdometry, messages: Iterator[Imu], frame: Frame) -> None:
-    """Add messages of an IMU until one is later than the last point of a frame."""
-    last_ns = frame.stamp_ns
-    if frame.point_seconds is not None:
-        last_ns += round(float(np.nanmax(frame.point_seconds)) * NANOSECONDS)
-    for imu in messages:
-        odometry.add(imu)
-        if imu.stamp_ns > last_ns:
-            return
 
 
 def lidar_motions(dataset: Dataset, track: LidarTrack) -> list[Odometry]:

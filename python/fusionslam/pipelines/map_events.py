@@ -14,10 +14,10 @@ from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.odometry import LidarOdometryConfig
+from fusionslam.odometry import LidarOdometryConfig, scan_odometry
 from fusionslam.pipelines.drive_images import estimate_motions, image_stamps_ns, template_views
 from fusionslam.pipelines.drives import Drive
-from fusionslam.pipelines.lidar_odometry import lidar_motions, scan_odometry, track_lidar
+from fusionslam.pipelines.lidar_odometry import lidar_motions, track_lidar
 from fusionslam.ratslam.events import Event, Look, Motion
 from fusionslam.ratslam.view_sources import MatcherSource, TemplateSource, ViewSource
 from fusionslam.ratslam.visual_odometry import VisualOdometryConfig

@@ -29,8 +29,8 @@ from fusionslam.mapping import Localization, PlaceMap
 from fusionslam.mapping.clouds import unpack_cloud
 from fusionslam.mapping.geojson import MapOrigin, write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
-from fusionslam.odometry import LidarOdometryConfig
-from fusionslam.pipelines.lidar_odometry import scan_odometry, track_lidar
+from fusionslam.odometry import LidarOdometryConfig, scan_odometry
+from fusionslam.pipelines.lidar_odometry import track_lidar
 from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.recording import name_frame
 from fusionslam.registration import Refusal

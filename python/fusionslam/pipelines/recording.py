@@ -26,7 +26,7 @@ from fusionslam.errors import DataError
 from fusionslam.fusion import SENSORS_OF, FusionConfig, frame_from_points
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.sensors.frame import Cloud
-from fusionslam.sensors.scan_motion import ScanMotion, span_of
+from fusionslam.sensors.scan_motion import ScanMotion
 from fusionslam.sensors.synchronizer import SyncConfig
 from fusionslam.views.scene_set import SceneSet, is_scene_set
 
@@ -200,7 +200,7 @@ def warn_of_mistakes(dataset: Dataset, source: str) -> None:
     with suppress(DataError):
         # The motion of the last scan alone stays where odometry ends before its last point.
         rows = {0, len(dataset) // 2, max(len(dataset) - 2, 0)} if len(dataset) else ()
-        spans = [span for row in rows if (span := span_of(dataset[row])) is not None]
+        spans = [span for row in rows if (span := dataset[row].span) is not None]
         if len(spans) > len(rows) / 2:
             typical = sorted(spans, key=lambda span: span[1] - span[0])[len(spans) // 2]
             for frame in dataset:

@@ -19,6 +19,7 @@ from fusionslam.base.arrays import Floats, Floats32, Points, read_numbers
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.rigid import check_mounting, is_rigid
 from fusionslam.sensors.messages import as_stamp
+from fusionslam.sensors.point_times import Span, span_of
 from fusionslam.sensors.undone_motion import Deskew
 
 Bytes = NDArray[np.uint8]
@@ -205,6 +206,11 @@ class Frame:
         """
         point_seconds: Floats | None = self._scan["point_seconds"]
         return point_seconds
+
+    @property
+    def span(self) -> Span | None:
+        """When the first and the last point were measured, as ``point_seconds`` says."""
+        return span_of(self.point_seconds)
 
     @property
     def deskew(self) -> Deskew | None:

@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats, Mask, Matrix, Points
 from fusionslam.errors import ClockError, ConfigError, DataError, ShapeError
-from fusionslam.sensors.point_times import PointTimes, read_point_times
+from fusionslam.sensors.point_times import PointTimes, Span, read_point_times, span_of
 
 NANOSECONDS = 1_000_000_000
 """Per second."""
-Span = tuple[float, float]
-"""Seconds from a scan's stamp to its first and to its last point."""
 
 
 def as_stamp(stamp_ns: Any) -> int:
@@ -97,10 +95,7 @@ class Scan:
     def span(self) -> Span | None:
         """When the first and the last point were measured; None if that is not known."""
         seconds = self.point_seconds
-        if seconds is None:
-            return None
-        seconds = seconds[self.returned]
-        return (float(seconds.min()), float(seconds.max())) if len(seconds) else None
+        return None if seconds is None else span_of(seconds[self.returned])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,39 +7,18 @@ from collections import deque
 
 import numpy as np
 
-from fusionslam.base.arrays import Floats, Matrix, read_numbers
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.geometry.se3 import inverse, log
-from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import Span
+from fusionslam.sensors.point_times import LONGEST_SWEEP_S, Span
 
 logger = logging.getLogger(__name__)
 
-_LONGEST_S = 1.0
-"""No scan takes longer, and between frames farther apart a robot may have turned and stopped."""
 _MOST_SCANS = 10_000
 """That are counted: a robot drives for days."""
 _FEWEST = 2
 """Scans that are worth a word: the last one of a session may lack odometry to its end."""
 _MUCH_DEG = 1.0
 """Less is hardly more than the errors of registered poses."""
-
-
-def span_of(frame: Frame) -> Span | None:
-    """Return when a frame's first and last points were measured.
-
-    None without times of points, and where the motion between them is undone. Times of more than a
-    second before or after the stamp are of another clock, and count as none.
-
-    Raises:
-        DataError, ShapeError: times that are no numbers.
-    """
-    if frame.point_seconds is None:
-        return None
-    seconds = read_numbers("point_seconds", frame.point_seconds, "(N,), one for each point")
-    known = seconds[np.isfinite(seconds)]
-    if not known.size or np.abs(known).max() > _LONGEST_S:
-        return None
-    return float(known.min()), float(known.max())
 
 
 class ScanMotion:
@@ -66,7 +45,8 @@ class ScanMotion:
         self._stamp_ns = stamp_ns or 0
         self._pose = np.full((4, 4), np.nan) if pose is None else pose
         gap = (self._stamp_ns - last_ns) / 1e9 if last_ns else 0.0
-        is_known = 0 < gap <= _LONGEST_S and np.isfinite([last, self._pose]).all()
+        # Between frames farther apart it may have turned and stopped.
+        is_known = 0 < gap <= LONGEST_SWEEP_S and np.isfinite([last, self._pose]).all()
         self._velocity = log(inverse(last) @ self._pose) / gap if is_known else None
 
     def within(self, span: Span | None) -> Floats | None:

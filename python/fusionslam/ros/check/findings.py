@@ -35,7 +35,8 @@ _ADVICE = {
     "points": "start the scanner's driver",
     "left": _CAMERA,
     "right": _CAMERA,
-    "odometry": "ratslam and mapper need it; clouds are fused as if the robot stood still",
+    "odometry": "ratslam and mapper need it, clouds are fused as if the robot stood still; "
+    "data_fusion and mapper can take it from scans (odometry lidar, or inertial with an IMU)",
     "truth": "only lv_analyzer and lv_dataset_creator need them",
     "imu": "it tells the turn within scans where odometry is slow or fails",
 }

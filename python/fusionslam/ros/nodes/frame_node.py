@@ -4,21 +4,23 @@
 
 import logging
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from pydantic import field_validator
 
 from fusionslam.config import option
-from fusionslam.errors import DataError, ShapeError, cause_of
+from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.fusion import SENSORS_OF, Source
+from fusionslam.odometry import LidarOdometryConfig, LiveOdometry, scan_odometry
+from fusionslam.ros.messages.library import build
 from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, IMU, ODOMETRY, TRANSFORMS
 from fusionslam.ros.runtime.config import CommonConfig
 from fusionslam.ros.runtime.node import Input, Node, Outlet
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.frame_builder import FrameBuilder, OnlineConfig
-from fusionslam.sensors.messages import Message
+from fusionslam.sensors.messages import FrameTransforms, Imu, Message, Odometry, Scan
 from fusionslam.sensors.synchronizer import BUFFER_FULL, DUPLICATE, LATE, NO_IMAGE, REASONS
 
 logger = logging.getLogger(__name__)
@@ -26,7 +28,7 @@ logger = logging.getLogger(__name__)
 SCANS = "velodyne_points"
 LEFT = ("camera/rgb/image_raw", "camera/rgb/camera_info")
 RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
-ODOM, IMU_TOPIC = "odom", "imu"
+ODOM, IMU_TOPIC, TF = "odom", "imu", "/tf"
 # Names that would give another camera's topics.
 RESERVED = ("left", "right", "rgb", "points")
 _WENT_BACK = (
@@ -55,6 +57,15 @@ class FramesConfig(CommonConfig):
         (),
         "names of further cameras that colour scans (source lidar); the images of each are on "
         "camera/NAME/image_raw, its calibration is on camera/NAME/camera_info",
+    )
+
+    odometry: Literal["topic", "lidar", "inertial"] = option(
+        "topic",
+        "what tells the robot's motion: the topic odom, or TF; the scans; or scans and the IMU. Of "
+        "the last two the node publishes the motion on odom and /tf",
+    )
+    lidar_odometry: LidarOdometryConfig = option(
+        LidarOdometryConfig(), "of odometry lidar and inertial: scans to a path"
     )
 
     @field_validator("cameras")
@@ -116,7 +127,34 @@ class FrameNode(Node[C]):
         self._sensors = SENSORS_OF[source]
         self.lead = SCANS if "points" in self._sensors else LEFT[0]
         self._logged: set[tuple[str, str]] = set()
-        self.frames = frame_builder(config.online, source, surround=config.cameras, moving=moving)
+        is_own = config.odometry != "topic"
+        self.frames = frame_builder(
+            config.online, source, surround=config.cameras, moving=moving or is_own
+        )
+        self._motion: LiveOdometry | None = None
+        if is_own and "points" not in self._sensors:
+            raise ConfigError(
+                f"~odometry is {config.odometry}, which needs scans, but clouds are made of "
+                f"{' and '.join(self._sensors)} images: expected topic",
+                code="no-scans",
+                fields=("~odometry",),
+            )
+        if is_own:
+            self._motion = LiveOdometry(
+                scan_odometry(config.odometry, config.lidar_odometry),
+                self.frames.robot,
+                self._refuse,
+                wait_s=config.online.wait,
+                jump_s=config.online.sync.jump,
+                most=config.online.sync.buffer,
+            )
+
+    @classmethod
+    def outputs_of(cls, config: CommonConfig) -> Mapping[str, str]:
+        """With odometry of its own, that, too."""
+        assert isinstance(config, FramesConfig)
+        own = {} if config.odometry == "topic" else {ODOM: ODOMETRY, TF: TRANSFORMS}
+        return {**cls.outputs, **own}
 
     @abstractmethod
     def take_frame(self, frame: Frame) -> None:
@@ -125,12 +163,15 @@ class FrameNode(Node[C]):
     @property
     def inputs(self) -> Sequence[Input]:
         """Inputs: scans, images with their calibration, odometry, IMU and TF."""
+        # What only one kind of odometry needs is named while it is silent.
+        is_inertial = self.config.odometry == "inertial"
         found = [
-            Input(ODOM, [ODOMETRY], self._take, small=True, optional=True),
-            Input(IMU_TOPIC, [IMU], self._take, small=True, optional=True),
-            Input("/tf", [TRANSFORMS], self._take, shared=True, optional=True),
+            Input(IMU_TOPIC, [IMU], self._take, small=True, optional=not is_inertial),
+            Input(TF, [TRANSFORMS], self._take, shared=True, optional=True),
             Input("/tf_static", [TRANSFORMS], self._take, shared=True, optional=True),
         ]
+        if self._motion is None:
+            found.append(Input(ODOM, [ODOMETRY], self._take, small=True, optional=True))
         if "points" in self._sensors:
             found.append(Input(SCANS, [CLOUD], self._take))
         cameras = [sensor for sensor in self._sensors if sensor != "points"]
@@ -149,6 +190,8 @@ class FrameNode(Node[C]):
 
     def idle(self) -> None:
         """Process the waiting frames: the messages that they wait for have not come."""
+        if self._motion is not None:
+            self._move(self._motion.settle)
         self._process(self.frames.settle())
 
     def report(self) -> Mapping[str, int | str]:
@@ -159,18 +202,41 @@ class FrameNode(Node[C]):
         lacking = {f"without {name}": count for name, count in frames.surround.missing.items()}
         more = {"frames": frames.frames, "without odometry": frames.still, "jumps": frames.jumps}
         more["motion stays"] = frames.skewed
-        return {**self.counts, **more, **lacking, **dropped, **refused}
+        motion = self._motion
+        if motion is not None:
+            more |= {f"odometry {what}": count for what, count in motion.counts.items()}
+        said = {} if motion is None else {"odometry": motion.state}
+        return {**said, **self.counts, **more, **lacking, **dropped, **refused}
 
     def went_back(self) -> None:
-        """Called after the clock of the sensors went back."""
+        """Called after the clock of the sensors went back, or odometry of scans was lost."""
 
     def _take(self, message: Message, camera: str = "left") -> None:
-        jumps = self.frames.jumps
+        jumps, motion = self.frames.jumps, self._motion
+        if motion is not None and isinstance(message, Scan):
+            # First, as older frames wait for the motion that it tells.
+            self._move(partial(motion.process, message))
         frames = self.frames.process(message, camera)
         if self.frames.jumps > jumps:
             self.problems.add(self.lead, _WENT_BACK, "clock")
             self.went_back()
         self._process(frames)
+        if motion is not None and isinstance(message, Imu | FrameTransforms):
+            self._move(partial(motion.process, message))
+
+    def _move(self, advance: Callable[[], list[Odometry]]) -> None:
+        """Publish the robot's motion by scans, and make the frames that waited for it."""
+        assert self._motion is not None
+        restarts = self._motion.restarts
+        for moved in advance():
+            self.outlet.publish(ODOM, build(moved))
+            self.outlet.publish(TF, build(FrameTransforms(transforms=(moved.transform,))))
+            self._process(self.frames.process(moved))
+        if self._motion.restarts > restarts:
+            self.went_back()
+
+    def _refuse(self, error: FusionSlamError) -> None:
+        self.problems.add(ODOM, str(error), str(error.code))
 
     def _process(self, frames: list[Frame]) -> None:
         for frame in frames:

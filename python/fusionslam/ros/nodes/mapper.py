@@ -34,13 +34,12 @@ from fusionslam.ros.messages.types import (
     TRANSFORMS,
     header,
 )
-from fusionslam.ros.nodes.frame_node import FrameNode, FramesConfig
+from fusionslam.ros.nodes.frame_node import TF, FrameNode, FramesConfig
 from fusionslam.ros.runtime.node import Outlet, Service, Timer
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Scan
 
 CLOUDS, GRIDS, WAY, POSE = "~cloud", "~grid", "~path", "~pose"
-TF = "/tf"
 _SHARE = 4
 """Drawing the map takes at most 1 in this many seconds."""
 _CLOSING_S = 5.0

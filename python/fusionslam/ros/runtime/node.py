@@ -130,6 +130,11 @@ class Node(ABC, Generic[C]):
         self.problems = ProblemLog()
         self.saver: Saver | None = None
 
+    @classmethod
+    def outputs_of(cls, config: CommonConfig) -> Mapping[str, str]:
+        """Types by topic of the outputs that it has with a configuration."""
+        return cls.outputs
+
     def make_saver(self, config: SavingConfig, save: Callable[[Path], None]) -> Saver:
         """Make the ``saver`` from the function that writes the file."""
         self.saver = Saver(config, save, self.problems)

@@ -65,7 +65,7 @@ class NodeRunner:
         queue = self.config.node.queue
         self._publishers = {
             topic: transport.advertise(topic, name, queue=queue, latched=topic in kind.latched)
-            for topic, name in kind.outputs.items()
+            for topic, name in kind.outputs_of(self.config).items()
         }
         self._reports = transport.advertise(
             REPORTS, DIAGNOSTICS, queue=_REPORTS_QUEUE, latched=False

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import bags
-from artefacts import artefact
 from cli import refusal, succeeds
 from clouds import make_room
 from error_codes import has_code
@@ -25,9 +24,7 @@ from fusionslam.odometry import LidarOdometry, LidarOdometryConfig
 from fusionslam.pipelines.lidar_odometry import LidarTrack, track_lidar
 from fusionslam.pipelines.place_maps import odometry_of
 from fusionslam.sensors.messages import Event, FrameTransforms, Imu
-from fusionslam.sim.catalogue import MADE, drive_through
-from fusionslam.sim.recordings import recording_config, write_recording
-from fusionslam.sim.robot import ImuMount
+from inertial_house import inertial_house
 from rows import rows
 
 pytest.importorskip("rko_lio", reason="the library of odometry by LiDAR and IMU is an extra")
@@ -41,19 +38,7 @@ G = 9.81
 
 @pytest.fixture(scope="module")
 def house() -> Path:
-    """A robot that sweeps at 10 Hz drives 5 s through a house; its IMU is turned by 90 degrees."""
-    pytest.importorskip("embreex")
-
-    def make(folder: Path) -> None:
-        entry = MADE["house"]
-        config = recording_config(entry, "turtlebot3_vlp16")
-        imu = ImuMount(position_m=(0.1, -0.05, 0.3), tilt_deg=(0, 0, 90))
-        robot = config.robot.model_copy(update={"cameras": {}, "imus": {"imu": imu}})
-        config = config.model_copy(update={"robot": robot, "seconds": 5.0})
-        place, drive = drive_through(entry.make(entry.settings), robot, config.plan)
-        write_recording(place, drive, config, folder / "house.bag", jobs=2)
-
-    return artefact("inertial-house", make) / "house.bag"
+    return inertial_house()
 
 
 @pytest.fixture(scope="module")

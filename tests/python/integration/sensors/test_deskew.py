@@ -29,7 +29,6 @@ from fusionslam.sensors.messages import (
     Odometry,
     Scan,
 )
-from fusionslam.sensors.scan_motion import span_of
 from fusionslam.sensors.transforms import TransformError
 from rows import rows
 
@@ -128,9 +127,9 @@ def test_points_are_where_the_scanner_would_have_seen_them_at_the_stamp(
         turned = np.degrees(np.linalg.norm(motion[3:])) * SCAN_S
         assert frame.deskew.turned_deg == pytest.approx(turned, rel=0.01, abs=1e-6)
         # Nothing stays by which covariances would have to grow.
-        assert span_of(frame) is None and frame.point_seconds is None
+        assert frame.span is None and frame.point_seconds is None
     bent = build(FrameBuilder(OnlineConfig(deskew=False), cameras=()), events)[1]
-    assert bent.deskew is None and span_of(bent) == pytest.approx((0.0, SCAN_S))
+    assert bent.deskew is None and bent.span == pytest.approx((0.0, SCAN_S))
     moved = SCAN_S * np.hypot(speed, 20 * turn)
     assert errors(bent, motion, places).max() > 0.3 * moved
 
@@ -175,7 +174,7 @@ def test_motion_that_odometry_does_not_know_stays_and_is_said(
         frames = build(builder, events)
     assert [frame.deskew is None for frame in frames] == [False, False, True]
     assert builder.skewed == 1 and not builder.still and frames[2].odometry is not None
-    assert span_of(frames[2]) == pytest.approx((0.0, SCAN_S))
+    assert frames[2].span == pytest.approx((0.0, SCAN_S))
     (said,) = [each.getMessage() for each in caplog.records]
     assert "motion within scans stays" in said and "needed at" in said
 

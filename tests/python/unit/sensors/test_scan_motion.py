@@ -8,7 +8,8 @@ import pytest
 from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp
 from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.scan_motion import ScanMotion, Span, span_of
+from fusionslam.sensors.point_times import Span
+from fusionslam.sensors.scan_motion import ScanMotion
 from rows import rows
 
 SPEED: Floats = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 1.2])
@@ -60,7 +61,7 @@ def test_nothing_is_made_up_where_the_motion_is_not_known() -> None:
 def test_the_span_of_a_scan_is_that_of_its_known_times(
     seconds: Floats | None, span: Span | None
 ) -> None:
-    assert span_of(Frame(point_seconds=seconds)) == span
+    assert Frame(point_seconds=seconds).span == span
 
 
 def test_the_warning_is_said_once_with_numbers(caplog: pytest.LogCaptureFixture) -> None:
