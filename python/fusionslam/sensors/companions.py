@@ -64,6 +64,8 @@ class Companions(Generic[M]):
                 continue
             if self._config.policy == "last_before":
                 ahead = 0
+            elif chosen is not None:
+                ahead -= 1  # one that is as near is no better
             if not kept or last_ns <= stamp_ns + ahead + self._lateness_ns:
                 return False
         return True

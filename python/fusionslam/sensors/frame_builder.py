@@ -386,7 +386,9 @@ class FrameBuilder:
         placed = {*found}
 
         def leave_out(name: str, error: TransformError) -> None:
-            if error.may_come and not late and name in self.scanners.awaited:
+            # A scanner that moves on the robot is placed a little later each time.
+            is_awaited = name in self.scanners.awaited or error.code == "too-late"
+            if error.may_come and not late and is_awaited:
                 raise error
             placed.remove(name)
             self._log(ALONE, f"{name}: {error}", name, *cause_of(error))

@@ -18,7 +18,6 @@ from fusionslam.cli.data import parse_topics
 from fusionslam.datasets.bags import open_bag
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.se3 import exp, inverse
-from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.lidar_odometry import track_lidar
 from fusionslam.sensors.frame_builder import OnlineConfig
 from fusionslam.sensors.messages import Event, FrameTransforms, Odometry, Scan
@@ -145,6 +144,15 @@ def test_messages_in_any_order_give_the_same_clouds() -> None:
         assert same_clouds(build(merging(OnlineConfig(wait=1.0)), other), build(merging(), events))
 
 
+def test_a_frame_waits_for_the_scan_of_its_partner_and_its_last_point_only() -> None:
+    builder, late = merging(), []
+    for event in drive()[0]:
+        sensor = "rear_points" if event.topic == "/rear" else ""
+        late += [event.time_ns - each.stamp_ns for each in builder.process(event.message, sensor)]
+    assert len(late) == 3
+    assert max(late) <= (REAR_LATER_S + SCAN_S + 0.02) * S
+
+
 def test_a_scan_without_partner_is_used_alone_and_counted(tmp_path: Path, caplog: Logs) -> None:
     events = [e for e in drive()[0] if e.topic != "/rear" or e.time_ns > START + 0.4 * S]
     frames = build(builder := merging(), events)
@@ -209,6 +217,22 @@ def test_a_scanner_that_tf_does_not_place_is_named(tmp_path: Path, caplog: Logs)
     assert "no frame 'rear'" in caplog.text
 
 
+def test_a_scanner_that_moves_on_the_robot_is_merged_from_when_tf_places_it(tmp_path: Path) -> None:
+    events = drive()[0]
+    link = FrameTransforms(transforms=(bags.static("base", "front", MOUNTS["front"]),))
+    events = [replace(e, message=link) if e.topic == "/tf_static" else e for e in events]
+    for k in range(20, 55):
+        stamp = START + k * S // 50
+        place = bags.static("base", "rear", MOUNTS["rear"])
+        turned = FrameTransforms(transforms=(replace(place, stamp_ns=stamp, static=False),))
+        events.append(Event("/tf", stamp + S // 7, turned))
+    events.sort(key=lambda event: event.time_ns)
+    frames = build(builder := merging(), events)
+    assert [len(frame.points) for frame in frames if frame.points is not None] == [199, 398, 398]
+    assert builder.scanners.missing == {"rear_points": 1}
+    assert same_clouds(frames, read(bags.put_bag(tmp_path, events)))
+
+
 def test_a_scanner_without_times_of_points_is_named(tmp_path: Path, caplog: Logs) -> None:
     events = [*bags.changed(drive()[0], "/rear", fields={"intensity": np.zeros(200, np.float32)})]
     frames = build(merging(), events)
@@ -250,22 +274,14 @@ def test_a_scanner_needs_a_topic_of_clouds(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_simulated_robot_sees_the_walls_where_they_are_with_both_scanners(tmp_path: Path) -> None:
-    """One looks ahead at 10 Hz, one back at 12.5 Hz; the robot turns by up to 1 rad/s."""
     pytest.importorskip("embreex", reason="the simulator is an extra")
     pytest.importorskip("kiss_icp", reason="odometry by scans is an extra")
     from fusionslam.sim.simulator import SimulationConfig, simulate
-    from worlds import bare_robot, hall
+    from worlds import hall, two_scanners, winding
 
-    sweep = {"rings": 4, "top_deg": 3, "bottom_deg": -3, "azimuths": 180, "scan_motion": True}
-    robot = bare_robot(**sweep, topic="/front", noise_m=0.01, sector_rad=(1.6, -1.6))
-    own = {"topic": "/rear", "frame_id": "rear", "tilt_deg": (0, 0, 180), "rate_hz": 12.5}
-    twin = robot.lidars["lidar"].model_copy(update=own | {"position_m": (-0.4, 0.0, 0.2)})
-    robot = robot.model_copy(update={"lidars": robot.lidars | {"rear": twin}})
-    times = np.linspace(0, 3, 301)
-    way = Trajectory(times, -4 + 0.5 * times, 0 * times, 0.8 * np.sin(1.25 * times))
-    path = bags.write_bag(
-        tmp_path / "hall.bag", simulate(hall(), robot, way, SimulationConfig(seed=2))
-    )
+    way = winding()
+    driven = simulate(hall(), two_scanners(), way, SimulationConfig(seed=2))
+    path = bags.write_bag(tmp_path / "hall.bag", driven)
     dataset = open_dataset(path, topics=TOPICS, sensors=["points"])
     off, behind = [], 0
     for frame in dataset:
