@@ -31,7 +31,7 @@ from fusionslam.sensors.messages import (
     as_nanoseconds,
 )
 from fusionslam.sensors.robot_frames import RobotFrames
-from fusionslam.sensors.scan_merging import Partner, merge_scans, unlike_times
+from fusionslam.sensors.scan_merging import Partner, merge_scans, time_remarks
 from fusionslam.sensors.synchronizer import (
     BUFFER_FULL,
     CLOCK_JUMP,
@@ -52,7 +52,6 @@ NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
 BAD_CALIBRATION = "calibration does not fit"
 ALONE = "scans are used alone"
-UNLIKE_TIMES = "times of points of some scanners only"
 
 # Advice for the robot's owner.
 _ADVICE = {
@@ -66,7 +65,6 @@ _ADVICE = {
     NOT_DESKEWED: "clouds are bent by it; are odometry and transforms published without pauses, "
     "until the last point of each scan?",
     ALONE: "look at the topics, clocks and transforms of the scanners that are to be merged",
-    UNLIKE_TIMES: "let both drivers publish them",
     "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
     "one, and start anew if it was the first",
@@ -356,8 +354,6 @@ class FrameBuilder:
         except TransformError as error:
             if error.may_come and not late:
                 raise
-        if scan is not None and (remark := scan.point_times.remark):
-            self._log(POINT_TIMES, remark)
         given = scan, _pictures(pair), self._infos, self.robot
         make = partial(
             frame_from_pair,
@@ -397,14 +393,13 @@ class FrameBuilder:
             name: Partner(each.stamp_ns - leader.stamp_ns, each) for name, each in found.items()
         }
         scan = merge_scans(leader, partners, self.robot.tree, leave_out)
-        for name in self.scanners.names:
-            if name in placed and (said := unlike_times(leader, found[name])):
-                self._log(UNLIKE_TIMES, said, name)
-            if name not in found:
-                newest = self.scanners.newest(name)
-                off_s = 0 if newest is None else (newest - leader.stamp_ns) / NANOSECONDS
-                known = "none has come" if newest is None else f"its newest is {off_s:+.3f} s off"
-                self._log(ALONE, f"no scan of {name} lies within {reach_s:g} s; {known}", name)
+        for name, remark in time_remarks(leader, partners, scan).items():
+            self._log(POINT_TIMES, remark, name)
+        for name in [each for each in self.scanners.names if each not in found]:
+            newest = self.scanners.newest(name)
+            off_s = 0 if newest is None else (newest - leader.stamp_ns) / NANOSECONDS
+            known = "none has come" if newest is None else f"its newest is {off_s:+.3f} s off"
+            self._log(ALONE, f"no scan of {name} lies within {reach_s:g} s; {known}", name)
         self._merged = _Merged(leader, scan, {*found}, placed)
         return scan
 

@@ -14,6 +14,7 @@ from fusionslam.base.arrays import Floats
 from fusionslam.sensors.messages import NANOSECONDS, Scan
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
+LEADER = "points"
 _POSES = 33
 _VALUES = ("intensity", "object")
 """Values of points that mean the same for every scanner, unlike numbers of rings."""
@@ -91,16 +92,20 @@ def merge_scans(
     )
 
 
-def unlike_times(leader: Scan, partner: Scan) -> str:
-    """Say which of two scans lacks times of points while the other has them; else empty."""
-    has = [scan.returns.point_seconds is not None for scan in (leader, partner)]
-    if has[0] == has[1] or not (leader.returned.any() and partner.returned.any()):
-        return ""
-    lacking, other = (leader, partner) if has[1] else (partner, leader)
-    return (
-        f"points of '{lacking.frame_id}' have no times, those of '{other.frame_id}' have: the "
-        f"first are taken as measured at their scans' stamps"
-    )
+def time_remarks(leader: Scan, partners: Mapping[str, Partner], merged: Scan) -> dict[str, str]:
+    """Say what is unusual about times of points, by scanner; the leader is "points"."""
+    remarks = {LEADER: leader.returns.point_times.remark or merged.point_times.remark}
+    for name, partner in partners.items():
+        scans = leader.returns, partner.scan.returns
+        lacking = [scan for scan in scans if scan.point_seconds is None and len(scan.points)]
+        remark = scans[1].point_times.remark
+        if not remark and len(lacking) == 1:
+            remark = (
+                f"points of '{lacking[0].frame_id}' have no times, those of another scanner do: "
+                "they are taken as measured at their scans' stamps"
+            )
+        remarks[name] = remark and f"{name}: {remark}"
+    return {name: remark for name, remark in remarks.items() if remark}
 
 
 def _seconds_of(partner: Partner) -> Floats:

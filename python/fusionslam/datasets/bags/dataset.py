@@ -28,7 +28,7 @@ from fusionslam.sensors.deskewing import motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Imu, Odometry, Picture, Scan
-from fusionslam.sensors.scan_merging import Partner, merge_scans, unlike_times
+from fusionslam.sensors.scan_merging import Partner, merge_scans, time_remarks
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.sensors.undone_motion import Deskew
 
@@ -177,16 +177,14 @@ class BagDataset(Dataset):
             if rows[index] >= 0:
                 offset_ns = int(self.source.series(name).stamps_ns[rows[index]]) - stamp_ns
                 partners[name] = Partner(offset_ns, self._message(name, index))
-                if said := unlike_times(leader, partners[name].scan):
-                    self.source.say_once(f"times of {name}", f"{self.root}: {said}")
 
         def leave_out(name: str, error: TransformError) -> None:
             words = f"{self.root}: scans of {self.source.roles[name]} are left out: {error}"
             self.source.say_once(f"place of {name}", words)
 
         scan = merge_scans(leader, partners, self.source.frames.tree, leave_out, stamp_ns)
-        if remark := scan.point_times.remark:
-            self.source.say_once("times of points", f"{self.root}: {remark}")
+        for name, remark in time_remarks(leader, partners, scan).items():
+            self.source.say_once(f"times of {name}", f"{self.root}: {remark}")
         return scan
 
     def _motion_within(self, scan: Scan, stamp_ns: int) -> Deskew | None:

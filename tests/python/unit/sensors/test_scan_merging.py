@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fusionslam.sensors.messages import FrameTransform, Scan
-from fusionslam.sensors.scan_merging import Partner, merge_scans, unlike_times
+from fusionslam.sensors.scan_merging import Partner, merge_scans, time_remarks
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
 S = 1_000_000_000
@@ -87,10 +87,23 @@ def test_scans_without_times_of_points_are_of_their_stamps() -> None:
     np.testing.assert_allclose(merge(scan("front", 2), rear).point_seconds, [0, 0, *[0.04] * 3])
     timed = scan("front", 2, time=np.array([0.0, 0.1]))
     np.testing.assert_allclose(merge(timed, rear).point_seconds, [0, 0.1, *[0.04] * 3])
-    assert "'rear' have no times" in unlike_times(timed, rear)
-    assert "'rear' have no times" in unlike_times(rear, timed)
-    assert not unlike_times(timed, replace(timed, frame_id="rear"))
-    assert not unlike_times(rear, scan("front"))
+    assert "'rear' have no times" in remarks(timed, rear)["rear_points"]
+    assert "'rear' have no times" in remarks(rear, timed)["rear_points"]
+    assert not remarks(timed, replace(timed, frame_id="rear"))
+    assert not remarks(rear, scan("front"))
+
+
+def remarks(leader: Scan, rear: Scan) -> dict[str, str]:
+    return time_remarks(leader, {"rear_points": Partner(0, rear)}, leader)
+
+
+def test_what_is_unusual_about_the_times_of_each_scanner_is_said() -> None:
+    usual = scan("front", 600, time=np.linspace(0, 0.1, 600))
+    slow = scan("rear", 600, time=np.linspace(0, 100, 600))
+    other = scan("rear", 600, time=np.linspace(5, 5.1, 600))
+    assert "milliseconds" in remarks(usual, slow)["rear_points"]
+    assert "another clock" in remarks(usual, other)["rear_points"]
+    assert [*remarks(slow, usual)] == ["points"]
 
 
 def test_an_empty_scan_adds_nothing() -> None:
