@@ -13,7 +13,7 @@ from fusionslam.cli.console import during, progress
 from fusionslam.cli.failures import needs_extra
 from fusionslam.config import merged, nearest_name, suggest, with_settings
 from fusionslam.datasets import Dataset
-from fusionslam.datasets.bags.topics import ROLES, can_be_camera
+from fusionslam.datasets.bags.topics import ROLES, can_be_further
 from fusionslam.datasets.base import CloudDataset
 from fusionslam.datasets.range_recording import RangeRecording, is_recording
 from fusionslam.errors import ConfigError, DataError
@@ -30,11 +30,21 @@ _WORLD_FILES = (".glb", ".world", ".sdf")
 def parse_topics(texts: list[str]) -> dict[str, str]:
     """Parse texts such as points=/velodyne_points."""
     _check_pairs("--topic", texts, "WHAT=/NAME")
+    topics: dict[str, str] = {}
     for text in texts:
-        what = text.partition("=")[0]
-        if not can_be_camera(what):
+        what, _, name = text.partition("=")
+        if not can_be_further(what):
             opt.check_choice(f"--topic {text}: WHAT", what, tuple(ROLES))
-    return dict(text.split("=", 1) for text in texts)
+        if what in topics:
+            more = "; NAME_points=/TOPIC names a further scanner" if what == "points" else ""
+            raise ConfigError(
+                f"--topic {text}: {what} is {topics[what]} already, expected one topic of each"
+                f"{more}",
+                code="given-twice",
+                fields=("--topic", what),
+            )
+        topics[what] = name
+    return topics
 
 
 def parse_sync(texts: list[str]) -> dict[str, Any]:

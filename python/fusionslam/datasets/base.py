@@ -146,6 +146,10 @@ class Dataset(ABC):
         """The dataset with scans in which the motion of the scanner is not undone."""
         return self
 
+    def of_leader(self) -> Self:
+        """The dataset with the scans of its leading scanner alone."""
+        return self
+
     @property
     @abstractmethod
     def counts(self) -> dict[str, int]:

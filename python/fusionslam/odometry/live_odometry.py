@@ -130,7 +130,7 @@ class LiveOdometry:
             )
             return
         self._newest_ns = scan.stamp_ns
-        self._scans.append(scan)
+        self._scans.append(scan.returns)
         if len(self._scans) > self._most:
             self._scans.popleft()
             self._leave_out(

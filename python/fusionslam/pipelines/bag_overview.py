@@ -14,7 +14,7 @@ from fusionslam.datasets.bags.calibration import CALIBRATED
 from fusionslam.datasets.bags.indexed_bag import IndexedBag, Series
 from fusionslam.datasets.bags.pairing import open_indexed_bag
 from fusionslam.datasets.bags.reader import Topic
-from fusionslam.datasets.bags.topics import ROLES, further_cameras
+from fusionslam.datasets.bags.topics import ROLES, further_cameras, further_scanners
 from fusionslam.errors import DataError, one_line
 from fusionslam.pipelines.frame_check import FirstCloud, first_cloud
 
@@ -56,7 +56,8 @@ class Inspection:
         for topic in bag.topics.values():
             yield f"topic {topic.name}", self._topic(topic)
         roles = self.source.roles
-        in_use = [*(role for role in ROLES if role in roles), *further_cameras(roles)]
+        in_use = [role for role in ROLES if role in roles]
+        in_use += [*further_cameras(roles), *further_scanners(roles)]
         yield "in use", ", ".join(f"{role} {roles[role]}" for role in in_use) or "-"
         yield "extrinsics", self._extrinsics()
         for count, first in self.source.refused.values():

@@ -110,7 +110,8 @@ def track_lidar(
     """Estimate the poses of a recording from its scans, and its IMU where it has one.
 
     Args:
-        dataset: with scans at best 10 Hz. Where an IMU is used, they are read as measured.
+        dataset: with scans at best 10 Hz, of which those of the leading scanner count. Where an IMU
+            is used, they are read as measured.
         config: None for the defaults.
         jobs: number of scans read ahead; does not change the result.
         progress: called with (scans done, total scans).
@@ -126,6 +127,7 @@ def track_lidar(
             f"{dataset.name}: odometry by LiDAR needs scans of two frames or more",
             code="no-scans",
         )
+    dataset = dataset.of_leader()
     odometry = _odometry_of(dataset, config or LidarOdometryConfig())
     messages = dataset.imu_messages() if odometry.takes_imu else iter(())
     if odometry.takes_imu:

@@ -5,7 +5,6 @@
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.messages import CameraInfo, Picture, Scan
 from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError
-from fusionslam.sensors.undone_motion import Deskew
 
 _PAIR = ("left", "right")
 
@@ -38,10 +36,11 @@ def frame_from_pair(
 ) -> Frame:
     """Assemble a scan and its images into a frame.
 
-    Rays without return (NaN) are left out. The images are rectified on first access.
+    The images are rectified on first access.
 
     Args:
-        scan: None for a stereo pair alone, whose points are in the left camera's optical frame.
+        scan: without rays that did not return; None for a stereo pair alone, whose points are in
+            the left camera's optical frame.
         pictures: by camera name; "left" and "right" together are a stereo pair.
         infos: calibration of each of them.
         frames: poses of sensors and robot.
@@ -71,7 +70,11 @@ def frame_from_pair(
     return Frame(
         index=index,
         stamp_ns=lead.stamp_ns,
-        **({} if scan is None else _returns_of(scan, motion)),
+        points=None if scan is None else points_of(scan, motion),
+        colors=None if scan is None else scan.colors,
+        intensities=None if scan is None else scan.intensities,
+        point_seconds=None if scan is None or motion is not None else scan.point_seconds,
+        deskew=motion,
         pose=pose,
         images={
             name: partial(rectify, picture, infos[name], name) if name in cameras else picture.image
@@ -81,20 +84,6 @@ def frame_from_pair(
         odometry=None if still else frames.odometry_from_robot(lead.stamp_ns),
         robot_from_points=_robot_from_points(scan, pictures, infos, frames, still),
     )
-
-
-def _returns_of(scan: Scan, motion: Deskew | None) -> dict[str, Any]:
-    """What a frame is told of a scan without the rays that did not return."""
-    values = {
-        "points": points_of(scan, motion),
-        "colors": scan.colors,
-        "intensities": scan.intensities,
-        "point_seconds": None if motion is not None else scan.point_seconds,
-    }
-    if not scan.returned.all():
-        kept = scan.returned
-        values = {name: None if each is None else each[kept] for name, each in values.items()}
-    return {**values, "deskew": motion}
 
 
 def _robot_from_points(

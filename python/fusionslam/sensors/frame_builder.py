@@ -8,14 +8,15 @@ images.
 """
 
 import logging
-from bisect import insort
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 from fusionslam.base.argument_types import checked
 from fusionslam.config import Section, option
 from fusionslam.errors import ConfigError, DataError, cause_of
+from fusionslam.sensors.companions import Companions
 from fusionslam.sensors.frame import CloudFrame, Frame
 from fusionslam.sensors.frame_assembly import frame_from_pair
 from fusionslam.sensors.messages import (
@@ -30,13 +31,14 @@ from fusionslam.sensors.messages import (
     as_nanoseconds,
 )
 from fusionslam.sensors.robot_frames import RobotFrames
+from fusionslam.sensors.scan_merging import Partner, merge_scans, time_remarks
 from fusionslam.sensors.synchronizer import (
     BUFFER_FULL,
     CLOCK_JUMP,
     Pair,
     SyncConfig,
     Synchronizer,
-    choose_image,
+    partner_config,
     stereo_synchronizer,
 )
 from fusionslam.sensors.transforms import TransformError
@@ -49,6 +51,7 @@ NOT_DESKEWED = "motion within scans stays"
 NO_TRANSFORM = "no transform"
 NO_CAMERA_INFO = "no CameraInfo"
 BAD_CALIBRATION = "calibration does not fit"
+ALONE = "scans are used alone"
 
 # Advice for the robot's owner.
 _ADVICE = {
@@ -61,6 +64,7 @@ _ADVICE = {
     POINT_TIMES: "look at the scanner's driver if that is not so",
     NOT_DESKEWED: "clouds are bent by it; are odometry and transforms published without pauses, "
     "until the last point of each scan?",
+    ALONE: "look at the topics, clocks and transforms of the scanners that are to be merged",
     "odometry": "images are placed as if the robot stood; is odometry published without pauses?",
     "FrameTransforms": "two publishers of /tf contradict each other: stop "
     "one, and start anew if it was the first",
@@ -97,90 +101,6 @@ class OnlineConfig(Section):
     )
 
 
-class SurroundImages:
-    """The newest images of further cameras, one of which belongs to each frame.
-
-    Which one is decided as by ``Synchronizer``. A camera that has been silent for longer than
-    ``wait`` is waited for no more until its next image.
-
-    Args:
-        names: of the cameras.
-        config: policy and limits.
-        wait: how long a silent camera is waited for, in seconds of stamps.
-
-    Attributes:
-        missing: frames that lack an image, by camera.
-    """
-
-    def __init__(self, names: Iterable[str], config: SyncConfig, wait: float) -> None:
-        self.names = tuple(names)
-        self.missing: Counter[str] = Counter()
-        self._config = config
-        self._wait_ns = wait * NANOSECONDS
-        self._reach_ns = as_nanoseconds("max_difference", config.max_difference)
-        self._lateness_ns = as_nanoseconds("lateness", config.lateness)
-        self._first_ns: int | None = None
-        self._unplaced: set[str] = set()
-        self._images: dict[str, list[tuple[int, Picture]]] = {name: [] for name in self.names}
-
-    def add(self, name: str, picture: Picture) -> None:
-        """Keep an image; of more than ``buffer`` the oldest is dropped."""
-        images = self._images[name]
-        if images and images[-1][0] - picture.stamp_ns > self._config.jump * NANOSECONDS:
-            images.clear()
-        insort(images, (picture.stamp_ns, picture), key=lambda image: image[0])
-        del images[: -self._config.buffer]
-
-    def is_settled(self, stamp_ns: int, newest_ns: int) -> bool:
-        """Whether no better image of a scan is expected.
-
-        Args:
-            stamp_ns: of the scan.
-            newest_ns: newest stamp of all sensors.
-        """
-        self._first_ns = stamp_ns if self._first_ns is None else min(self._first_ns, stamp_ns)
-        for name, images in self._images.items():
-            last_ns = images[-1][0] if images else self._first_ns
-            chosen = self._chosen(name, stamp_ns)
-            ahead = self._reach_ns if chosen is None else abs(chosen.stamp_ns - stamp_ns)
-            is_silent = newest_ns - last_ns > self._wait_ns
-            if is_silent or (chosen is not None and ahead == 0):
-                continue
-            if self._config.policy == "last_before":
-                ahead = 0
-            if not images or last_ns <= stamp_ns + ahead + self._lateness_ns:
-                return False
-        return True
-
-    def choose(self, stamp_ns: int) -> dict[str, Picture]:
-        """The images of a scan by camera, without the cameras that have none."""
-        found = {name: self._chosen(name, stamp_ns) for name in self.names}
-        return {name: picture for name, picture in found.items() if picture is not None}
-
-    def count(self, frame: Frame) -> None:
-        """Count what a frame lacks, and which of its cameras could not be placed."""
-        self.missing.update(name for name in self.names if name not in frame.images)
-        self._unplaced |= {name for name in self.names if name in frame.images}
-        self._unplaced -= {*frame.cameras}
-
-    @property
-    def awaited(self) -> set[str]:
-        """Cameras whose place is worth waiting for: it was known, or has not been asked for."""
-        return {*self.names} - self._unplaced
-
-    def forget(self) -> None:
-        """Drop all images after the clock jumped back."""
-        self._first_ns = None
-        for images in self._images.values():
-            images.clear()
-
-    def _chosen(self, name: str, stamp_ns: int) -> Picture | None:
-        images = self._images[name]
-        stamps = [image[0] for image in images]
-        row = choose_image(stamps, stamp_ns, self._config.policy, self._reach_ns)
-        return None if row is None else images[row][1]
-
-
 def _pictures(pair: Pair) -> dict[str, Picture]:
     """All images of a pair, whose left one may itself be a stereo pair."""
     found = {"left": pair.item} if isinstance(pair.item, Picture) else {}
@@ -202,6 +122,7 @@ class FrameBuilder:
         config: limits and names.
         cameras: cameras that every frame needs; "left" and "right" together are a stereo pair.
         surround: further cameras, whose images frames take along if there are any.
+        scanners: further scanners, whose scans are merged into those of the leading one.
         scans: whether frames are scans; else they are stereo pairs, in the left camera's frame.
         moving: whether frames wait for odometry even while nothing is known of it yet.
 
@@ -214,6 +135,7 @@ class FrameBuilder:
         still: number of frames without known odometry.
         skewed: number of frames whose points have times, but whose motion odometry did not undo.
         surround: images of the further cameras, and how many frames lack one.
+        scanners: scans of the further scanners, and how many frames lack one.
     """
 
     def __init__(
@@ -222,6 +144,7 @@ class FrameBuilder:
         *,
         cameras: tuple[str, ...] = ("left",),
         surround: tuple[str, ...] = (),
+        scanners: tuple[str, ...] = (),
         scans: bool = True,
         moving: bool = False,
     ) -> None:
@@ -243,7 +166,13 @@ class FrameBuilder:
             odometry=self.config.odometry_frame,
             truth=self.config.truth_frame,
         )
-        self.surround = SurroundImages(surround, self.config.sync, self.config.wait)
+        self.surround: Companions[Picture] = Companions(
+            surround, self.config.sync, self.config.wait
+        )
+        self.scanners: Companions[Scan] = Companions(
+            scanners if scans else (), partner_config(self.config.sync), self.config.wait
+        )
+        self._merged: _Merged | None = None
         self._moving = moving
         self.frames = self.still = self.skewed = 0
         self.refused: Counter[str] = Counter()
@@ -285,27 +214,30 @@ class FrameBuilder:
         return dict(waiting)
 
     @checked
-    def process(self, message: Message, camera: str = "left") -> list[Frame]:
+    def process(self, message: Message, sensor: str = "left") -> list[Frame]:
         """Process a message and return the frames that it completes, by ascending stamp.
 
         Args:
             message: from any sensor. Invalid content is refused, counted and logged once.
-            camera: the camera that an image or a CameraInfo belongs to.
+            sensor: the camera that an image or a CameraInfo belongs to, or the further scanner that
+                a scan does.
 
         Raises:
             ConfigError: an image of a camera that was not named at construction, or a scan
                 without ``scans``.
         """
         if isinstance(message, CameraInfo):
-            self._infos[camera] = message
+            self._infos[sensor] = message
+        elif isinstance(message, Scan) and sensor in self.scanners.names:
+            self.scanners.add(sensor, message)
         elif isinstance(message, Scan):
             self._scan_frame = message.frame_id
             self._synchronise("points", message)
-        elif isinstance(message, Picture) and camera in self.surround.names:
-            self.surround.add(camera, message)
+        elif isinstance(message, Picture) and sensor in self.surround.names:
+            self.surround.add(sensor, message)
             self._advance(message.stamp_ns)
         elif isinstance(message, Picture):
-            self._synchronise(camera, message)
+            self._synchronise(sensor, message)
         else:
             self._move(message)
         return self._complete()
@@ -366,6 +298,7 @@ class FrameBuilder:
         """Give up all waiting scans after the clock jumped back."""
         self._newest_ns = None
         self.surround.forget()
+        self.scanners.forget()
         while self._pending:
             self._pending.popleft()
             self._give_up(CLOCK_JUMP, "the clock went back")
@@ -383,14 +316,18 @@ class FrameBuilder:
             self._pending.popleft()
             if frame is not None:
                 self.frames += 1
-                self.surround.count(frame)
+                self.surround.count(pair.stamp_ns, frame.images, frame.cameras)
+                if (merged := self._merged) is not None:
+                    self.scanners.count(pair.stamp_ns, merged.found, merged.placed)
+                    self.scanners.missing.update(merged.found - merged.placed)
                 frames.append(frame)
         return frames
 
     def _frame(self, pair: Pair, late: bool) -> Frame | None:
         """Frame of a pair, or None if it had to be given up. Raises _NotYetError."""
         newest = pair.stamp_ns if self._newest_ns is None else self._newest_ns
-        if not late and not self.surround.is_settled(pair.stamp_ns, newest):
+        both = self.surround, self.scanners
+        if not late and not all(each.is_settled(pair.stamp_ns, newest) for each in both):
             raise _NotYetError
         missing = [name for name in _pictures(pair) if name not in self._infos]
         if missing and not late:
@@ -410,14 +347,13 @@ class FrameBuilder:
 
     def _assemble(self, pair: Pair, late: bool) -> Frame:
         """Frame of a pair; where only odometry is missing, without what is made of it."""
-        scan, pose = pair.item if isinstance(pair.item, Scan) else None, None
+        scan = self._merge(pair.item, late) if isinstance(pair.item, Scan) else None
+        pose = None
         try:
             pose = self.robot.world_from_robot(pair.stamp_ns)
         except TransformError as error:
             if error.may_come and not late:
                 raise
-        if scan is not None and (remark := scan.point_times.remark):
-            self._log(POINT_TIMES, remark)
         given = scan, _pictures(pair), self._infos, self.robot
         make = partial(
             frame_from_pair,
@@ -437,6 +373,35 @@ class FrameBuilder:
         if self._moving and frame.odometry is None and not late:
             raise _NotYetError
         return frame
+
+    def _merge(self, leader: Scan, late: bool) -> Scan:
+        """Merge the scans that belong to one, once. Raises TransformError if a place may come."""
+        if self._merged is not None and self._merged.leader is leader:
+            return self._merged.scan
+        found, reach_s = self.scanners.choose(leader.stamp_ns), self.config.sync.scan_difference
+        placed = {*found}
+
+        def leave_out(name: str, error: TransformError) -> None:
+            # A scanner that moves on the robot is placed a little later each time.
+            is_awaited = name in self.scanners.awaited or error.code == "too-late"
+            if error.may_come and not late and is_awaited:
+                raise error
+            placed.remove(name)
+            self._log(ALONE, f"{name}: {error}", name, *cause_of(error))
+
+        partners = {
+            name: Partner(each.stamp_ns - leader.stamp_ns, each) for name, each in found.items()
+        }
+        scan = merge_scans(leader, partners, self.robot.tree, leave_out)
+        for name, remark in time_remarks(leader, partners, scan).items():
+            self._log(POINT_TIMES, remark, name)
+        for name in [each for each in self.scanners.names if each not in found]:
+            newest = self.scanners.newest(name)
+            off_s = 0 if newest is None else (newest - leader.stamp_ns) / NANOSECONDS
+            known = "none has come" if newest is None else f"its newest is {off_s:+.3f} s off"
+            self._log(ALONE, f"no scan of {name} lies within {reach_s:g} s; {known}", name)
+        self._merged = _Merged(leader, scan, {*found}, placed)
+        return scan
 
     def _assemble_without(self, make: Callable[..., Frame], error: TransformError) -> Frame:
         """Frame taken as of one moment, or else as if the robot stood, as odometry is not known."""
@@ -466,6 +431,15 @@ class FrameBuilder:
         first, line, more = problem.partition("\n")
         words = reason, first, _ADVICE[reason], line + more
         logger.log(level, "%s: %s; %s%s", *words, extra={"cause": cause})
+
+
+class _Merged(NamedTuple):
+    """The scan of a frame: its leader, and the scanners of which scans were found and placed."""
+
+    leader: Scan
+    scan: Scan
+    found: set[str]
+    placed: set[str]
 
 
 class _NotYetError(Exception):

@@ -9,7 +9,7 @@ value has the stamp of its header (integer nanoseconds) and the name of its fram
 import operator
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -85,6 +85,23 @@ class Scan:
     def returned(self) -> Mask:
         """bool (N,), the rays with a return."""
         return np.asarray(np.isfinite(self.points).all(axis=1))
+
+    @cached_property
+    def returns(self) -> "Scan":
+        """The scan without the rays that did not return, one row of points."""
+        kept = self.returned
+        if kept.all():
+            return self
+        return replace(
+            self,
+            points=self.points[kept],
+            fields={
+                name: np.asarray(values)[kept] if len(values) == len(kept) else values
+                for name, values in self.fields.items()
+            },
+            colors=None if self.colors is None else self.colors[kept],
+            width=0,
+        )
 
     @property
     def point_seconds(self) -> Floats | None:

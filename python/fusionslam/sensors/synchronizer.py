@@ -45,6 +45,9 @@ class SyncConfig(Section):
     stereo_difference: float = option(
         0.01, "left and right images further apart are no stereo pair", unit="s", ge=0
     )
+    scan_difference: float = option(
+        0.05, "scans of several scanners further apart are not merged", unit="s", ge=0, le=0.5
+    )
     buffer: int = option(100, "messages of each sensor that wait at most", ge=1)
     lateness: float = option(
         0.0, "how far a stamp may lie behind the newest one that arrived before it", unit="s", ge=0
@@ -297,6 +300,11 @@ def choose_image(stamps: Sequence[int], stamp_ns: int, policy: str, reach_ns: in
         places.append(after)
     near = [place for place in places if abs(stamps[place] - stamp_ns) <= reach_ns]
     return min(near, key=lambda place: abs(stamps[place] - stamp_ns), default=None)
+
+
+def partner_config(config: SyncConfig) -> SyncConfig:
+    """How scans of further scanners are found: the nearest one, within ``scan_difference``."""
+    return merged(config, {"policy": "nearest", "max_difference": config.scan_difference})
 
 
 def stereo_synchronizer(config: SyncConfig) -> Synchronizer:

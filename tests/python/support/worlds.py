@@ -84,6 +84,21 @@ def bare_robot(**lidar: Any) -> RobotConfig:
     )
 
 
+def two_scanners() -> RobotConfig:
+    """One LiDAR looks ahead at 10 Hz, one back at 12.5 Hz, with errors of 1 cm."""
+    sweep = {"rings": 4, "top_deg": 3, "bottom_deg": -3, "azimuths": 180, "scan_motion": True}
+    robot = bare_robot(**sweep, topic="/front", noise_m=0.01, sector_rad=(1.6, -1.6))
+    own = {"topic": "/rear", "frame_id": "rear", "tilt_deg": (0, 0, 180), "rate_hz": 12.5}
+    rear = robot.lidars["lidar"].model_copy(update=own | {"position_m": (-0.4, 0.0, 0.2)})
+    return robot.model_copy(update={"lidars": robot.lidars | {"rear": rear}})
+
+
+def winding(seconds: float = 3.0) -> Trajectory:
+    """From (-4, 0) along x at 0.5 m/s, turning by up to 1 rad/s."""
+    times = np.linspace(0, seconds, round(100 * seconds) + 1)
+    return Trajectory(times, -4 + 0.5 * times, 0 * times, 0.8 * np.sin(1.25 * times))
+
+
 Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 

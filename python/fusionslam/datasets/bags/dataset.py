@@ -18,7 +18,7 @@ from fusionslam.base.texts import counted
 from fusionslam.datasets.bags import pairing
 from fusionslam.datasets.bags.indexed_bag import IndexedBag
 from fusionslam.datasets.bags.pairing import Matched, match, open_indexed_bag, with_poses
-from fusionslam.datasets.bags.topics import INFO_ROLES, further_cameras, info_role
+from fusionslam.datasets.bags.topics import INFO_ROLES, further_cameras, further_scanners, info_role
 from fusionslam.datasets.base import Dataset, OdometryOrigin, PosesOrigin
 from fusionslam.datasets.pose_files import match_poses
 from fusionslam.datasets.streams import SENSORS, MissingSensorError, Request, itself
@@ -28,6 +28,7 @@ from fusionslam.sensors.deskewing import motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
 from fusionslam.sensors.messages import CameraInfo, Imu, Odometry, Picture, Scan
+from fusionslam.sensors.scan_merging import Partner, merge_scans, time_remarks
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.sensors.undone_motion import Deskew
 
@@ -45,12 +46,14 @@ class BagDataset(Dataset):
         source: the open bag with its roles and index.
         matched: the messages of each frame.
         surround: index of each frame's image of further cameras, int64 (N); -1 where there is none.
+        scanners: likewise of each frame's scan of further scanners, which is merged into its own.
         deskews: whether the motion within scans is undone.
     """
 
     source: IndexedBag
     matched: Matched
     surround: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    scanners: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     deskews: bool = True
 
     @property
@@ -60,7 +63,7 @@ class BagDataset(Dataset):
 
     @property
     def counts(self) -> dict[str, int]:
-        sensors = (*self.matched.rows, *self.surround)
+        sensors = (*self.matched.rows, *self.surround, *self.scanners)
         return {sensor: len(self.source.series(sensor).stamps) for sensor in sensors}
 
     @property
@@ -130,9 +133,15 @@ class BagDataset(Dataset):
     def as_measured(self) -> Self:
         return replace(self, deskews=False)
 
+    def of_leader(self) -> Self:
+        return replace(self, scanners={})
+
     def _only(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        surround = {name: found[rows] for name, found in self.surround.items()}
-        return {"matched": self.matched.only(rows), "surround": surround}
+        further = {
+            kind: {name: found[rows] for name, found in getattr(self, kind).items()}
+            for kind in ("surround", "scanners")
+        }
+        return {"matched": self.matched.only(rows), **further}
 
     def _frame(self, index: int) -> Frame:
         scan: Callable[[], Scan] = functools.cache(functools.partial(self._scan, index))
@@ -162,9 +171,20 @@ class BagDataset(Dataset):
         )
 
     def _scan(self, index: int) -> Scan:
-        scan: Scan = self._message("points", index)
-        if remark := scan.point_times.remark:
-            self.source.say_once("times of points", f"{self.root}: {remark}")
+        leader: Scan = self._message("points", index)
+        stamp_ns, partners = int(self.stamps_ns[index]), {}
+        for name, rows in self.scanners.items():
+            if rows[index] >= 0:
+                offset_ns = int(self.source.series(name).stamps_ns[rows[index]]) - stamp_ns
+                partners[name] = Partner(offset_ns, self._message(name, index))
+
+        def leave_out(name: str, error: TransformError) -> None:
+            words = f"{self.root}: scans of {self.source.roles[name]} are left out: {error}"
+            self.source.say_once(f"place of {name}", words)
+
+        scan = merge_scans(leader, partners, self.source.frames.tree, leave_out, stamp_ns)
+        for name, remark in time_remarks(leader, partners, scan).items():
+            self.source.say_once(f"times of {name}", f"{self.root}: {remark}")
         return scan
 
     def _motion_within(self, scan: Scan, stamp_ns: int) -> Deskew | None:
@@ -209,7 +229,7 @@ class BagDataset(Dataset):
         return self.source.bag.message(self.source.roles[sensor], *place)
 
     def _row_of(self, sensor: str, index: int) -> int:
-        return int({**self.matched.rows, **self.surround}[sensor][index])
+        return int({**self.matched.rows, **self.surround, **self.scanners}[sensor][index])
 
 
 def open_bag_dataset(path: Path, request: Request) -> BagDataset:
@@ -266,6 +286,7 @@ def dataset_of(source: IndexedBag, request: Request) -> BagDataset:
         source=source,
         matched=matched,
         surround=pairing.match_surround(source, matched, request.sync),
+        scanners=pairing.match_scanners(source, matched, request.sync),
         deskews=request.deskew,
     )
     return replace(dataset, cameras=dataset[0].cameras) if dataset.surround else dataset
@@ -372,7 +393,8 @@ def _cameras(source: IndexedBag, matched: Matched, index: int) -> dict[str, Came
 
 def _name(source: IndexedBag) -> str:
     """Name of the bag with its topics in use, so that results from other topics differ in name."""
-    roles = (*SENSORS, *further_cameras(source.roles), "odometry", "truth")
+    further = (*further_cameras(source.roles), *further_scanners(source.roles))
+    roles = (*SENSORS, *further, "odometry", "truth")
     used = [source.roles[role] for role in roles if role in source.roles]
     clock = ", times of arrival" if source.stamps == "bag" else ""
     return f"{source.bag.path.name} ({', '.join(used)}{clock})"

@@ -15,7 +15,7 @@ from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags.calibration import apply_calibration
 from fusionslam.datasets.bags.indexed_bag import STAMPS, IndexedBag, index_bag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
-from fusionslam.datasets.bags.topics import choose_topics, further_cameras
+from fusionslam.datasets.bags.topics import choose_topics, further_cameras, further_scanners
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds
@@ -24,6 +24,7 @@ from fusionslam.sensors.synchronizer import (
     SyncConfig,
     Synchronizer,
     choose_image,
+    partner_config,
     stereo_synchronizer,
 )
 from fusionslam.sensors.transforms import TransformError
@@ -144,26 +145,65 @@ def match_surround(source: IndexedBag, matched: Matched, config: SyncConfig) -> 
     """
     if not {"points", "left"} <= matched.rows.keys():
         return {}
+    cameras = further_cameras(source.roles)
+    return {name: _nearest(source, matched, name, config) for name in cameras}
+
+
+def match_scanners(source: IndexedBag, matched: Matched, config: SyncConfig) -> dict[str, Rows]:
+    """Index of the scan of each further scanner for each frame, int64 (N); -1 where none is near.
+
+    Raises:
+        DataError: the clock of a scanner jumps back, none of its scans is near one of the leading
+            scanner's, or TF does not link the two.
+    """
+    if "points" not in matched.rows:
+        return {}
+    found = {}
+    for name in further_scanners(source.roles):
+        topic, leader = source.roles[name], source.roles["points"]
+        rows = found[name] = _nearest(source, matched, name, partner_config(config))
+        if (rows < 0).all():
+            apart_s = source.series(name).stamps_ns[0] - source.series("points").stamps_ns[0]
+            raise DataError(
+                f"{source.bag.path}: no scan of {topic} lies within {config.scan_difference:g} s "
+                f"of one of {leader}: their first stamps are {apart_s / NANOSECONDS:+.3f} s apart. "
+                "Expected one clock; stamps='bag' takes the times of arrival",
+                code=NO_PAIRS,
+                fields=(leader, topic),
+            )
+        ends = matched.points_frame, source.series(name).frame_id
+        try:
+            source.frames.tree.chain(*ends)
+        except TransformError as error:
+            if ends[0] == ends[1]:
+                continue
+            raise DataError(
+                f"{source.bag.path}: TF does not place the scanner of {topic}: {error}",
+                code=error.code,
+                fields=error.fields,
+            ) from error
+    return found
+
+
+def _nearest(source: IndexedBag, matched: Matched, role: str, config: SyncConfig) -> Rows:
+    """Index of the message of a further sensor for each scan; -1, which is said, without one."""
+    _check_clock(source, role, config)
     scans = source.series("points").stamps_ns[matched.rows["points"]].tolist()
     reach_ns = as_nanoseconds("max_difference", config.max_difference)
-    found = {}
-    for camera in further_cameras(source.roles):
-        _check_clock(source, camera, config)
-        stamps = source.series(camera).stamps_ns
-        order = np.argsort(stamps, kind="stable")
-        rising = stamps[order].tolist()
-        places = [choose_image(rising, scan, config.policy, reach_ns) for scan in scans]
-        rows = [-1 if place is None else order[place] for place in places]
-        found[camera] = np.array(rows, dtype=np.int64)
-        if missing := rows.count(-1):
-            logger.warning(
-                "%s: %d of %d scans have no image of %s near",
-                source.bag.path,
-                missing,
-                len(scans),
-                source.roles[camera],
-            )
-    return found
+    stamps = source.series(role).stamps_ns
+    order = np.argsort(stamps, kind="stable")
+    rising = stamps[order].tolist()
+    places = [choose_image(rising, scan, config.policy, reach_ns) for scan in scans]
+    rows = [-1 if place is None else order[place] for place in places]
+    if missing := rows.count(-1):
+        logger.warning(
+            "%s: %d of %d scans have no message of %s near",
+            source.bag.path,
+            missing,
+            len(scans),
+            source.roles[role],
+        )
+    return np.array(rows, dtype=np.int64)
 
 
 def _check_clock(source: IndexedBag, role: str, config: SyncConfig) -> None:

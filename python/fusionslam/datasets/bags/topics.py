@@ -26,6 +26,7 @@ ROLES = {
 INFO_ROLES = {"left": "camera_info", "right": "right_camera_info"}
 """Role of the calibration of each camera of a stereo pair."""
 _OF_INFO = "_camera_info"
+_OF_POINTS = "_points"
 TRANSFORM_TYPES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 
 # Parts of names that exclude a role.
@@ -48,7 +49,8 @@ def choose_topics(
     the left ones. Odometry with "truth" or "gt" in its name is ground truth, other odometry is not.
 
     Any other role that is named with images is a further camera. Its CameraInfo, if not named as
-    NAME_camera_info, is the free one whose name shares most parts with that of its images.
+    NAME_camera_info, is the free one whose name shares most parts with that of its images. A role
+    NAME_points is a further scanner's.
 
     Args:
         topics: of the bag, by name.
@@ -66,13 +68,15 @@ def choose_topics(
         if role not in chosen and (fitting := candidates(topics, role, chosen)):
             chosen[role] = fitting[0]
             if len(fitting) > 1:
+                several = "; to merge others into it, name each with --topic NAME_points=..."
                 logger.warning(
-                    "%s: %s is %s, chosen of %s; name one with --topic %s=...",
+                    "%s: %s is %s, chosen of %s; name one with --topic %s=...%s",
                     bag,
                     role,
                     fitting[0],
                     ", ".join(fitting),
                     role,
+                    several if role == "points" else "",
                 )
     for camera in further_cameras(chosen):
         if info_role(camera) in chosen:
@@ -97,16 +101,27 @@ def info_role(camera: str) -> str:
 
 def further_cameras(roles: Mapping[str, str]) -> tuple[str, ...]:
     """The cameras among roles in use beside "left" and "right"."""
-    return tuple(role for role in roles if role not in ROLES and not role.endswith(_OF_INFO))
+    return tuple(
+        role for role in roles if role not in ROLES and not role.endswith((_OF_INFO, _OF_POINTS))
+    )
 
 
-def can_be_camera(role: str) -> bool:
-    """Whether a role that is not known can be a further camera's; a near miss is a mistake."""
+def further_scanners(roles: Mapping[str, str]) -> tuple[str, ...]:
+    """The scanners among roles in use beside "points"."""
+    return tuple(role for role in roles if role.endswith(_OF_POINTS))
+
+
+def can_be_further(role: str) -> bool:
+    """Whether a role that is not known can be a further sensor's; a near miss is a mistake."""
+    if role.endswith(_OF_POINTS):
+        return role.removesuffix(_OF_POINTS).isidentifier()
     name = role.removesuffix(_OF_INFO)
     return name.isidentifier() and not get_close_matches(name, ROLES, cutoff=0.8)
 
 
 def _types(role: str) -> tuple[str, ...]:
+    if role.endswith(_OF_POINTS):
+        return ROLES["points"]
     return ROLES.get(role) or ROLES["camera_info" if role.endswith(_OF_INFO) else "left"]
 
 
@@ -116,12 +131,14 @@ def _check(
     is_known = role in ROLES
     if not is_known and role.endswith(_OF_INFO):
         is_known = role.removesuffix(_OF_INFO) in named
+    elif role.endswith(_OF_POINTS):
+        is_known = can_be_further(role)
     elif not is_known:  # a further camera's; a near miss is taken for an error
-        is_known = can_be_camera(role) and name in topics and topics[name].type in _IMAGES
+        is_known = can_be_further(role) and name in topics and topics[name].type in _IMAGES
     if not is_known:
         raise ConfigError(
-            f"topics has '{role}', expected some of {', '.join(ROLES)}, or a further camera's name "
-            "with a topic of images"
+            f"topics has '{role}', expected some of {', '.join(ROLES)}, a further camera's name "
+            "with a topic of images, or a further scanner's, NAME_points"
         )
     if not name:
         return

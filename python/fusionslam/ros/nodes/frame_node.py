@@ -31,6 +31,7 @@ RIGHT = ("camera/right/image_raw", "camera/right/camera_info")
 ODOM, IMU_TOPIC, TF = "odom", "imu", "/tf"
 # Names that would give another camera's topics.
 RESERVED = ("left", "right", "rgb", "points")
+_LEADER = SCANS.removesuffix("_points")
 _WENT_BACK = (
     "the clock went back, so waiting messages are dropped: this is normal for a bag that is played "
     "again; else check the sensors' clocks"
@@ -58,7 +59,11 @@ class FramesConfig(CommonConfig):
         "names of further cameras that colour scans (source lidar); the images of each are on "
         "camera/NAME/image_raw, its calibration is on camera/NAME/camera_info",
     )
-
+    scanners: tuple[str, ...] = option(
+        (),
+        "names of further scanners whose scans are merged into those of velodyne_points; those of "
+        "each are on NAME_points",
+    )
     odometry: Literal["topic", "lidar", "inertial"] = option(
         "topic",
         "what tells the robot's motion: the topic odom, or TF; the scans; or scans and the IMU. Of "
@@ -79,6 +84,17 @@ class FramesConfig(CommonConfig):
                 )
         return names
 
+    @field_validator("scanners")
+    @classmethod
+    def _scanners_are_further_ones(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        for name in names:
+            if name == _LEADER or not name.isidentifier() or names.count(name) > 1:
+                raise ValueError(
+                    f"{name!r} is no name of a further scanner: expected letters, digits and _, "
+                    f"none twice, and not {_LEADER}"
+                )
+        return names
+
 
 def topics_of(camera: str) -> tuple[str, str]:
     """Topics of a camera's images and of its CameraInfo."""
@@ -91,6 +107,7 @@ def frame_builder(
     source: Source,
     *,
     surround: tuple[str, ...] = (),
+    scanners: tuple[str, ...] = (),
     moving: bool = False,
 ) -> FrameBuilder:
     """Return a builder of frames from messages, with the cameras that a source of clouds needs."""
@@ -100,6 +117,7 @@ def frame_builder(
         online,
         cameras=cameras,
         surround=surround if source == "lidar" else (),
+        scanners=tuple(f"{name}_points" for name in scanners),
         scans="points" in sensors,
         moving=moving,
     )
@@ -129,7 +147,11 @@ class FrameNode(Node[C]):
         self._logged: set[tuple[str, str]] = set()
         is_own = config.odometry != "topic"
         self.frames = frame_builder(
-            config.online, source, surround=config.cameras, moving=moving or is_own
+            config.online,
+            source,
+            surround=config.cameras,
+            scanners=config.scanners,
+            moving=moving or is_own,
         )
         self._motion: LiveOdometry | None = None
         if is_own and "points" not in self._sensors:
@@ -179,10 +201,13 @@ class FrameNode(Node[C]):
             found += self._camera(camera)
         for camera in self.frames.surround.names:
             found += self._camera(camera, optional=True)
+        for scanner in self.frames.scanners.names:
+            take = partial(self._take, sensor=scanner)
+            found.append(Input(scanner, [CLOUD], take, optional=True))
         return found
 
     def _camera(self, camera: str, *, optional: bool = False) -> list[Input]:
-        take, (images, info) = partial(self._take, camera=camera), topics_of(camera)
+        take, (images, info) = partial(self._take, sensor=camera), topics_of(camera)
         return [
             Input(images, IMAGES, take, optional=optional),
             Input(info, [CAMERA_INFO], take, optional=optional),
@@ -199,7 +224,8 @@ class FrameNode(Node[C]):
         frames = self.frames
         dropped = {f"{sensor}: {why}": count for (sensor, why), count in frames.dropped.items()}
         refused = {f"refused {kind}": count for kind, count in frames.refused.items()}
-        lacking = {f"without {name}": count for name, count in frames.surround.missing.items()}
+        missing = {**frames.surround.missing, **frames.scanners.missing}
+        lacking = {f"without {name}": count for name, count in missing.items()}
         more = {"frames": frames.frames, "without odometry": frames.still, "jumps": frames.jumps}
         more["motion stays"] = frames.skewed
         motion = self._motion
@@ -211,12 +237,13 @@ class FrameNode(Node[C]):
     def went_back(self) -> None:
         """Called after the clock of the sensors went back, or odometry of scans was lost."""
 
-    def _take(self, message: Message, camera: str = "left") -> None:
+    def _take(self, message: Message, sensor: str = "left") -> None:
         jumps, motion = self.frames.jumps, self._motion
-        if motion is not None and isinstance(message, Scan):
+        is_further = sensor in self.frames.scanners.names
+        if motion is not None and isinstance(message, Scan) and not is_further:
             # First, as older frames wait for the motion that it tells.
             self._move(partial(motion.process, message))
-        frames = self.frames.process(message, camera)
+        frames = self.frames.process(message, sensor)
         if self.frames.jumps > jumps:
             self.problems.add(self.lead, _WENT_BACK, "clock")
             self.went_back()

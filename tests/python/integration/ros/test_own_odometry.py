@@ -111,3 +111,29 @@ def test_only_nodes_with_odometry_of_their_own_publish_it() -> None:
 def test_stereo_pairs_have_no_odometry_of_scans() -> None:
     with pytest.raises(ConfigError, check=has_code("no-scans", "~odometry")):
         Desk("data_fusion", fusion={"source": "stereo"}, odometry="inertial")
+
+
+@pytest.mark.slow
+def test_of_several_scanners_the_leading_one_tells_the_motion() -> None:
+    pytest.importorskip("kiss_icp", reason="odometry by scans is an extra")
+    pytest.importorskip("embreex", reason="the simulator is an extra")
+    from fusionslam.sim.simulator import SimulationConfig, simulate
+    from worlds import hall, two_scanners, winding
+
+    events = [*simulate(hall(), two_scanners(), winding(), SimulationConfig(seed=2))]
+    names = {"/front": "velodyne_points", "/rear": "rear_points", "/tf_static": "/tf_static"}
+    poses, sizes = [], []
+    for scanners in ([], ["rear"]):
+        fusion = {"source": "cloud", "frame": "scan", "ground": "none"}
+        desk = Desk("data_fusion", scanners=scanners, fusion=fusion, odometry="lidar")
+        for event in events:
+            if event.topic in names and (scanners or event.topic != "/rear"):
+                desk.give(names[event.topic], event.message)
+        desk.worker.idle()
+        moved = [value_of(each, "nav_msgs/Odometry", "odom") for each in desk.outlet.of("odom")]
+        poses.append([each.pose for each in moved if isinstance(each, Odometry)])
+        sizes.append([each.width * each.height for each in desk.outlet.of("rgb_cloud")])
+        desk.node.close()
+    assert len(poses[0]) == len(sizes[0]) == len(sizes[1]) == 30
+    np.testing.assert_array_equal(*poses)
+    assert all(both > 1.5 * one for one, both in zip(*sizes, strict=True))
