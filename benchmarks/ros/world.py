@@ -64,6 +64,9 @@ class RosWorld:
     ) -> None:
         for process in reversed(self.processes):
             self.end(process)
+        for name in self.nodes:
+            if error is not None:
+                error.add_note(f"{name} said:\n{self.log(name)}")
 
     def start_core(self) -> "subprocess.Popen[Any]":
         """The master, on the port of this world, which may have had another one before."""
