@@ -29,39 +29,30 @@ class Mover:
     """A rigid thing and where it is over time.
 
     Attributes:
-        mesh: in its own frame: on the z axis, on the ground, x ahead.
+        mesh: in its own frame: its middle on the z axis, on the ground, x ahead.
         textures: uint8 (H, W, 4) each, which the mesh refers to.
-        radius_m: of the discs that cover its footprint.
         seconds: float64 (T,), times, on the clock of the robot's trajectory.
-        places: float64 (T, 2), x, y in metres at these times, interpolated linearly.
-        yaw: float64 (T,), radians, continuous.
-        height: float64 (T,), of the ground below it, metres.
-        half_m: from its middle to the last disc; 0 for a single one.
+        track: where it is at these times, and others must not be.
+        height: float64 (T,) or a number, of the ground below it, metres.
     """
 
     mesh: Mesh
     textures: Sequence[NDArray[np.uint8]]
-    radius_m: float
     seconds: Floats
-    places: Floats
-    yaw: Floats
-    height: Floats
-    half_m: float = 0.0
+    track: Track
+    height: Floats | float = 0.0
 
     def poses(self, seconds: Floats) -> Floats:
-        """world_from_mover, (M, 4, 4); it stands still before the first time and after the last."""
-        values = (*self.places.T, self.yaw, self.height)
+        """world_from_mover, (M, 4, 4), linear between times.
+
+        It stands still before the first time and after the last.
+        """
+        height = np.broadcast_to(self.height, self.seconds.shape)
+        values = (*self.track.places.T, self.track.yaw, height)
         x, y, yaw, z = (np.interp(seconds, self.seconds, value) for value in values)
         poses = ground_poses(x, y, yaw)
         poses[:, 2, 3] = z
         return poses
-
-    @property
-    def track(self) -> Track:
-        """Where others must not be."""
-        if self.half_m:
-            return Track.long(self.places, self.yaw, self.radius_m, self.half_m)
-        return Track.round(self.places, self.radius_m)
 
 
 class Body:

@@ -56,7 +56,7 @@ _AHEAD = 8
 class SimulationConfig(Section):
     """Settings of a simulated recording; the same configuration gives the same values."""
 
-    seed: int = option(0, "decides noise, drop-outs, odometry and moving boxes", ge=0)
+    seed: int = option(0, "decides noise, drop-outs, odometry and what moves", ge=0)
     start_s: int = option(1000, "time of the first message", unit="s", ge=0, lt=2**32 - 2**20)
     seconds: float | None = option(None, "duration; none: the whole drive", unit="s", gt=0)
     obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
@@ -193,13 +193,11 @@ class _Simulation:
             config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
         traffic = plan_movers(
-            config.movers, world, trajectory, robot.radius_m, config.seed, self.seconds, boxes
+            config.movers, world, grid, trajectory, robot.radius_m, config.seed, self.seconds, boxes
         )
         self.movers = (*boxes, *traffic)
-        self.bodies = {
-            shapes: [Body(mover.mesh, mover.textures, scene.light) for mover in self.movers]
-            for shapes, scene in self.scenes.items()
-        }
+        light = world.visual.light
+        self.bodies = [Body(mover.mesh, mover.textures, light) for mover in self.movers]
 
     def tasks(self) -> Iterator[Task]:
         """All messages to render, in time order."""
@@ -272,7 +270,7 @@ class _Simulation:
 
     def _around(self, shapes: str, seconds: Floats) -> Crowd:
         poses = [self.hills.stand(mover.poses(seconds)) for mover in self.movers]
-        return Crowd(self.casters[shapes], self.scenes[shapes], self.bodies[shapes], poses)
+        return Crowd(self.casters[shapes], self.scenes[shapes], self.bodies, poses)
 
     def _make_scan(self, lidar: LidarMount, sensor: int, number: int, stamp_ns: int) -> Scan:
         seconds = self._drive_seconds(stamp_ns)

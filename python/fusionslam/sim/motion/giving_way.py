@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats, Mask
+from fusionslam.geometry.trajectory import Trajectory
 
 STEP_S = 0.1
 """Time between two places of a moving thing."""
-# Between the discs that cover something long, metres.
+# Largest distance between the discs that cover something long, metres.
 _SPACING_M = 1.0
 
 
@@ -22,33 +23,42 @@ class Track:
 
     Attributes:
         places: float64 (N, 2), x and y of its middle, metres.
-        yaw: float64 (N,), along the line of discs, radians.
-        reach_m: radius of the discs.
+        yaw: float64 (N,), direction of the line of discs and of the motion, radians.
+        radius_m: of the discs.
         half_m: from the middle to the last disc; 0 for a single one.
     """
 
     places: Floats
     yaw: Floats
-    reach_m: float
+    radius_m: float
     half_m: float = 0.0
 
-    @classmethod
-    def round(cls, places: Floats, radius_m: float) -> "Track":
-        """Of a disc, grown by half a step: so much nearer it comes between two places."""
-        return cls(places, np.zeros(len(places)), radius_m + _longest_step(places) / 2)
-
-    @classmethod
-    def long(cls, places: Floats, yaw: Floats, radius_m: float, half_m: float) -> "Track":
-        """Of a line of discs that moves along itself, longer by half a step at both ends."""
-        return cls(places, yaw, radius_m, half_m + _longest_step(places) / 2)
+    @property
+    def reach_m(self) -> float:
+        """From the middle to the last disc between two places: half a step farther."""
+        steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
+        return self.half_m + float(steps.max(initial=0)) / 2
 
     def discs(self, chosen: NDArray[np.intp]) -> Floats:
         """Middles of the discs at chosen places, float64 (M, D, 2)."""
-        count = 2 * int(np.ceil(self.half_m / _SPACING_M)) + 1
-        along = np.linspace(-self.half_m, self.half_m, count)
+        reach = self.reach_m
+        along = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _SPACING_M)) + 1)
         ahead = np.stack([np.cos(self.yaw[chosen]), np.sin(self.yaw[chosen])], axis=1)
         middles: Floats = self.places[chosen, None] + along[:, None] * ahead[:, None]
         return middles
+
+
+def move_times(trajectory: Trajectory, duration_s: float) -> Floats:
+    """Times from the trajectory's start at which places are planned, float64 (T,), seconds."""
+    count = max(int(np.ceil(duration_s / STEP_S)), 1) + 1
+    seconds: Floats = trajectory.seconds[0] + np.linspace(0.0, duration_s, count)
+    return seconds
+
+
+def robot_track(trajectory: Trajectory, seconds: Floats, radius_m: float) -> Track:
+    """Where a robot of this radius is at these times."""
+    x, y, yaw = trajectory.places(seconds)
+    return Track(np.stack([x, y], axis=1), yaw, radius_m)
 
 
 def find_meetings(path: Track, others: Sequence[Track]) -> Mask:
@@ -60,14 +70,11 @@ def find_meetings(path: Track, others: Sequence[Track]) -> Mask:
     """
     meets = np.zeros((len(others[0].places), len(path.places)), dtype=bool)
     for other in others:
-        reach = path.reach_m + other.reach_m
+        near = path.radius_m + other.radius_m
         apart = np.linalg.norm(other.places[:, None] - path.places[None], axis=2)
-        if not (path.half_m or other.half_m):
-            meets |= apart < reach
-            continue
-        time, point = np.nonzero(apart < reach + path.half_m + other.half_m)
+        time, point = np.nonzero(apart < near + path.reach_m + other.reach_m)
         between = path.discs(point)[:, :, None] - other.discs(time)[:, None]
-        meets[time, point] |= (np.linalg.norm(between, axis=3) < reach).any(axis=(1, 2))
+        meets[time, point] |= (np.linalg.norm(between, axis=3) < near).any(axis=(1, 2))
     return meets
 
 
@@ -103,7 +110,3 @@ def choose_moves(
             place = next(k for k in choices if 0 <= k < len(row) and row[k])
         way.append(place)
     return np.array(way)
-
-
-def _longest_step(places: Floats) -> float:
-    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).max(initial=0))
