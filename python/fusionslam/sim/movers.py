@@ -178,8 +178,7 @@ class Crowd:
         """Number of the object at each hit, counted from 1, movers last; 0 if unknown."""
         number = np.zeros(len(hits.triangle), np.uint16)
         for owner, own in self._split(hits):
-            parts = self._rest.part_of(own.hits) + 1
-            number[own.rows] = self._names + owner if owner else parts
+            number[own.rows] = self._names + owner if owner else self._rest.part_of(own.hits) + 1
         return number
 
     def moving(self, hits: Hits) -> Mask:

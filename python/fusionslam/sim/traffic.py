@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -26,8 +26,6 @@ from fusionslam.sim.motion.smoothing import interpolate_path, lengths
 from fusionslam.sim.movers import Mover
 from fusionslam.sim.obstacles import Ground, speckles
 from fusionslam.sim.scene import RayCaster
-from fusionslam.sim.town.street_furniture import car
-from fusionslam.sim.town.textures import town_textures
 from fusionslam.sim.world import World
 
 _TRIES = 100
@@ -131,11 +129,8 @@ def _plan_car(
         whole = Track(path, np.arctan2(ahead[:, 1], ahead[:, 0]), _CAR_M, _CAR_HALF_M)
         moves = choose_moves(find_meetings(whole, tracks), rng, closed=True)
         if moves is not None:
-            mesh, images = car(rng), town_textures(0)
-            used, texture = np.unique(mesh.texture, return_inverse=True)
-            mesh = replace(mesh, texture=texture.astype(np.int32))
             track = replace(whole, places=path[moves], yaw=np.unwrap(whole.yaw[moves]))
-            return Mover(mesh, [images[k] for k in used], seconds, track)
+            return Mover(_car(rng), [speckles()], seconds, track)
     return None
 
 
@@ -190,6 +185,21 @@ def _walkable(world: World, grid: OccupancyMap) -> Ground:
         beside[row[inside], column[inside]] = False
         free[distance_transform_edt(beside) * tall.resolution_m < _ROAD_M] = 0.0
     return Ground(tall, free)
+
+
+def _car(rng: np.random.Generator) -> Mesh:
+    """A car of 3.9 to 4.9 m by 1.8 m, which drives along x."""
+    half, height, shade = rng.uniform(1.95, 2.45), rng.uniform(1.4, 1.9), rng.uniform(0.2, 0.9, 3)
+    lacquer, glass, rubber = (Paint(0, (r, g, b)) for r, g, b in (shade, [0.3] * 3, [0.1] * 3))
+    shoulder = 0.58 * height
+    parts = [tapered_box((-half, -0.9, 0.22), (half, 0.9, shoulder), (0.97, 0.94), lacquer)]
+    parts.append(
+        tapered_box((-0.9 * half, -0.8, shoulder), (0.4 * half, 0.8, height), (0.8, 0.8), glass)
+    )
+    for x, y in product((-0.62 * half, 0.62 * half), (-0.78, 0.78)):
+        ends = (x, y - 0.1, 0.32), (x, y + 0.1, 0.32)
+        parts.append(tube(*ends, (0.32, 0.32), rubber, sides=10))
+    return join_meshes(parts)
 
 
 def _person(rng: np.random.Generator) -> Mesh:

@@ -71,8 +71,13 @@ def find_meetings(path: Track, others: Sequence[Track]) -> Mask:
     meets = np.zeros((len(others[0].places), len(path.places)), dtype=bool)
     for other in others:
         near = path.radius_m + other.radius_m
+        far = near + path.reach_m + other.reach_m
+        gaps = path.places.min(axis=0) - other.places.max(axis=0)
+        gaps = np.maximum(gaps, other.places.min(axis=0) - path.places.max(axis=0))
+        if gaps.max() > far:
+            continue
         apart = np.linalg.norm(other.places[:, None] - path.places[None], axis=2)
-        time, point = np.nonzero(apart < near + path.reach_m + other.reach_m)
+        time, point = np.nonzero(apart < far)
         between = path.discs(point)[:, :, None] - other.discs(time)[:, None]
         meets[time, point] |= (np.linalg.norm(between, axis=3) < near).any(axis=(1, 2))
     return meets
