@@ -77,7 +77,8 @@ def find_meetings(path: Track, others: Sequence[Track]) -> Mask:
         if gaps.max() > far:
             continue
         apart = np.linalg.norm(other.places[:, None] - path.places[None], axis=2)
-        time, point = np.nonzero(apart < far)
+        meets |= apart < near
+        time, point = np.nonzero((apart >= near) & (apart < far))
         between = path.discs(point)[:, :, None] - other.discs(time)[:, None]
         meets[time, point] |= (np.linalg.norm(between, axis=3) < near).any(axis=(1, 2))
     return meets

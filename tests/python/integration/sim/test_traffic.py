@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """People and cars: never in a wall or in the robot's way, each scan says what is on them."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_cars_drive_on_their_lane_and_wait_for_the_robot_and_each_other(
     crossing: tuple[World, OccupancyMap, Trajectory],
 ) -> None:
     world, grid, way = crossing
-    cars = plan_movers(MoversConfig(cars=4), world, grid, way, 1.0, 2, 40.0)
+    cars = plan_movers(MoversConfig(cars=3), world, grid, way, 1.0, 2, 40.0)
     lane = world.lanes[0]
     waited = 0
     for car in cars:
@@ -127,14 +128,16 @@ def test_cars_drive_on_their_lane_and_wait_for_the_robot_and_each_other(
         ahead = np.einsum("ij,ij->i", moves[speed > 1], np.stack([np.cos(yaw), np.sin(yaw)], 1))
         assert (ahead > 0.95 * np.linalg.norm(moves[speed > 1], axis=1)).all()
     assert waited
-    for seconds in np.linspace(0, 40, 801):
+    for seconds in np.linspace(0, 40, 201):
         robot = np.array(way.places(seconds)[:2])
-        outlines = [corners(car, seconds)[:, :2] for car in cars]
+        outlines = [np.unique(corners(car, seconds)[:, :2], axis=0) for car in cars]
         assert min(np.hypot(*(each - robot).T).min() for each in outlines) > 1.0
         for one, other in combinations(outlines, 2):
-            assert np.linalg.norm(one[::4, None] - other[None, ::4], axis=2).min() > 0.2
+            if np.abs(one[0] - other[0]).max() < 8:
+                assert np.linalg.norm(one[:, None] - other[None], axis=2).min() > 0.2
 
 
+@pytest.mark.slow
 def test_lanes_keep_to_the_right_of_their_streets_and_off_parked_cars() -> None:
     config = TownConfig(blocks=(1, 1), block_m=44.0, parked_cars=1.0)
     grid = occupancy_of(
@@ -161,6 +164,8 @@ def test_an_error_says_that_there_is_no_room_or_no_lane() -> None:
     grid = occupancy_of(world.visual)
     with pytest.raises(DataError, match=r"movers\.cars", check=has_code("no-room", "cars")):
         plan_movers(MoversConfig(cars=1), world, grid, way, RADIUS_M, 1, 10.0)
-    many = MoversConfig(people=50, near_m=0.5)
-    with pytest.raises(DataError, match=r"movers\.people is 50", check=has_code("no-room")):
-        plan_movers(many, world, grid, way, RADIUS_M, 1, 1.0)
+    nowhere = replace(grid, reachable=np.zeros_like(grid.reachable))
+    with pytest.raises(
+        DataError, match=r"movers\.people is 2", check=has_code("no-room", "people")
+    ):
+        plan_movers(MoversConfig(people=2), world, nowhere, way, RADIUS_M, 1, 10.0)

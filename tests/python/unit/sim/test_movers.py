@@ -106,7 +106,7 @@ def test_lines_of_discs_meet_where_the_lines_come_near() -> None:
         """Between two line segments, sampled densely."""
         ends = []
         for track, row in ((one, k), (other, 0)):
-            along = np.linspace(-track.half_m, track.half_m, 201)[:, None]
+            along = np.linspace(-track.half_m, track.half_m, 81)[:, None]
             ahead = (np.cos(track.yaw[row]), np.sin(track.yaw[row]))
             ends.append(track.places[row] + along * np.array(ahead))
         return float(np.linalg.norm(ends[0][:, None] - ends[1][None], axis=2).min())
