@@ -83,7 +83,7 @@ FALSE_M = 0.3
 BACK_SEED = 100
 """Added to the seed, for the noise and the people of a second drive."""
 PEOPLE_LOOPS = ["points on people", "scans that revisit", "recall without people", "with them"]
-PEOPLE_LOOPS += ["false without", "with"]
+PEOPLE_LOOPS += ["false without", "with", "right poses refused with them"]
 PEOPLE_FOUND = [
     "map",
     "drive",
@@ -189,26 +189,44 @@ class Loops(NamedTuple):
         poses: float64 (S, 4, 4), world_from_lidar of each scan.
         queries: int64 (n,), scans that have a loop.
         off: float64 (n, 2), errors: metres and degrees.
+        refused: int64 (m,), scans without one whose best pose is right all the same.
     """
 
     poses: Floats
     queries: Integers
     off: Floats
+    refused: Integers
 
 
 def find_loops(drive: Drive) -> Loops:
     detector = LoopDetector(
         "m2dp", window=0, window_seconds=AGE_S, fusion=FusionConfig(source="cloud")
     )
-    poses, queries, off = [], [], []
-    for frame in drive.frames(LOOPS_EVERY_S):
+    poses, queries, off, refused = [], [], [], []
+    for number, frame in enumerate(drive.frames(LOOPS_EVERY_S)):
         poses.append(drive.true(frame) @ drive.mount)
         loop = detector.add(frame)
-        if loop is not None and loop.match_from_query is not None:
-            true = inverse(poses[loop.match]) @ poses[loop.query]
-            queries.append(loop.query)
-            off.append(motion_size(inverse(true) @ loop.match_from_query))
-    return Loops(np.stack(poses), np.array(queries, np.int64), np.array(off).reshape(-1, 2))
+        best = loop or detector.nearest
+        if best is None or best.match_from_query is None:
+            continue
+        true = inverse(poses[best.match]) @ poses[number]
+        errors = motion_size(inverse(true) @ best.match_from_query)
+        if loop is not None:
+            queries.append(number)
+            off.append(errors)
+        elif is_right(np.array(errors)):
+            refused.append(number)
+    return Loops(
+        np.stack(poses),
+        np.array(queries, np.int64),
+        np.array(off).reshape(-1, 2),
+        np.array(refused, np.int64),
+    )
+
+
+def is_right(errors: Floats) -> Mask:
+    """Whether a pose is, of its errors (..., 2) in metres and degrees."""
+    return np.asarray((errors[..., 0] <= FALSE_M) & (errors[..., 1] <= FALSE_DEG))
 
 
 def map_drive(drive: Drive, folder: Path) -> MappedDrive:
@@ -356,15 +374,17 @@ def people_table(seeds: Sequence[int]) -> str:
         none, many = (find_loops(drive) for drive in drives)
         share, again = np.array(drives[1].moving), revisits(none)
         right, false = np.zeros((2, 2, len(again)), bool)
+        refused = np.zeros(len(again), bool)
+        refused[many.refused] = True
         for number, loops in enumerate((none, many)):
-            wrong = (loops.off[:, 0] > FALSE_M) | (loops.off[:, 1] > FALSE_DEG)
-            right[number, loops.queries[~wrong]] = True
-            false[number, loops.queries[wrong]] = True
+            fine = is_right(loops.off)
+            right[number, loops.queries[fine]] = True
+            false[number, loops.queries[~fine]] = True
         for number, (low, high) in enumerate([*pairwise(BINS), (0.0, 1.0)]):
             within = (share >= low) & (share < high)
             counts = [share[within].sum(), within.sum(), (again & within).sum()]
             counts += (right & again & within).sum(axis=1).tolist()
-            counts += (false & within).sum(axis=1).tolist()
+            counts += [*(false & within).sum(axis=1), (refused & again & within).sum()]
             counted.setdefault(number, []).append(np.array(counts, np.float64))
     rows = []
     for number, (low, high) in enumerate([*pairwise(BINS), (0.0, 1.0)]):

@@ -107,12 +107,12 @@ def simulate(
         world: shapes that cameras see and rays hit.
         robot: frames, sensors, odometry.
         trajectory: of the robot's base; its first time becomes ``config.start_s``.
-        config: seed, length, moving boxes.
+        config: seed, length, what moves.
         jobs: threads that render ahead. The values do not depend on it.
         select: given all messages in order, returns those to render.
 
     Raises:
-        DataError: the trajectory meets an obstacle, or there is no room for moving boxes.
+        DataError: the trajectory meets an obstacle, or there is no room for what moves.
     """
     chosen = config or SimulationConfig()
     grid = map_of(world, robot)
