@@ -229,8 +229,8 @@ def is_right(errors: Floats) -> Mask:
     return np.asarray((errors[..., 0] <= FALSE_M) & (errors[..., 1] <= FALSE_DEG))
 
 
-def map_drive(drive: Drive, folder: Path) -> MappedDrive:
-    frames = list(drive.frames(MAP_EVERY_S))
+def map_drive(drive: Drive, folder: Path, every_s: float) -> MappedDrive:
+    frames = list(drive.frames(every_s))
     odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
     mode = drive.mode.replace(" ", "-")
     return MappedDrive(
@@ -246,7 +246,7 @@ def map_drive(drive: Drive, folder: Path) -> MappedDrive:
 
 def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int, int]:
     """Map a drive; ATE in metres, occupied cells, and those that no true surface is near."""
-    mapped = map_drive(drive, folder)
+    mapped = map_drive(drive, folder, MAP_EVERY_S)
     with PlaceMap.open(mapped.path, read_only=True) as site:
         grid = site.grid(0.05, GridConfig())
     rows, columns = np.nonzero(grid.cells == 100)
@@ -352,9 +352,9 @@ def maps_table(seed: int) -> str:
     with tempfile.TemporaryDirectory() as folder:
         for rate in RATES_HZ:
             for mode in MODES:
-                ate, cells, wrong = build_map(Drive(seed, rate, mode), Path(folder), surfaces)
+                error, cells, wrong = build_map(Drive(seed, rate, mode), Path(folder), surfaces)
                 share = f"{wrong / max(1, cells):.4f}"
-                rows.append([f"{rate:g}", mode, f"{ate:.3f}", str(cells), str(wrong), share])
+                rows.append([f"{rate:g}", mode, f"{error:.3f}", str(cells), str(wrong), share])
     return table(MAPS, rows)
 
 
@@ -368,31 +368,27 @@ def revisits(loops: Loops) -> Mask:
 
 def people_table(seeds: Sequence[int]) -> str:
     """Loops of the same drives without and with people, by the points that are on them."""
-    counted: dict[int, list[Floats]] = {}
+    scans = []
     for seed in seeds:
         drives = [Drive(seed, RATES_HZ[0], MODES[2], people) for people in PEOPLE]
-        none, many = (find_loops(drive) for drive in drives)
-        share, again = np.array(drives[1].moving), revisits(none)
-        right, false = np.zeros((2, 2, len(again)), bool)
-        refused = np.zeros(len(again), bool)
-        refused[many.refused] = True
-        for number, loops in enumerate((none, many)):
+        found = [find_loops(drive) for drive in drives]
+        again = revisits(found[0])
+        marks = np.zeros((5, len(again)))
+        for number, loops in enumerate(found):
             fine = is_right(loops.off)
-            right[number, loops.queries[fine]] = True
-            false[number, loops.queries[~fine]] = True
-        for number, (low, high) in enumerate([*pairwise(BINS), (0.0, 1.0)]):
-            within = (share >= low) & (share < high)
-            counts = [share[within].sum(), within.sum(), (again & within).sum()]
-            counts += (right & again & within).sum(axis=1).tolist()
-            counts += [*(false & within).sum(axis=1), (refused & again & within).sum()]
-            counted.setdefault(number, []).append(np.array(counts, np.float64))
+            marks[number, loops.queries[fine]] = again[loops.queries[fine]]
+            marks[2 + number, loops.queries[~fine]] = 1
+        refused = found[1].refused
+        marks[4, refused] = again[refused]
+        scans.append(np.stack([drives[1].moving, again, *marks]))
+    share, again, *marks = np.concatenate(scans, axis=1)
     rows = []
-    for number, (low, high) in enumerate([*pairwise(BINS), (0.0, 1.0)]):
-        share, scans, again, *values = np.sum(counted[number], axis=0)
-        mean = f"mean {100 * share / max(scans, 1):.1f} %"
-        name = f"all, {mean}" if number == len(BINS) - 1 else f"{100 * low:g} to {100 * high:g} %"
-        recalls = [f"{value / max(again, 1):.3f}" for value in values[:2]]
-        rows.append([name, f"{again:g}", *recalls, *(f"{value:g}" for value in values[2:])])
+    for low, high in [*pairwise(BINS), (0.0, 1.0)]:
+        within = (share >= low) & (share < high)
+        count, *sums = (int(each[within].sum()) for each in (again, *marks))
+        name = f"{100 * low:g} to {100 * high:g} %, {100 * share[within].mean():.1f} % in the mean"
+        recalls = [f"{right / max(count, 1):.3f}" for right in sums[:2]]
+        rows.append([name, str(count), *recalls, *map(str, sums[2:])])
     return table(PEOPLE_LOOPS, rows)
 
 
@@ -402,7 +398,8 @@ def found_table(seeds: Sequence[int]) -> str:
     errors: dict[int, list[float]] = {people: [] for people in PEOPLE}
     with tempfile.TemporaryDirectory() as folder:
         for seed, walked in product(seeds, PEOPLE):
-            mapped = map_drive(Drive(seed, RATES_HZ[0], MODES[2], walked), Path(folder))
+            first = Drive(seed, RATES_HZ[0], MODES[2], walked)
+            mapped = map_drive(first, Path(folder), LOOPS_EVERY_S)
             errors[walked].append(ate(mapped.poses, mapped.true_keyframes))
             for people in PEOPLE:
                 drive = Drive(seed, RATES_HZ[0], MODES[2], people, back=True)
