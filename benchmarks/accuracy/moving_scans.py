@@ -381,11 +381,11 @@ def people_table(seeds: Sequence[int]) -> str:
         refused = found[1].refused
         marks[4, refused] = again[refused]
         scans.append(np.stack([drives[1].moving, again, *marks]))
-    share, again, *marks = np.concatenate(scans, axis=1)
+    share, again, *counted = np.concatenate(scans, axis=1)
     rows = []
     for low, high in [*pairwise(BINS), (0.0, 1.0)]:
         within = (share >= low) & (share < high)
-        count, *sums = (int(each[within].sum()) for each in (again, *marks))
+        count, *sums = (int(each[within].sum()) for each in (again, *counted))
         name = f"{100 * low:g} to {100 * high:g} %, {100 * share[within].mean():.1f} % in the mean"
         recalls = [f"{right / max(count, 1):.3f}" for right in sums[:2]]
         rows.append([name, str(count), *recalls, *map(str, sums[2:])])
