@@ -2,32 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """What does motion within scans cost, and what is left of it once it is undone? Markdown tables.
 
-python -m benchmarks.accuracy.moving_scans [--write] [--parts sweeps loops maps] [SEED ...]
+python -m benchmarks.accuracy.moving_scans [--write] [--parts PART ...] [SEED ...]
 
 A VLP-16 on a small robot in made houses, which nothing was fitted to. Its scans are taken in one
-instant, on the move, and on the move with the motion undone by odometry. Some four minutes of
-processor time a house.
+instant, on the move, and on the move with the motion undone by odometry; the last with people who
+walk around the robot, too. Some four minutes of processor time a house, and ten with people.
 """
 
 import argparse
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import pairwise, product
 from pathlib import Path
 from textwrap import fill
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks.accuracy.data import ROOT
-from benchmarks.accuracy.mapped_drives import MappedDrive
+from benchmarks.accuracy.mapped_drives import RIGHT, Fix, MappedDrive, Shares
 from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.pose_graphs import ate
 from benchmarks.accuracy.room_maps import FLOOR
-from benchmarks.accuracy.rooms import CIRCLE_ROBOT
+from benchmarks.accuracy.rooms import CIRCLE_ROBOT, turn_back
 from fusionslam import Frame, FrameBuilder, FusionConfig, LoopDetector, OnlineConfig, deskew
-from fusionslam.base.arrays import Floats
+from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.config import merged
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.geometry.se3 import exp, inverse, motion_size
@@ -50,6 +53,7 @@ SEEDS = (11, 12, 13, 14, 15)
 RATES_HZ = (10.0, 5.0)
 MODES = ("one instant", "as measured", "undone")
 LOOPS_EVERY_S, MAP_EVERY_S = 1.0, 0.5
+FOUND_EVERY_S = 3.0
 AGE_S = 20.0
 FALSE_DEG = 3.0
 NEAR_M = 0.1
@@ -68,7 +72,27 @@ for _way in ("as measured", *WAYS):
 LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees off: median"]
 LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
 MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
-PARTS = ("sweeps", "loops", "maps")
+PARTS = ("sweeps", "loops", "maps", "people", "found")
+PEOPLE = (0, 40)
+CLOSE = {"near_m": 1.5, "path_m": 4.0}
+"""How people walk near the robot's path."""
+BINS = (0.0, 0.05, 0.1, 0.2, 1.0)
+"""Shares of a scan's points on people, by which scans are counted."""
+REVISIT_M = 1.0
+FALSE_M = 0.3
+BACK_SEED = 100
+"""Added to the seed, for the noise and the people of a second drive."""
+PEOPLE_LOOPS = ["points on people", "scans that revisit", "recall without people", "with them"]
+PEOPLE_LOOPS += ["false without", "with", "right poses refused with them"]
+PEOPLE_FOUND = [
+    "map",
+    "drive",
+    "scans near a keyframe",
+    "found",
+    "good",
+    "wrong",
+    "ATE of the map, m",
+]
 SPEEDS_M_S = (0.0, 5.0, 15.0)
 TURNS_RAD_S = (0.0, 0.5, 1.0, 2.0, 3.0)
 
@@ -81,15 +105,25 @@ class Drive:
         seed: of the house, the way and the noise.
         rate_hz: of the scanner.
         mode: one of ``MODES``.
+        people: who walk around.
+        back: the same way in the opposite direction, with other noise and people.
+        moving: of each scan of ``frames``, the share of points on people.
     """
 
     seed: int
     rate_hz: float
     mode: str
+    people: int = 0
+    back: bool = False
+    moving: list[float] = field(default_factory=list)
 
     @cached_property
     def robot(self) -> RobotConfig:
-        lidar = {"rate_hz": self.rate_hz, "scan_motion": self.mode != MODES[0]}
+        lidar = {
+            "rate_hz": self.rate_hz,
+            "scan_motion": self.mode != MODES[0],
+            "fields": ("intensity", "ring", "time", "moving"),
+        }
         errors = {"errors": DRIFT.model_dump(include={"scale", "rotation_scale"})}
         robot = merged(
             robot_named(CIRCLE_ROBOT), {"lidars": {"velodyne": lidar}, "odometry": errors}
@@ -101,7 +135,8 @@ class Drive:
         made = MADE["house"]
         world = made.make(merged(made.settings, {"seed": self.seed}))
         plan = PlanConfig(seed=self.seed, spacing_m=8.0, again=0.2, back=0.2)
-        return drive_through(world, self.robot, plan)
+        world, way = drive_through(world, self.robot, plan)
+        return world, turn_back(way) if self.back else way
 
     @property
     def mount(self) -> Floats:
@@ -132,8 +167,12 @@ class Drive:
                 yield task
 
         builder = FrameBuilder(OnlineConfig(deskew=self.mode == MODES[2]), cameras=())
-        config = SimulationConfig(seed=self.seed)
+        seed = self.seed + BACK_SEED * self.back
+        movers = {"people": self.people, **CLOSE}
+        config = merged(SimulationConfig(), {"seed": seed, "movers": movers})
         for event in simulate(*self._in_world, config, select=chosen):
+            if isinstance(event.message, Scan):
+                self.moving.append(float(event.message.fields["moving"].mean()))
             yield from builder.process(event.message)
         yield from builder.flush()
 
@@ -143,28 +182,59 @@ class Drive:
         return world, self.robot, way
 
 
-def find_loops(drive: Drive) -> Floats:
-    """Errors of the loops that a detector proves, float64 (n, 2): metres and degrees."""
+class Loops(NamedTuple):
+    """Loops that a detector proves on a drive.
+
+    Attributes:
+        poses: float64 (S, 4, 4), world_from_lidar of each scan.
+        queries: int64 (n,), scans that have a loop.
+        off: float64 (n, 2), errors: metres and degrees.
+        refused: int64 (m,), scans without one whose best pose is right all the same.
+    """
+
+    poses: Floats
+    queries: Integers
+    off: Floats
+    refused: Integers
+
+
+def find_loops(drive: Drive) -> Loops:
     detector = LoopDetector(
         "m2dp", window=0, window_seconds=AGE_S, fusion=FusionConfig(source="cloud")
     )
-    poses, found = [], []
-    for frame in drive.frames(LOOPS_EVERY_S):
+    poses, queries, off, refused = [], [], [], []
+    for number, frame in enumerate(drive.frames(LOOPS_EVERY_S)):
         poses.append(drive.true(frame) @ drive.mount)
         loop = detector.add(frame)
-        if loop is not None and loop.match_from_query is not None:
-            true = inverse(poses[loop.match]) @ poses[loop.query]
-            found.append(motion_size(inverse(true) @ loop.match_from_query))
-    return np.array(found).reshape(-1, 2)
+        best = loop or detector.nearest
+        if best is None or best.match_from_query is None:
+            continue
+        true = inverse(poses[best.match]) @ poses[number]
+        errors = motion_size(inverse(true) @ best.match_from_query)
+        if loop is not None:
+            queries.append(number)
+            off.append(errors)
+        elif is_right(np.array(errors)):
+            refused.append(number)
+    return Loops(
+        np.stack(poses),
+        np.array(queries, np.int64),
+        np.array(off).reshape(-1, 2),
+        np.array(refused, np.int64),
+    )
 
 
-def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int, int]:
-    """Map a drive; ATE in metres, occupied cells, and those that no true surface is near."""
-    frames = list(drive.frames(MAP_EVERY_S))
+def is_right(errors: Floats) -> Mask:
+    """Whether a pose is, of its errors (..., 2) in metres and degrees."""
+    return np.asarray((errors[..., 0] <= FALSE_M) & (errors[..., 1] <= FALSE_DEG))
+
+
+def map_drive(drive: Drive, folder: Path, every_s: float) -> MappedDrive:
+    frames = list(drive.frames(every_s))
     odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
-    path = folder / f"{drive.seed}-{drive.rate_hz:g}-{drive.mode.replace(' ', '-')}"
-    mapped = MappedDrive(
-        path,
+    mode = drive.mode.replace(" ", "-")
+    return MappedDrive(
+        folder / f"{drive.seed}-{drive.rate_hz:g}-{mode}-{drive.people}",
         np.stack([drive.true(frame) for frame in frames]),
         odometry,
         lambda: iter(frames),
@@ -172,6 +242,11 @@ def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int
         fusion=FusionConfig(source="cloud"),
         config=MapConfig.model_validate({"drift": FLOOR}),
     )
+
+
+def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int, int]:
+    """Map a drive; ATE in metres, occupied cells, and those that no true surface is near."""
+    mapped = map_drive(drive, folder, MAP_EVERY_S)
     with PlaceMap.open(mapped.path, read_only=True) as site:
         grid = site.grid(0.05, GridConfig())
     rows, columns = np.nonzero(grid.cells == 100)
@@ -180,8 +255,7 @@ def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int
     places[:, 3] = 1
     in_world = (places @ mapped.true_from_map.T)[:, :2]
     far = surfaces.query(in_world)[0] > NEAR_M
-    off = (mapped.true_from_map @ mapped.poses)[:, :3, 3] - mapped.true_keyframes[:, :3, 3]
-    return float(np.sqrt((off**2).sum(axis=1).mean())), len(rows), int(far.sum())
+    return ate(mapped.poses, mapped.true_keyframes), len(rows), int(far.sum())
 
 
 def true_surfaces(seed: int) -> cKDTree:
@@ -263,7 +337,7 @@ def loops_table(seeds: Sequence[int]) -> str:
     for rate in RATES_HZ:
         for mode in MODES:
             found = [find_loops(Drive(seed, rate, mode)) for seed in seeds]
-            off = np.concatenate(found)
+            off = np.concatenate([loops.off for loops in found])
             metres, degrees = (np.percentile(off[:, k], [50, 95, 100]) for k in (0, 1))
             false = int((off[:, 1] > FALSE_DEG).sum())
             cells = [f"{rate:g}", mode, str(len(off)), str(false)]
@@ -278,10 +352,70 @@ def maps_table(seed: int) -> str:
     with tempfile.TemporaryDirectory() as folder:
         for rate in RATES_HZ:
             for mode in MODES:
-                ate, cells, wrong = build_map(Drive(seed, rate, mode), Path(folder), surfaces)
+                error, cells, wrong = build_map(Drive(seed, rate, mode), Path(folder), surfaces)
                 share = f"{wrong / max(1, cells):.4f}"
-                rows.append([f"{rate:g}", mode, f"{ate:.3f}", str(cells), str(wrong), share])
+                rows.append([f"{rate:g}", mode, f"{error:.3f}", str(cells), str(wrong), share])
     return table(MAPS, rows)
+
+
+def revisits(loops: Loops) -> Mask:
+    """Scans near an earlier one that is old enough, bool (S,)."""
+    places = loops.poses[:, :3, 3]
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    age = round(AGE_S / LOOPS_EVERY_S)
+    return np.asarray(np.tril(apart < REVISIT_M, -age).any(axis=1))
+
+
+def people_table(seeds: Sequence[int]) -> str:
+    """Loops of the same drives without and with people, by the points that are on them."""
+    scans = []
+    for seed in seeds:
+        drives = [Drive(seed, RATES_HZ[0], MODES[2], people) for people in PEOPLE]
+        found = [find_loops(drive) for drive in drives]
+        again = revisits(found[0])
+        marks = np.zeros((5, len(again)))
+        for number, loops in enumerate(found):
+            fine = is_right(loops.off)
+            marks[number, loops.queries[fine]] = again[loops.queries[fine]]
+            marks[2 + number, loops.queries[~fine]] = 1
+        refused = found[1].refused
+        marks[4, refused] = again[refused]
+        scans.append(np.stack([drives[1].moving, again, *marks]))
+    share, again, *counted = np.concatenate(scans, axis=1)
+    rows = []
+    for low, high in [*pairwise(BINS), (0.0, 1.0)]:
+        within = (share >= low) & (share < high)
+        count, *sums = (int(each[within].sum()) for each in (again, *counted))
+        name = f"{100 * low:g} to {100 * high:g} %, {100 * share[within].mean():.1f} % in the mean"
+        recalls = [f"{right / max(count, 1):.3f}" for right in sums[:2]]
+        rows.append([name, str(count), *recalls, *map(str, sums[2:])])
+    return table(PEOPLE_LOOPS, rows)
+
+
+def found_table(seeds: Sequence[int]) -> str:
+    """Scans of a second drive on maps of the first, each without and with people."""
+    fixes: dict[tuple[int, int], list[Fix]] = {pair: [] for pair in product(PEOPLE, PEOPLE)}
+    errors: dict[int, list[float]] = {people: [] for people in PEOPLE}
+    with tempfile.TemporaryDirectory() as folder:
+        for seed, walked in product(seeds, PEOPLE):
+            first = Drive(seed, RATES_HZ[0], MODES[2], walked)
+            mapped = map_drive(first, Path(folder), LOOPS_EVERY_S)
+            errors[walked].append(ate(mapped.poses, mapped.true_keyframes))
+            for people in PEOPLE:
+                drive = Drive(seed, RATES_HZ[0], MODES[2], people, back=True)
+                frames = list(drive.frames(FOUND_EVERY_S))
+                true = np.stack([drive.true(frame) for frame in frames])
+                fixes[walked, people] += mapped.localize(
+                    str(people), partial(iter, frames), true, stride=1
+                )
+    rows = []
+    for (walked, people), each in fixes.items():
+        shares = Shares(each)
+        wrong = sum((fix.error or 0) > RIGHT[0] or (fix.turn or 0) > RIGHT[1] for fix in each)
+        cells = ["with people" if count else "without" for count in (walked, people)]
+        cells += [str(shares.near), f"{shares.found:.3f}", f"{shares.good:.3f}", str(wrong)]
+        rows.append([*cells, f"{np.mean(errors[walked]):.3f}"])
+    return table(PEOPLE_FOUND, rows)
 
 
 def kernel_time() -> float:
@@ -309,6 +443,8 @@ def main() -> None:
         "sweeps": sweeps_table,
         "loops": lambda: loops_table(seeds),
         "maps": lambda: maps_table(seeds[0]),
+        "people": lambda: people_table(seeds),
+        "found": lambda: found_table(seeds),
     }
     tables = {name: makes[name]() for name in arguments.parts}
     for name, text in tables.items():

@@ -15,7 +15,7 @@ from fusionslam.sim.camera import photograph
 from fusionslam.sim.catalogue import MADE, drive_through, read_world
 from fusionslam.sim.lidar import scan
 from fusionslam.sim.motion.planner import PlanConfig
-from fusionslam.sim.obstacles import Crowd
+from fusionslam.sim.movers import Crowd
 from fusionslam.sim.robot import base_from, base_from_camera, robot_named
 from fusionslam.sim.scene import RayCaster
 

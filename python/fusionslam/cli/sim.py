@@ -89,8 +89,8 @@ def sim(
 ) -> None:
     """Drive a robot through WORLD and record what its sensors publish.
 
-    --set takes robot.lidars.NAME.KEY, robot.odometry.errors.KEY, obstacles.KEY, plan.KEY and,
-    for built-in worlds, world.KEY.
+    --set takes robot.lidars.NAME.KEY, robot.odometry.errors.KEY, obstacles.KEY, movers.KEY,
+    plan.KEY and, for built-in worlds, world.KEY.
     """
     needs_extra("sim")
     from fusionslam.config import as_yaml

@@ -21,7 +21,7 @@ from fusionslam.sim.robot import RobotConfig
 from fusionslam.sim.simulator import map_of
 from fusionslam.sim.town.kitti_recorder import SimConfig
 from fusionslam.sim.town.layout import TownConfig, make_town
-from fusionslam.sim.town.route import make_drive
+from fusionslam.sim.town.route import lanes_around_blocks, make_drive
 from fusionslam.sim.world import World
 from fusionslam.sim.worlds import load_world
 
@@ -58,7 +58,8 @@ def town_world(config: TownConfig) -> World:
         scene, low_m=0.2, high_m=2.0, resolution_m=_TOWN_CELL_M, start=(float(x[0]), float(y[0]))
     )
     way = Trajectory(drive.seconds, np.ascontiguousarray(x), np.ascontiguousarray(y), yaw)
-    return World(name="town", visual=scene, collision=scene, map=grid, trajectory=way)
+    lanes = lanes_around_blocks(config.blocks, config.block_m)
+    return World(name="town", visual=scene, collision=scene, map=grid, trajectory=way, lanes=lanes)
 
 
 MADE: dict[str, Entry] = {

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from fusionslam.base.arrays import Floats, Floats32
+from fusionslam.base.arrays import Floats, Floats32, Mask
 from fusionslam.config import Section, option
 from fusionslam.sim.scene import Hits
 
 Vector = tuple[float, float, float]
-Field = Literal["intensity", "ring", "time", "t", "offset_time", "timestamp", "object"]
+Field = Literal["intensity", "ring", "time", "t", "offset_time", "timestamp", "object", "moving"]
 
 
 class LidarConfig(Section):
@@ -67,7 +67,8 @@ class LidarMount(LidarConfig):
     fields: tuple[Field, ...] = option(
         ("intensity", "ring", "time"),
         "values of each point; times as Velodyne (time), Ouster (t), Livox (offset_time) and Hesai "
-        "(timestamp) write them; object: number of the object hit, from 1 (ground truth)",
+        "(timestamp) write them; object: number of the object hit, from 1; moving: 1 on what moves "
+        "(both are ground truth)",
     )
 
 
@@ -78,13 +79,13 @@ class Caster(Protocol):
         """First hits of rays from ``origin`` (3,) or (R, 3) along ``directions`` (R, 3)."""
 
     def incidence(self, hits: Hits, directions: Floats32) -> Floats32:
-        """Cosine between ray and surface normal, (R,)."""
+        """Cosine between ray and surface normal, (R,), of what ``cast`` found for these rays."""
 
     def brightness(self, hits: Hits) -> Floats32:
         """Grey value of the surface at each hit, (R,)."""
 
     def colors(self, hits: Hits, directions: Floats32, pixel: float) -> Floats32:
-        """RGB that a camera sees along each ray, (R, 3)."""
+        """RGB that a camera sees along each ray, (R, 3), of what ``cast`` found for these rays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +171,11 @@ def _transform_rays(
 
 
 def point_fields(
-    config: LidarMount, sweep: Sweep, objects: NDArray[np.uint16], stamp_ns: int
+    config: LidarMount,
+    sweep: Sweep,
+    objects: NDArray[np.uint16],
+    moving: Mask,
+    stamp_ns: int,
 ) -> dict[str, NDArray[Any]]:
     """The values that the LiDAR publishes with each point, in the order of the configuration.
 
@@ -178,12 +183,14 @@ def point_fields(
         config: its ``fields`` selects the values.
         sweep: the returns.
         objects: uint16 (N,), number of the object behind each return.
+        moving: bool (N,), whether that object moves.
         stamp_ns: of the sweep's first column.
 
     Returns:
         intensity float32, ring uint16 (0 is the lowest beam), time float32 (seconds after the
         first column, 0 if the sweep is taken at one instant), t and offset_time uint32
-        (nanoseconds after it), timestamp float64 (seconds since 1970), object uint16; (N,) each.
+        (nanoseconds after it), timestamp float64 (seconds since 1970), object uint16,
+        moving uint8; (N,) each.
     """
     row, column = np.divmod(sweep.ray, config.azimuths)
     seconds = (column_seconds(config) * config.scan_motion)[column]
@@ -196,5 +203,6 @@ def point_fields(
         "offset_time": nanoseconds,
         "timestamp": stamp_ns / 1e9 + seconds,
         "object": objects,
+        "moving": moving.astype(np.uint8),
     }
     return {name: values[name] for name in config.fields}

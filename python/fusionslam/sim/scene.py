@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene of textured triangles and the ray caster that every simulated sensor shares."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -95,7 +96,7 @@ class RayCaster:
         self._light = scene.light
         self._maps = MipMaps(scene.textures)
         self._texel_m = _texel_sizes(scene.mesh, self._maps)
-        self._lit = np.stack([_lit(scene.mesh.normals, scene.light, side) for side in (1.0, -1.0)])
+        self._lit = _lit_sides(scene.mesh, scene.light)
         a, b, c = scene.mesh.triangles.transpose(1, 0, 2)
         cross = np.cross(b - a, c - a)
         length = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -112,6 +113,13 @@ class RayCaster:
         distance = np.where(found["geomID"] < 0, np.float32(np.inf), found["tfar"])
         triangle = np.where(found["geomID"] < 0, np.int32(-1), found["primID"])
         return Hits(distance, triangle, found["u"], found["v"])
+
+    def under(self, light: Light) -> "RayCaster":
+        """The same triangles in another light, without a tree of its own."""
+        other = copy.copy(self)
+        other._light = light
+        other._lit = _lit_sides(self._mesh, light)
+        return other
 
     def part_of(self, hits: Hits) -> NDArray[np.int32]:
         """The object that each ray hits, int32 (R,), an index into ``Scene.names``.
@@ -207,6 +215,11 @@ def _embree_scene(mesh: Mesh) -> Any:
     scene = EmbreeScene()
     TriangleMesh(scene, np.ascontiguousarray(mesh.triangles))
     return scene
+
+
+def _lit_sides(mesh: Mesh, light: Light) -> Floats32:
+    """RGB light on the front and the back of each triangle, (2, T, 3)."""
+    return np.stack([_lit(mesh.normals, light, side) for side in (1.0, -1.0)])
 
 
 def _lit(normals: Floats32, light: Light, side: float) -> Floats32:

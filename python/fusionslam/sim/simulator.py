@@ -33,7 +33,8 @@ from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
 from fusionslam.sim.motion.clearance import check_trajectory
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
 from fusionslam.sim.motion.riding import Hills, HillsConfig, Sway
-from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
+from fusionslam.sim.movers import Body, Crowd
+from fusionslam.sim.obstacles import ObstacleConfig, plan_obstacles
 from fusionslam.sim.robot import (
     TF_STATIC_TOPIC,
     TF_TOPIC,
@@ -45,6 +46,7 @@ from fusionslam.sim.robot import (
     static_transforms,
 )
 from fusionslam.sim.scene import RayCaster, Scene
+from fusionslam.sim.traffic import MoversConfig, plan_movers
 from fusionslam.sim.world import World
 
 # Most events in flight per thread: events rendered ahead stay in memory.
@@ -54,10 +56,11 @@ _AHEAD = 8
 class SimulationConfig(Section):
     """Settings of a simulated recording; the same configuration gives the same values."""
 
-    seed: int = option(0, "decides noise, drop-outs, odometry and moving boxes", ge=0)
+    seed: int = option(0, "decides noise, drop-outs, odometry and what moves", ge=0)
     start_s: int = option(1000, "time of the first message", unit="s", ge=0, lt=2**32 - 2**20)
     seconds: float | None = option(None, "duration; none: the whole drive", unit="s", gt=0)
     obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
+    movers: MoversConfig = option(MoversConfig(), "people who walk and cars that drive")
     hills: HillsConfig = option(HillsConfig(), "hills on which the world stands")
 
 
@@ -104,12 +107,12 @@ def simulate(
         world: shapes that cameras see and rays hit.
         robot: frames, sensors, odometry.
         trajectory: of the robot's base; its first time becomes ``config.start_s``.
-        config: seed, length, moving boxes.
+        config: seed, length, what moves.
         jobs: threads that render ahead. The values do not depend on it.
         select: given all messages in order, returns those to render.
 
     Raises:
-        DataError: the trajectory meets an obstacle, or there is no room for moving boxes.
+        DataError: the trajectory meets an obstacle, or there is no room for what moves.
     """
     chosen = config or SimulationConfig()
     grid = map_of(world, robot)
@@ -186,9 +189,15 @@ class _Simulation:
             )
             for number, imu in enumerate(robot.imus.values())
         ]
-        self.obstacles: tuple[Obstacle, ...] = plan_obstacles(
+        boxes = plan_obstacles(
             config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
+        traffic = plan_movers(
+            config.movers, world, grid, trajectory, robot.radius_m, config.seed, self.seconds, boxes
+        )
+        self.movers = (*boxes, *traffic)
+        light = world.visual.light
+        self.bodies = [Body(mover.mesh, mover.textures, light) for mover in self.movers]
 
     def tasks(self) -> Iterator[Task]:
         """All messages to render, in time order."""
@@ -259,15 +268,15 @@ class _Simulation:
     def _rng(self, kind: int, sensor: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.config.seed, kind, sensor, number])
 
-    def _around(self, shapes: str, seconds: float) -> Crowd:
-        boxes = [self.hills.lift(obstacle.at(seconds)) for obstacle in self.obstacles]
-        return Crowd(self.casters[shapes], self.scenes[shapes], boxes)
+    def _around(self, shapes: str, seconds: Floats) -> Crowd:
+        poses = [self.hills.stand(mover.poses(seconds)) for mover in self.movers]
+        return Crowd(self.casters[shapes], self.scenes[shapes], self.bodies, poses)
 
     def _make_scan(self, lidar: LidarMount, sensor: int, number: int, stamp_ns: int) -> Scan:
         seconds = self._drive_seconds(stamp_ns)
         moving = column_seconds(lidar) if lidar.scan_motion else np.zeros(1)
         poses = self._poses(seconds + moving) @ base_from(self.robot, lidar.frame_id)
-        around = self._around(lidar.shapes, seconds)
+        around = self._around(lidar.shapes, seconds + moving)
         sweep = scan(
             around,
             lidar,
@@ -278,18 +287,21 @@ class _Simulation:
             stamp_ns=stamp_ns,
             frame_id=lidar.frame_id,
             points=sweep.points,
-            fields=point_fields(lidar, sweep, around.objects(sweep.hits), stamp_ns),
+            fields=point_fields(
+                lidar, sweep, around.objects(sweep.hits), around.moving(sweep.hits), stamp_ns
+            ),
         )
 
     def _make_picture(
         self, camera: CameraMount, sensor: int, number: int, stamp_ns: int
     ) -> Picture:
         seconds = self._drive_seconds(stamp_ns)
-        pose = self._poses(np.array([seconds]))[0] @ base_from_camera(self.robot, camera)
+        now = np.array([seconds])
+        pose = self._poses(now)[0] @ base_from_camera(self.robot, camera)
         # Both cameras of a pair share the exposure.
         gain = gains(camera, seconds, np.random.default_rng([self.config.seed, 3]))
         image = photograph(
-            self._around("visual", seconds), camera, pose, gain, self._rng(2, sensor, number)
+            self._around("visual", now), camera, pose, gain, self._rng(2, sensor, number)
         )
         return Picture(stamp_ns=stamp_ns, frame_id=camera.frame_id, image=image)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fusionslam.base.arrays import Floats
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sim.mesh import Mesh, join_meshes
 from fusionslam.sim.motion.occupancy import OccupancyMap
@@ -40,6 +41,7 @@ class World:
         collision: shapes that simple ray sensors hit; ``visual`` if there are no others.
         map: free space for a robot; None if it has yet to be computed.
         trajectory: a drive that comes with the world, if there is one.
+        lanes: float64 (N, 2) each, closed ways for cars in the direction of traffic, metres.
         unresolved: resources that the description refers to and that could not be found.
     """
 
@@ -48,6 +50,7 @@ class World:
     collision: Scene
     map: OccupancyMap | None = None
     trajectory: Trajectory | None = None
+    lanes: Sequence[Floats] = ()
     unresolved: Sequence[str] = field(default_factory=tuple)
 
 
@@ -88,4 +91,6 @@ def hash_world(world: World) -> str:
         digest.update(world.map.occupied.tobytes() + world.map.reachable.tobytes())
     if (drive := world.trajectory) is not None:
         digest.update(np.stack([drive.seconds, drive.x, drive.y, drive.yaw]).tobytes())
+    for lane in world.lanes:
+        digest.update(lane.tobytes())
     return digest.hexdigest()

@@ -15,12 +15,15 @@ from pydantic import model_validator
 from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, option
 from fusionslam.geometry.rigid import rotation
-from fusionslam.sim.motion.smoothing import interpolate_path, lengths
+from fusionslam.sim.motion.smoothing import interpolate_path, lengths, resample_path
 
 Crossing = tuple[int, int]
 
 _STEP_M = 0.1
 _BLEND_M = 14.0
+_CORNER_M = 8.0
+_LANE_M = 2.3
+"""From the centre line to the middle of other cars: as far right as parked ones let them."""
 _LOOP: tuple[Crossing, ...] = ((1, 0), (2, 0), (2, 1), (1, 1), (0, 1), (0, 0), (1, 0))
 _AGAIN: tuple[Crossing, ...] = ((1, 0), (2, 0), (2, 1), (1, 1))
 _BACK: tuple[Crossing, ...] = ((1, 1), (1, 0), (0, 0), (0, 1), (1, 1))
@@ -106,6 +109,21 @@ def make_drive(config: DriveConfig, block_m: float, seed: int) -> Drive:
     poses = _poses(interpolate_path(stops, length, path), yaw, stops, config, rng)
     laps = lap[np.searchsorted(length, stops).clip(max=len(lap) - 1)]
     return Drive(poses, stops / config.speed_m_s, laps)
+
+
+def lanes_around_blocks(blocks: tuple[int, int], block_m: float) -> list[Floats]:
+    """Lanes of other cars: round each block of a town, in both directions, (N, 2) each, closed."""
+    lanes = []
+    for column, row in np.ndindex(blocks):
+        corners = block_m * np.add((column, row), [(0, 0), (1, 0), (1, 1), (0, 1)])
+        for nodes in (corners, corners[::-1]):
+            ways = zip(np.roll(nodes, 1, axis=0), nodes, np.roll(nodes, -1, axis=0), strict=True)
+            line = np.concatenate([_arc(*way, _CORNER_M) for way in ways])
+            line = resample_path(np.concatenate([line, line[:1]]), _STEP_M)[:-1]
+            ahead = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
+            ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+            lanes.append(line + _LANE_M * ahead[:, ::-1] * (1, -1))
+    return lanes
 
 
 def _middle_line(config: DriveConfig, block_m: float) -> tuple[Floats, NDArray[np.int64]]:

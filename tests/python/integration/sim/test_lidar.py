@@ -137,13 +137,14 @@ def test_columns_are_shot_in_the_time_of_a_full_turn(sector: tuple[float, float]
 
 def test_points_carry_the_fields_that_are_asked_for(caster: RayCaster) -> None:
     stamp_ns = 1_700_000_000_250_000_000
-    fields = ("object", "ring", "time", "intensity", "t", "offset_time", "timestamp")
+    fields = ("object", "ring", "time", "intensity", "t", "offset_time", "timestamp", "moving")
     config = LidarMount(**CALM, rings=4, azimuths=30, fields=fields, scan_motion=True)
     sweep = scan(caster, config, pose(), np.random.default_rng(0))
     objects = (caster.part_of(sweep.hits) + 1).astype(np.uint16)
-    values = point_fields(config, sweep, objects, stamp_ns)
+    moving = np.arange(len(objects)) % 2 == 0
+    values = point_fields(config, sweep, objects, moving, stamp_ns)
     kinds = {"object": "<u2", "ring": "<u2", "time": "<f4", "intensity": "<f4"}
-    kinds |= {"t": "<u4", "offset_time": "<u4", "timestamp": "<f8"}
+    kinds |= {"t": "<u4", "offset_time": "<u4", "timestamp": "<f8", "moving": "|u1"}
     assert [(name, array.dtype.str) for name, array in values.items()] == [*kinds.items()]
     height = sweep.points[:, 2] / np.linalg.norm(sweep.points, axis=1)
     rings = np.deg2rad(np.linspace(config.bottom_deg, config.top_deg, 4))
@@ -156,6 +157,7 @@ def test_points_carry_the_fields_that_are_asked_for(caster: RayCaster) -> None:
         )
         assert each.point_seconds is not None and not each.point_times.remark
         np.testing.assert_allclose(each.point_seconds, values["time"], atol=1e-6)
+    assert np.array_equal(values["moving"], moving)
     assert values["intensity"].min() >= 0 and values["intensity"].max() <= 1
     names = np.array(["", *hall().collision.names])[values["object"]]
     floor = np.abs(sweep.points[:, 2] + 0.5) < 1e-4
@@ -163,7 +165,8 @@ def test_points_carry_the_fields_that_are_asked_for(caster: RayCaster) -> None:
     assert set(names[sweep.points[:, 0] > 5.99]) <= {"east", "floor"}
     still = config.model_copy(update={"scan_motion": False})
     sweep = scan(caster, still, pose(), np.random.default_rng(0))
-    assert not point_fields(still, sweep, np.zeros(0, np.uint16), stamp_ns)["time"].any()
+    none = np.zeros(0, np.uint16), np.zeros(0, bool)
+    assert not point_fields(still, sweep, *none, stamp_ns)["time"].any()
 
 
 @rows(

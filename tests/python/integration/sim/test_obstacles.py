@@ -13,12 +13,13 @@ from error_codes import has_code
 from fusionslam.errors import DataError
 from fusionslam.sim.lidar import LidarMount, lidar_rays, scan
 from fusionslam.sim.motion.occupancy import OccupancyMap, occupancy_of
-from fusionslam.sim.obstacles import Crowd, Obstacle, ObstacleConfig, plan_obstacles
+from fusionslam.sim.movers import Body, Crowd, Mover
+from fusionslam.sim.obstacles import ObstacleConfig, plan_obstacles, speckles
 from fusionslam.sim.scene import RayCaster
 from worlds import block, hall, straight
 
 THREE = ObstacleConfig(number=3)
-Boxes = tuple[Obstacle, ...]
+Boxes = tuple[Mover, ...]
 
 
 @pytest.fixture(scope="module")
@@ -31,15 +32,16 @@ def obstacles(grid: OccupancyMap) -> Boxes:
     return plan_obstacles(THREE, grid, straight(10.0), 0.22, seed=1)
 
 
-def corners(obstacle: Obstacle, seconds: float) -> np.ndarray:
-    return obstacle.at(seconds).triangles.reshape(-1, 3)
+def corners(obstacle: Mover, seconds: float) -> np.ndarray:
+    (pose,) = obstacle.poses(np.array([seconds]))
+    return obstacle.mesh.triangles.reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
 
 
-def gap(place: np.ndarray, obstacle: Obstacle, seconds: float) -> float:
+def gap(place: np.ndarray, obstacle: Mover, seconds: float) -> float:
     """Distance of a place on the ground to a box: both seen from the box's middle."""
     low, high = (edge(corners(obstacle, seconds)[:, :2], axis=0) for edge in (np.min, np.max))
     x, y = place - (low + high) / 2
-    c, s = np.cos(obstacle.yaw), np.sin(obstacle.yaw)
+    c, s = np.cos(obstacle.track.yaw[0]), np.sin(obstacle.track.yaw[0])
     half = np.abs(obstacle.mesh.triangles[..., :2]).max(axis=(0, 1))
     beyond = np.abs([c * x + s * y, c * y - s * x]) - half
     return float(np.linalg.norm(beyond.clip(min=0)))
@@ -47,8 +49,8 @@ def gap(place: np.ndarray, obstacle: Obstacle, seconds: float) -> float:
 
 def test_boxes_keep_clear_of_walls_furniture_and_each_other(obstacles: Boxes) -> None:
     for first, second in combinations(obstacles, 2):
-        apart = np.linalg.norm(first.places - second.places, axis=1)
-        assert apart.min() > first.radius_m + second.radius_m
+        apart = np.linalg.norm(first.track.places - second.track.places, axis=1)
+        assert apart.min() > first.track.radius_m + second.track.radius_m
     for obstacle in obstacles:
         for seconds in np.linspace(0, 10, 41):
             x, y, _ = corners(obstacle, seconds).T
@@ -66,11 +68,11 @@ def test_boxes_move_at_their_speed_and_keep_their_distance_from_the_robot(obstac
             apart = gap(np.array([x, y]), obstacle, seconds)
             assert apart > 0.22 + THREE.distance_m - 1e-6
     for obstacle in obstacles:
-        moves = np.diff(obstacle.places, axis=0)
+        moves = np.diff(obstacle.track.places, axis=0)
         speed = np.linalg.norm(moves, axis=1) / np.diff(obstacle.seconds)
         assert speed.max() < THREE.speed_m_s * 1.01
         assert speed.mean() > THREE.speed_m_s / 2
-        along = moves @ (np.cos(obstacle.yaw), np.sin(obstacle.yaw))
+        along = moves @ (np.cos(obstacle.track.yaw[0]), np.sin(obstacle.track.yaw[0]))
         assert np.allclose(np.abs(along), np.linalg.norm(moves, axis=1))
 
 
@@ -79,9 +81,9 @@ def test_a_box_waits_or_turns_back_where_the_robot_comes(grid: OccupancyMap) -> 
     for seed in range(12):
         (box,) = plan_obstacles(ObstacleConfig(number=1), grid, way, 0.22, seed)
         x, y, _ = way.places(box.seconds)
-        apart = np.linalg.norm(box.places - np.stack([x, y], axis=1), axis=1)
-        assert apart.min() > box.radius_m + 0.22 + THREE.distance_m
-        along = box.places @ (np.cos(box.yaw), np.sin(box.yaw))
+        apart = np.linalg.norm(box.track.places - np.stack([x, y], axis=1), axis=1)
+        assert apart.min() > box.track.radius_m + 0.22 + THREE.distance_m
+        along = box.track.places @ (np.cos(box.track.yaw[0]), np.sin(box.track.yaw[0]))
         moves = np.diff(along)
         ahead = moves[:-1] * moves[1:] > 1e-9
         inside = (along > along.min() + 0.06) & (along < along.max() - 0.06)
@@ -97,9 +99,9 @@ def test_the_same_seed_plans_the_same_boxes(grid: OccupancyMap) -> None:
         plan_obstacles(THREE, grid, straight(10.0), 0.22, seed=seed) for seed in (1, 1, 2)
     )
     for a, b, c in zip(first, again, other, strict=True):
-        assert np.array_equal(a.places, b.places)
+        assert np.array_equal(a.track.places, b.track.places)
         assert np.array_equal(a.mesh.triangles, b.mesh.triangles)
-        assert not np.array_equal(a.places, c.places)
+        assert not np.array_equal(a.track.places, c.track.places)
 
 
 def test_an_error_says_for_how_many_boxes_there_is_room(grid: OccupancyMap) -> None:
@@ -113,7 +115,8 @@ def test_sensors_see_whatever_is_nearer_and_know_its_number() -> None:
     rest = RayCaster(scene)
     front = block("box", (0.5, -0.3, 0), (1.0, 0.3, 1.2)).mesh
     hidden = block("box", (2.2, -0.3, 0), (2.8, 0.3, 1.0)).mesh  # in the red pillar
-    crowd = Crowd(rest, scene, [hidden, front])
+    bodies = [Body(mesh, [speckles()], scene.light) for mesh in (hidden, front)]
+    crowd = Crowd(rest, scene, bodies, [np.eye(4)[None]] * 2)
     config = LidarMount(rings=1, top_deg=0, bottom_deg=0, azimuths=360)
     place = np.eye(4)
     place[2, 3] = 0.5
