@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import wraps
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
@@ -41,7 +41,7 @@ from fusionslam.mapping.grids import (
 )
 from fusionslam.mapping.localization import Localization, Localizer
 from fusionslam.mapping.map_content import MapContent, Session, robot_poses
-from fusionslam.mapping.map_file import MapFile, StoredCloud, StoredKeyframe
+from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_merging import (
     Merge,
     check_mergeable,
@@ -52,6 +52,7 @@ from fusionslam.mapping.map_merging import (
 )
 from fusionslam.mapping.map_settings import MapSettings, check_session_name
 from fusionslam.mapping.map_writer import MapStep, MapWriter
+from fusionslam.mapping.sweeps import SolvedSweeps
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import ScanMotion
@@ -508,8 +509,7 @@ class PlaceMap:
     @_one_at_a_time
     def cloud(self, voxel: float = 0.1) -> Cloud:
         """Return the map's coloured cloud: one point for each voxel, of the map's first part."""
-        stored = ((pose, unpack_cloud(cloud.points)) for pose, cloud in self._first_part())
-        return join_clouds(stored, voxel)
+        return join_clouds(((pose, cloud) for pose, cloud, _ in self._first_part()), voxel)
 
     @_one_at_a_time
     def grid(self, resolution: float = 0.05, config: GridConfig | None = None) -> OccupancyGrid:
@@ -597,18 +597,20 @@ class PlaceMap:
     def _keyframes_of(self, session: str) -> list[StoredKeyframe]:
         return self.content.keyframes_of(self.content.find_session(session))
 
-    def _first_part(self) -> Iterator[tuple[Matrix, StoredCloud]]:
-        """Poses and clouds of the part of the map that began first."""
+    def _first_part(self) -> Iterator[tuple[Matrix, Cloud, float]]:
+        """Poses, clouds and ground levels of the part of the map that began first."""
         numbers = self.content.first_part()
+        read = lru_cache(4)(self.file.cloud)
+        sweeps = SolvedSweeps(self.content, self.settings.map, read)
         for number, pose in zip(numbers, self.content.poses_of(numbers), strict=True):
-            yield pose, self.file.cloud(number)
+            yield pose, sweeps.cloud(number), read(number).ground_level
 
     def _positions(self) -> Floats:
         return self.content.poses_of(self.content.first_part())[:, :2, 3]
 
     def _placed_clouds(self) -> Iterator[PlacedCloud]:
-        for pose, stored in self._first_part():
-            yield PlacedCloud(unpack_cloud(stored.points).points, pose, stored.ground_level)
+        for pose, cloud, ground_level in self._first_part():
+            yield PlacedCloud(cloud.points, pose, ground_level)
 
     def _check_session(self) -> None:
         self._check_writable()
