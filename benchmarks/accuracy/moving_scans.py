@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What does motion within scans cost, and what is left of it once it is undone? Markdown tables.
 
-python -m benchmarks.accuracy.moving_scans [--write] [--parts sweeps loops maps] [SEED ...]
+python -m benchmarks.accuracy.moving_scans [--write] [--parts PART ...] [SEED ...]
 
 A VLP-16 on a small robot in made houses, which nothing was fitted to. Its scans are taken in one
 instant, on the move, and on the move with the motion undone by odometry. Some four minutes of
@@ -32,9 +32,11 @@ from fusionslam.config import merged
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.geometry.se3 import exp, inverse, motion_size
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.mapping.clouds import pack_cloud, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.grids import GridConfig
 from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.mapping.sweeps import SolvedSweeps
 from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry, Scan
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.imu import simulate_imu
@@ -68,7 +70,22 @@ for _way in ("as measured", *WAYS):
 LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees off: median"]
 LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
 MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
-PARTS = ("sweeps", "loops", "maps")
+BACKWARDS = ["scans a second", "motion within scans", "keyframes", "patches", "moved"]
+BACKWARDS += ["thinner", "thicker by 5 mm", "thickness before, m", "after", "most gained"]
+BACKWARDS += [
+    "off the truth, 95 %: before, m",
+    "after",
+    "bytes of times a keyframe",
+    "of all",
+]
+TURNED = (1.01, 1.05, 1.1)
+"""Factors on the turns of odometry by which the map undoes motion."""
+PATCH_M, PATCH_POINTS, PATCH_FLAT = 0.5, 20, 0.1
+SAME_M = 1e-4
+"""Change of a patch's thickness that counts as none."""
+THICKER_M = 0.005
+KEYFRAMES_EVERY_S = 0.2
+PARTS = ("sweeps", "loops", "maps", "backwards")
 SPEEDS_M_S = (0.0, 5.0, 15.0)
 TURNS_RAD_S = (0.0, 0.5, 1.0, 2.0, 3.0)
 
@@ -81,16 +98,18 @@ class Drive:
         seed: of the house, the way and the noise.
         rate_hz: of the scanner.
         mode: one of ``MODES``.
+        turned: factor on the turns of odometry.
     """
 
     seed: int
     rate_hz: float
     mode: str
+    turned: float = DRIFT.rotation_scale
 
     @cached_property
     def robot(self) -> RobotConfig:
         lidar = {"rate_hz": self.rate_hz, "scan_motion": self.mode != MODES[0]}
-        errors = {"errors": DRIFT.model_dump(include={"scale", "rotation_scale"})}
+        errors = {"errors": {"scale": DRIFT.scale, "rotation_scale": self.turned}}
         robot = merged(
             robot_named(CIRCLE_ROBOT), {"lidars": {"velodyne": lidar}, "odometry": errors}
         )
@@ -160,18 +179,7 @@ def find_loops(drive: Drive) -> Floats:
 
 def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int, int]:
     """Map a drive; ATE in metres, occupied cells, and those that no true surface is near."""
-    frames = list(drive.frames(MAP_EVERY_S))
-    odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
-    path = folder / f"{drive.seed}-{drive.rate_hz:g}-{drive.mode.replace(' ', '-')}"
-    mapped = MappedDrive(
-        path,
-        np.stack([drive.true(frame) for frame in frames]),
-        odometry,
-        lambda: iter(frames),
-        descriptor="m2dp",
-        fusion=FusionConfig(source="cloud"),
-        config=MapConfig.model_validate({"drift": FLOOR}),
-    )
+    mapped = map_drive(drive, folder, MAP_EVERY_S)
     with PlaceMap.open(mapped.path, read_only=True) as site:
         grid = site.grid(0.05, GridConfig())
     rows, columns = np.nonzero(grid.cells == 100)
@@ -182,6 +190,71 @@ def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int
     far = surfaces.query(in_world)[0] > NEAR_M
     off = (mapped.true_from_map @ mapped.poses)[:, :3, 3] - mapped.true_keyframes[:, :3, 3]
     return float(np.sqrt((off**2).sum(axis=1).mean())), len(rows), int(far.sum())
+
+
+def map_drive(drive: Drive, folder: Path, every_s: float) -> MappedDrive:
+    """Map the scans of each so many seconds."""
+    frames = list(drive.frames(every_s))
+    odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
+    name = f"{drive.seed}-{drive.rate_hz:g}-{drive.mode.replace(' ', '-')}-{drive.turned:g}"
+    return MappedDrive(
+        folder / name,
+        np.stack([drive.true(frame) for frame in frames]),
+        odometry,
+        lambda: iter(frames),
+        descriptor="m2dp",
+        fusion=FusionConfig(source="cloud"),
+        config=MapConfig.model_validate({"drift": FLOOR}),
+    )
+
+
+def compare_sweeps(drive: Drive, folder: Path, surfaces: cKDTree) -> list[str]:
+    """How thick the surfaces of a map are as its clouds are stored, and undone anew."""
+    mapped = map_drive(drive, folder, KEYFRAMES_EVERY_S)
+    placed: list[list[Floats]] = [[], []]
+    off: list[list[Floats]] = [[], []]
+    times = packed = 0
+    with PlaceMap.open(mapped.path, read_only=True) as site:
+        sweeps = SolvedSweeps(site.content, site.settings.map, site.file.cloud)
+        for number in site.keyframes(mapped.session).tolist():
+            data = site.file.cloud(number).points
+            stored, _ = unpack_cloud(data)
+            packed += len(data)
+            times += len(data) - len(pack_cloud(stored, 1e-3))
+            pose = site.content.pose(number)
+            true = mapped.true_from_map @ pose
+            for k, cloud in enumerate((stored, sweeps.cloud(number))):
+                placed[k].append(cloud.points @ pose[:3, :3].T + pose[:3, 3])
+                points = cloud.points @ true[:3, :3].T + true[:3, 3]
+                off[k].append(surfaces.query(points[points[:, 2] > 0.1, :2])[0])
+    count = len(placed[0])
+    before, after = (np.concatenate(rows) for rows in placed)
+    _, patches = np.unique(np.floor(before / PATCH_M), axis=0, return_inverse=True)
+    thick = np.array(
+        [
+            (spread(before[rows]), spread(after[rows]))
+            for rows in np.split(np.argsort(patches), np.cumsum(np.bincount(patches))[:-1])
+            if len(rows) >= PATCH_POINTS
+        ]
+    )
+    thick = thick[np.isfinite(thick).all(axis=1)]
+    gained = thick[:, 0] - thick[:, 1]
+    moved = np.abs(gained) > SAME_M
+    share = (gained[moved] > 0).mean() if moved.any() else np.nan
+    how = "as measured" if drive.mode == MODES[1] else f"undone, turns x {drive.turned:g}"
+    means = [f"{value:.4f}" for value in thick[moved].mean(axis=0)] if moved.any() else ["", ""]
+    far = [f"{np.percentile(np.concatenate(rows), 95):.4f}" for rows in off]
+    cells = [f"{drive.rate_hz:g}", how, str(count), str(len(thick)), str(moved.sum())]
+    cells += [f"{share:.3f}", str((gained < -THICKER_M).sum()), *means, f"{gained.max():.4f}"]
+    return [*cells, *far, f"{times / count:.0f}", f"{times / packed:.3f}"]
+
+
+def spread(points: Floats) -> float:
+    """How far points, (N, 3), reach across their plane, 5 to 95 %; NaN if they are not flat."""
+    values, axes = np.linalg.eigh(np.cov(points.T))
+    if values[0] > PATCH_FLAT * values[1]:
+        return np.nan
+    return float(np.diff(np.percentile(points @ axes[:, 0], [5, 95]))[0])
 
 
 def true_surfaces(seed: int) -> cKDTree:
@@ -284,6 +357,18 @@ def maps_table(seed: int) -> str:
     return table(MAPS, rows)
 
 
+def backwards_table(seed: int) -> str:
+    """Maps of one house, before and after clouds are undone anew."""
+    surfaces, rows = true_surfaces(seed), []
+    drives = [(MODES[2], turned) for turned in TURNED] + [(MODES[1], DRIFT.rotation_scale)]
+    with tempfile.TemporaryDirectory() as folder:
+        for rate in RATES_HZ:
+            for mode, turned in drives:
+                drive = Drive(seed, rate, mode, turned)
+                rows.append(compare_sweeps(drive, Path(folder), surfaces))
+    return table(BACKWARDS, rows)
+
+
 def kernel_time() -> float:
     """Milliseconds of undoing the motion of 120,000 points, the least of twenty runs."""
     random = np.random.default_rng(1)
@@ -309,6 +394,7 @@ def main() -> None:
         "sweeps": sweeps_table,
         "loops": lambda: loops_table(seeds),
         "maps": lambda: maps_table(seeds[0]),
+        "backwards": lambda: backwards_table(seeds[0]),
     }
     tables = {name: makes[name]() for name in arguments.parts}
     for name, text in tables.items():

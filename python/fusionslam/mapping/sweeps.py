@@ -81,7 +81,10 @@ class SolvedSweeps:
         motions = find(number, times, sweep)
         if motions is None:
             return cloud, cloud
-        points = deskew(cloud.points, cloud.seconds, exp(motions), sweep.span)
+        # Registration found the keyframe's pose by the stored points, and fits their middle.
+        middle = [np.interp(cloud.seconds.mean(), times, column) for column in motions.T]
+        poses = inverse(exp(np.array(middle))) @ exp(motions)
+        points = deskew(cloud.points, cloud.seconds, poses, sweep.span)
         if np.abs(points - cloud.points).max() < _LEAST_M:
             return cloud, cloud
         return cloud, replace(cloud, points=points)
