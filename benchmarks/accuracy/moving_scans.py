@@ -24,10 +24,11 @@ from scipy.spatial import cKDTree
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.mapped_drives import MappedDrive
 from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.pose_graphs import fit_motion
 from benchmarks.accuracy.room_maps import FLOOR
 from benchmarks.accuracy.rooms import CIRCLE_ROBOT
-from fusionslam import Frame, FrameBuilder, FusionConfig, LoopDetector, OnlineConfig, deskew
-from fusionslam.base.arrays import Floats
+from fusionslam import Cloud, Frame, FrameBuilder, FusionConfig, LoopDetector, OnlineConfig, deskew
+from fusionslam.base.arrays import Floats, Points
 from fusionslam.config import merged
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.geometry.se3 import exp, inverse, motion_size
@@ -70,19 +71,14 @@ for _way in ("as measured", *WAYS):
 LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees off: median"]
 LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
 MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
-BACKWARDS = ["scans a second", "motion within scans", "keyframes", "patches", "moved"]
-BACKWARDS += ["thinner", "thicker by 5 mm", "thickness before, m", "after", "most gained"]
-BACKWARDS += [
-    "off the truth, 95 %: before, m",
-    "after",
-    "bytes of times a keyframe",
-    "of all",
-]
-TURNED = (1.01, 1.05, 1.1)
-"""Factors on the turns of odometry by which the map undoes motion."""
-PATCH_M, PATCH_POINTS, PATCH_FLAT = 0.5, 20, 0.1
-SAME_M = 1e-4
-"""Change of a patch's thickness that counts as none."""
+BACKWARDS = ["scans a second", "scans", "turns of odometry, times", "keyframes", "patches"]
+BACKWARDS += ["thinner", "thicker by 5 mm", "thickness: mean before, m", "after", "95 % before"]
+BACKWARDS += ["after", "ATE before, m", "after", "bytes of times a keyframe", "share of the cloud"]
+TURNED = (1.01, 1.05)
+"""Factors on the turns of odometry by which motion is undone as scans come."""
+PATCH_M, PATCH_POINTS = 0.5, 20
+FLAT_M = 0.08
+"""A patch of the truth is flat if its points reach no farther across it."""
 THICKER_M = 0.005
 KEYFRAMES_EVERY_S = 0.2
 PARTS = ("sweeps", "loops", "maps", "backwards")
@@ -129,10 +125,14 @@ class Drive:
 
     def true(self, frame: Frame) -> Floats:
         """float64 (4, 4), world_from_robot of a frame."""
-        way, start_ns = self.driven[1], SimulationConfig().start_s * NANOSECONDS
-        seconds = way.seconds[0] + (frame.stamp_ns - start_ns) / NANOSECONDS
-        pose: Floats = way.at(min(seconds, way.seconds[-1]))[0]
+        pose: Floats = self.true_at(frame.stamp_ns, np.zeros(1))[0]
         return pose
+
+    def true_at(self, stamp_ns: int, after: Floats) -> Floats:
+        """float64 (N, 4, 4), world_from_robot so many seconds, (N,), after a stamp."""
+        way, start_ns = self.driven[1], SimulationConfig().start_s * NANOSECONDS
+        seconds = way.seconds[0] + (stamp_ns - start_ns) / NANOSECONDS + after
+        return way.at(np.minimum(seconds, way.seconds[-1]))
 
     def frames(self, every_s: float) -> Iterator[Frame]:
         """Simulate the scans of each so many seconds, and odometry, as a robot gets them."""
@@ -179,7 +179,18 @@ def find_loops(drive: Drive) -> Floats:
 
 def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int, int]:
     """Map a drive; ATE in metres, occupied cells, and those that no true surface is near."""
-    mapped = map_drive(drive, folder, MAP_EVERY_S)
+    frames = list(drive.frames(MAP_EVERY_S))
+    odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
+    path = folder / f"{drive.seed}-{drive.rate_hz:g}-{drive.mode.replace(' ', '-')}"
+    mapped = MappedDrive(
+        path,
+        np.stack([drive.true(frame) for frame in frames]),
+        odometry,
+        lambda: iter(frames),
+        descriptor="m2dp",
+        fusion=FusionConfig(source="cloud"),
+        config=MapConfig.model_validate({"drift": FLOOR}),
+    )
     with PlaceMap.open(mapped.path, read_only=True) as site:
         grid = site.grid(0.05, GridConfig())
     rows, columns = np.nonzero(grid.cells == 100)
@@ -192,69 +203,77 @@ def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int
     return float(np.sqrt((off**2).sum(axis=1).mean())), len(rows), int(far.sum())
 
 
-def map_drive(drive: Drive, folder: Path, every_s: float) -> MappedDrive:
-    """Map the scans of each so many seconds."""
-    frames = list(drive.frames(every_s))
-    odometry = np.stack([frame.odometry for frame in frames if frame.odometry is not None])
-    name = f"{drive.seed}-{drive.rate_hz:g}-{drive.mode.replace(' ', '-')}-{drive.turned:g}"
-    return MappedDrive(
-        folder / name,
-        np.stack([drive.true(frame) for frame in frames]),
-        odometry,
-        lambda: iter(frames),
-        descriptor="m2dp",
-        fusion=FusionConfig(source="cloud"),
-        config=MapConfig.model_validate({"drift": FLOOR}),
-    )
+@dataclass(frozen=True)
+class Surfaces:
+    """A map's surfaces before its clouds are undone along the solved path, and after.
+
+    Attributes:
+        thickness: float64 (n, 2), of each patch, 5 to 95 % across its plane, metres.
+        ate: metres.
+        keyframes: number of them.
+        bytes: of the times of points, and of all clouds.
+    """
+
+    thickness: Floats
+    ate: tuple[float, float]
+    keyframes: int
+    bytes: tuple[int, int]
 
 
-def compare_sweeps(drive: Drive, folder: Path, surfaces: cKDTree) -> list[str]:
-    """How thick the surfaces of a map are as its clouds are stored, and undone anew."""
-    mapped = map_drive(drive, folder, KEYFRAMES_EVERY_S)
-    placed: list[list[Floats]] = [[], []]
-    off: list[list[Floats]] = [[], []]
-    times = packed = 0
-    with PlaceMap.open(mapped.path, read_only=True) as site:
-        sweeps = SolvedSweeps(site.content, site.settings.map, site.file.cloud)
-        for number in site.keyframes(mapped.session).tolist():
-            data = site.file.cloud(number).points
-            stored, _ = unpack_cloud(data)
-            packed += len(data)
-            times += len(data) - len(pack_cloud(stored, 1e-3))
-            pose = site.content.pose(number)
-            true = mapped.true_from_map @ pose
-            for k, cloud in enumerate((stored, sweeps.cloud(number))):
-                placed[k].append(cloud.points @ pose[:3, :3].T + pose[:3, 3])
-                points = cloud.points @ true[:3, :3].T + true[:3, 3]
-                off[k].append(surfaces.query(points[points[:, 2] > 0.1, :2])[0])
-    count = len(placed[0])
-    before, after = (np.concatenate(rows) for rows in placed)
-    _, patches = np.unique(np.floor(before / PATCH_M), axis=0, return_inverse=True)
-    thick = np.array(
-        [
-            (spread(before[rows]), spread(after[rows]))
-            for rows in np.split(np.argsort(patches), np.cumsum(np.bincount(patches))[:-1])
-            if len(rows) >= PATCH_POINTS
-        ]
-    )
-    thick = thick[np.isfinite(thick).all(axis=1)]
-    gained = thick[:, 0] - thick[:, 1]
-    moved = np.abs(gained) > SAME_M
-    share = (gained[moved] > 0).mean() if moved.any() else np.nan
-    how = "as measured" if drive.mode == MODES[1] else f"undone, turns x {drive.turned:g}"
-    means = [f"{value:.4f}" for value in thick[moved].mean(axis=0)] if moved.any() else ["", ""]
-    far = [f"{np.percentile(np.concatenate(rows), 95):.4f}" for rows in off]
-    cells = [f"{drive.rate_hz:g}", how, str(count), str(len(thick)), str(moved.sum())]
-    cells += [f"{share:.3f}", str((gained < -THICKER_M).sum()), *means, f"{gained.max():.4f}"]
-    return [*cells, *far, f"{times / count:.0f}", f"{times / packed:.3f}"]
+def compare_surfaces(drive: Drive, folder: Path) -> Surfaces:
+    """Map a drive; patches are points that a plane of the house has, from the true poses."""
+    path = folder / "site.fsmap"
+    path.unlink(missing_ok=True)
+    config, fusion = MapConfig.model_validate({"drift": FLOOR}), FusionConfig(source="cloud")
+    with PlaceMap.open(path, "drive", descriptor="m2dp", fusion=fusion, config=config) as site:
+        true = []
+        for frame in drive.frames(KEYFRAMES_EVERY_S):
+            if site.add(frame).keyframe is not None:
+                true.append(drive.true(frame))
+        ates, placed = [], []
+        for part in ("before", "after"):
+            if part == "after":
+                site.solve()
+            robot = site.trajectory("drive")[1]
+            off = (fit_motion(robot, np.array(true)) @ robot)[:, :3, 3] - np.array(true)[:, :3, 3]
+            ates.append(float(np.sqrt((off**2).sum(axis=1).mean())))
+            sweeps = SolvedSweeps(site.content, site.file.cloud)
+            find = sweeps.stored if part == "before" else sweeps.cloud
+            poses = site.content.poses[:, None]
+            clouds = [find(number) for number in range(len(true))]
+            placed.append(
+                np.concatenate([move(p, c.points) for p, c in zip(poses, clouds, strict=True)])
+            )
+        stored = [site.file.cloud(number).points for number in range(len(true))]
+        stamps_ns = site.trajectory("drive")[0].tolist()
+    plain, world = 0, []
+    for data, stamp_ns in zip(stored, stamps_ns, strict=True):
+        cloud = unpack_cloud(data)
+        plain += len(pack_cloud(Cloud(cloud.points), 1e-3))
+        seconds = np.zeros(len(cloud)) if cloud.seconds is None else cloud.seconds
+        world.append(move(drive.true_at(stamp_ns, seconds) @ drive.mount, cloud.points))
+    true_points = np.concatenate(world)
+    _, numbers = np.unique(np.floor(true_points / PATCH_M), axis=0, return_inverse=True)
+    numbers = numbers.reshape(-1)
+    found = [
+        [spread(points[rows]) for points in placed]
+        for rows in np.split(np.argsort(numbers), np.cumsum(np.bincount(numbers))[:-1])
+        if len(rows) >= PATCH_POINTS and spread(true_points[rows]) < FLAT_M
+    ]
+    size = sum(map(len, stored))
+    return Surfaces(np.array(found), (ates[0], ates[1]), len(true), (size - plain, size))
+
+
+def move(poses: Floats, points: Points) -> Floats:
+    """Points, (N, 3), by a pose each, (N, 4, 4), or by one, (1, 4, 4)."""
+    moved: Floats = (poses[:, :3, :3] @ points[:, :, None].astype(np.float64))[..., 0]
+    return moved + poses[:, :3, 3]
 
 
 def spread(points: Floats) -> float:
-    """How far points, (N, 3), reach across their plane, 5 to 95 %; NaN if they are not flat."""
-    values, axes = np.linalg.eigh(np.cov(points.T))
-    if values[0] > PATCH_FLAT * values[1]:
-        return np.nan
-    return float(np.diff(np.percentile(points @ axes[:, 0], [5, 95]))[0])
+    """How far points, (N, 3), reach across their plane, 5 to 95 %."""
+    across = points @ np.linalg.eigh(np.cov(points.T))[1][:, 0]
+    return float(np.diff(np.percentile(across, [5, 95]))[0])
 
 
 def true_surfaces(seed: int) -> cKDTree:
@@ -357,15 +376,26 @@ def maps_table(seed: int) -> str:
     return table(MAPS, rows)
 
 
-def backwards_table(seed: int) -> str:
-    """Maps of one house, before and after clouds are undone anew."""
-    surfaces, rows = true_surfaces(seed), []
-    drives = [(MODES[2], turned) for turned in TURNED] + [(MODES[1], DRIFT.rotation_scale)]
+def backwards_table(seeds: Sequence[int]) -> str:
+    """Surfaces of maps, all houses together."""
+    rows = []
+    drives = [(MODES[1], DRIFT.rotation_scale), *((MODES[2], turned) for turned in TURNED)]
     with tempfile.TemporaryDirectory() as folder:
         for rate in RATES_HZ:
             for mode, turned in drives:
-                drive = Drive(seed, rate, mode, turned)
-                rows.append(compare_sweeps(drive, Path(folder), surfaces))
+                found = [
+                    compare_surfaces(Drive(n, rate, mode, turned), Path(folder)) for n in seeds
+                ]
+                thick = np.concatenate([each.thickness for each in found])
+                gained = thick[:, 0] - thick[:, 1]
+                times, size = np.sum([each.bytes for each in found], axis=0)
+                keyframes = sum(each.keyframes for each in found)
+                cells = [f"{rate:g}", mode, f"{turned:g}", str(keyframes), str(len(thick))]
+                cells += [f"{(gained > 0).mean():.3f}", str((gained < -THICKER_M).sum())]
+                cells += [f"{value:.3f}" for value in thick.mean(axis=0)]
+                cells += [f"{value:.3f}" for value in np.percentile(thick, 95, axis=0)]
+                cells += [f"{value:.3f}" for value in np.mean([each.ate for each in found], axis=0)]
+                rows.append([*cells, f"{times / keyframes:.0f}", f"{times / size:.3f}"])
     return table(BACKWARDS, rows)
 
 
@@ -394,7 +424,7 @@ def main() -> None:
         "sweeps": sweeps_table,
         "loops": lambda: loops_table(seeds),
         "maps": lambda: maps_table(seeds[0]),
-        "backwards": lambda: backwards_table(seeds[0]),
+        "backwards": lambda: backwards_table(seeds),
     }
     tables = {name: makes[name]() for name in arguments.parts}
     for name, text in tables.items():

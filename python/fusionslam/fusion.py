@@ -449,7 +449,7 @@ def _scan(frame: Frame) -> Cloud:
     if frame.points is None:
         message = f"frame {frame.number} has no scan{_suggest_source(frame)}"
         raise DataError(message, code="missing-sensor", fields=("points",))
-    seconds = frame.point_seconds if frame.deskew is None else frame.deskew.seconds
+    seconds = frame.point_seconds
     scan = Cloud(frame.points, frame.colors, frame.intensities, seconds)
     valid = drop_invalid(scan.points)
     if scan.colors is not None and np.shape(scan.colors) != (len(scan), 3):

@@ -3,7 +3,7 @@
 """Clouds of keyframes as a map's file holds them."""
 
 from collections.abc import Iterator, Mapping, MutableMapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,88 +15,55 @@ from fusionslam.mapping.map_file import MapFile, StoredCloud
 from fusionslam.registration import SearchImage
 from fusionslam.registration.clouds import pack_arrays, pack_points, unpack_points, unpacking
 from fusionslam.sensors.frame import Cloud
-from fusionslam.sensors.messages import Span
 
-_LONGEST_S = 1.0
-"""Of a scan; times that are farther from the stamp are of another clock."""
-_SHORTEST_S = 1e-6
+_LONGEST_S, _SHORTEST_S = 1.0, 1e-6
+"""Of a scan. Times farther from the stamp are of another clock."""
 _TICKS = 255
 
 
-class Sweep(NamedTuple):
-    """When a keyframe's points were measured, and what is undone of the motion meanwhile.
+def pack_cloud(cloud: Cloud, voxel: float) -> bytes:
+    """Compress one point, and colour, for each voxel; coordinates to 8 mm.
 
-    Attributes:
-        span: seconds from the stamp to the first and to the last point.
-        moved: float64 (2, 6), small motions of the cloud's frame from the stamp to these points,
-            which are undone in the cloud; None if the points are as measured.
-    """
-
-    span: Span
-    moved: Floats | None
-
-
-def pack_cloud(cloud: Cloud, voxel: float, sweep: Sweep | None = None) -> bytes:
-    """Compress one point, and colour, for each voxel; coordinates to 8 mm, times to 1/255 sweep.
-
-    Args:
-        cloud: in the frame of the keyframe.
-        voxel: metres.
-        sweep: of the cloud, if the times of its points are known.
+    Times of points, where they are known, are kept to 1/255 of the scan.
     """
     points, colors, first = voxel_downsample(cloud.points, cloud.colors, size=voxel)
     arrays: dict[str, NDArray[Any]] = {"points": pack_points(points)}
     if cloud.colors is not None:
         arrays["colors"] = colors
-    if sweep is not None and cloud.seconds is not None:
-        start, end = sweep.span
-        shares = ((cloud.seconds[first] - start) / (end - start)).clip(0, 1)
-        arrays |= {"ticks": np.rint(_TICKS * shares).astype(np.uint8), "span": np.array(sweep.span)}
-        if sweep.moved is not None:
-            arrays["undone"] = sweep.moved
+    if cloud.seconds is not None and len(points):
+        seconds = cloud.seconds[first]
+        start, end = float(seconds.min()), float(seconds.max())  # NaN fails the comparison
+        if end - start >= _SHORTEST_S and max(-start, end) <= _LONGEST_S:
+            ticks = np.rint(_TICKS * (seconds - start) / (end - start))
+            arrays |= {"ticks": ticks.astype(np.uint8), "span": np.array([start, end])}
     return pack_arrays(arrays)
 
 
-def unpack_cloud(packed: bytes) -> tuple[Cloud, Sweep | None]:
-    """Return what ``pack_cloud`` packed.
+def unpack_cloud(packed: bytes) -> Cloud:
+    """Return the cloud that ``pack_cloud`` packed.
 
     Raises:
         DataError: the bytes are damaged.
     """
     with unpacking(packed) as arrays:
-        cloud = Cloud(unpack_points(arrays["points"]), arrays.get("colors"))
-        if not arrays.keys() & {"ticks", "span", "undone"}:
-            return cloud, None
-        ticks, span = _read_ticks(arrays, len(cloud))
-        seconds: Floats = span[0] + (span[1] - span[0]) / _TICKS * ticks.astype(np.float64)
-        return Cloud(cloud.points, cloud.colors, seconds=seconds), Sweep(span, arrays.get("undone"))
+        points = unpack_points(arrays["points"])
+        return Cloud(points, arrays.get("colors"), seconds=_unpack_seconds(arrays, len(points)))
 
 
-def _read_ticks(arrays: Mapping[str, NDArray[Any]], count: int) -> tuple[NDArray[np.uint8], Span]:
-    """Check what is stored of a sweep; ValueError of what ``pack_cloud`` does not write."""
-    expected: dict[str, tuple[type, tuple[int, ...]]] = {
-        "ticks": (np.uint8, (count,)),
-        "span": (np.float64, (2,)),
-    }
-    if "undone" in arrays:
-        expected["undone"] = (np.float64, (2, 6))
-    for name, (dtype, shape) in expected.items():
-        if name not in arrays:
-            raise ValueError(f"times of its points lack {name}")
-        array = arrays[name]
-        if array.dtype != dtype or array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(
-                f"{name} is {array.dtype} {array.shape}, expected finite {np.dtype(dtype)} {shape}"
-            )
-    start, end = arrays["span"].tolist()
-    if not is_sweep((start, end)):
-        raise ValueError(f"a sweep from {start} to {end} s, expected at most a second")
-    return arrays["ticks"], (start, end)
-
-
-def is_sweep(span: Span) -> bool:
-    """Whether points of these times were measured one after another, about their stamp."""
-    return span[1] - span[0] >= _SHORTEST_S and max(-span[0], span[1]) <= _LONGEST_S
+def _unpack_seconds(arrays: Mapping[str, NDArray[Any]], count: int) -> Floats | None:
+    """Return float64 (N,), times of points; None without; ValueError of what is not stored so."""
+    ticks, span = arrays.get("ticks"), arrays.get("span")
+    if ticks is None and span is None:
+        return None
+    if ticks is None or ticks.dtype != np.uint8 or ticks.shape != (count,):
+        raise ValueError(f"ticks of {count} points: expected uint8 ({count},)")
+    if span is None or span.dtype != np.float64 or span.shape != (2,):
+        raise ValueError("the span of its ticks is missing: expected float64 (2,)")
+    start, end = span.tolist()
+    if not (end - start >= _SHORTEST_S and max(-start, end) <= _LONGEST_S):
+        raise ValueError(f"a scan from {start} to {end} s, expected a second at most")
+    seconds: Floats = start + (end - start) / _TICKS * ticks.astype(np.float64)
+    return seconds
 
 
 class FileClouds(MutableMapping[int, Kept]):

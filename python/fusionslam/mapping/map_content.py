@@ -118,7 +118,7 @@ class MapContent:
         return tuple(
             edge
             for edge in self.edges.values()
-            if edge.kind != "odometry" and not self._is_step(edge)
+            if edge.kind != "odometry" and not self.is_step(edge)
         )
 
     @property
@@ -203,7 +203,7 @@ class MapContent:
         for edge in self._graph.update().edges:
             self._take_state(edge)
         self._poses = None
-        loops = [edge for edge in edges if edge.kind != "odometry" and not self._is_step(edge)]
+        loops = [edge for edge in edges if edge.kind != "odometry" and not self.is_step(edge)]
         self._has_new_loops |= bool(loops)
         self._crossing += sum(self._is_across(edge) for edge in loops)
         has_grown = self._has_new_loops and len(self) >= _GROWTH * self._solved
@@ -273,7 +273,8 @@ class MapContent:
         if edge.kind == "odometry":
             self.stretches[edge.b] = self.stretches[edge.a]
 
-    def _is_step(self, edge: Edge) -> bool:
+    def is_step(self, edge: Edge) -> bool:
+        """Whether an edge measures the way from one keyframe to the next."""
         is_next = self.row[edge.b] - self.row[edge.a] == 1
         return is_next and self.stretches[edge.a] == self.stretches[edge.b]
 
@@ -287,7 +288,7 @@ class MapContent:
         measured = {
             edge.b: edge
             for edge in self.edges.values()
-            if edge.kind != "odometry" and edge.state != "refused" and self._is_step(edge)
+            if edge.kind != "odometry" and edge.state != "refused" and self.is_step(edge)
         }
         for keyframe in self.keyframes[self._solved :]:
             step = before.get(keyframe.id)

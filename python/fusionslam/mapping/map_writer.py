@@ -12,20 +12,20 @@ import numpy as np
 from fusionslam.base.arrays import Matrix
 from fusionslam.base.machine import release_memory
 from fusionslam.errors import DataError, ShapeError
-from fusionslam.fusion import frame_from_points, fuse
+from fusionslam.fusion import fuse
 from fusionslam.geometry.keyframes import is_keyframe
-from fusionslam.geometry.se3 import adjoint, inverse, log
+from fusionslam.geometry.se3 import inverse, log
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
-from fusionslam.mapping.clouds import FileClouds, Sweep, is_sweep, pack_cloud
+from fusionslam.mapping.clouds import FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
 from fusionslam.mapping.edge import CHI2_999, Edge, check_pose
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.registration import PreparedCloud, Refusal, register
-from fusionslam.sensors.frame import Cloud, Frame
+from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.scan_motion import ScanMotion
 
 _RELEASE = 10
@@ -140,23 +140,11 @@ class MapWriter:
             scan.moved = seen.cloud.moved
         self._scans = self._scans[1], scan
         seen = replace(seen, span=None)
-        shown = fuse(frame, self.settings.fusion)
-        cloud = pack_cloud(shown, self.settings.map.voxel, self._sweep_of(frame, shown))
+        cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
         step = self._add_keyframe(frame, seen, cloud, mount)
         self.is_torn = False
         return step if step.why is not None else step._replace(why=back)
-
-    def _sweep_of(self, frame: Frame, cloud: Cloud) -> Sweep | None:
-        """When a frame's cloud was measured, in the cloud's frame; None if that is not known."""
-        seconds = cloud.seconds
-        if seconds is None or not len(seconds) or not np.isfinite(seconds).all():
-            return None
-        moved, span = None, (float(seconds.min()), float(seconds.max()))
-        if frame.deskew is not None:
-            carry = adjoint(frame_from_points(frame, self.settings.fusion.frame))
-            moved, span = frame.deskew.moved @ carry.T, frame.deskew.span
-        return Sweep(span, moved) if is_sweep(span) else None
 
     def _add_keyframe(
         self, frame: Frame, seen: Observation, cloud: bytes, mount: Matrix

@@ -52,7 +52,7 @@ from fusionslam.mapping.map_merging import (
 )
 from fusionslam.mapping.map_settings import MapSettings, check_session_name
 from fusionslam.mapping.map_writer import MapStep, MapWriter
-from fusionslam.mapping.sweeps import SolvedSweeps
+from fusionslam.mapping.sweeps import SolvedSweeps, measure_anew
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import ScanMotion
@@ -579,11 +579,22 @@ class PlaceMap:
     def solve(self) -> None:
         """Solve the graph of the map anew and store the poses, as at the end of a drive.
 
-        ``add`` solves it from time to time only. In between, loops move the newest poses.
+        ``add`` solves it from time to time only. In between, loops move the newest poses. Where
+        times of points are known, but motion within scans was not undone, it is undone along the
+        solved path, loops and steps are measured anew by these clouds, and it is solved once more.
         """
         self._check_writable()
         self.content.is_live = False
         self._settle()
+        anew = measure_anew(self.content, self.settings, self.file.cloud)
+        if anew:
+            motion = self._writer.motion
+            with self.file.transaction():
+                for edge in anew:
+                    self.file.store_edge(edge)
+            self._load()
+            self._writer.motion = motion
+            self._settle()
 
     def _settle(self) -> None:
         """Store the poses that all edges ask for."""
@@ -601,7 +612,7 @@ class PlaceMap:
         """Poses, clouds and ground levels of the part of the map that began first."""
         numbers = self.content.first_part()
         read = lru_cache(4)(self.file.cloud)
-        sweeps = SolvedSweeps(self.content, self.settings.map, read)
+        sweeps = SolvedSweeps(self.content, read)
         for number, pose in zip(numbers, self.content.poses_of(numbers), strict=True):
             yield pose, sweeps.cloud(number), read(number).ground_level
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Motion within the scans of keyframes, undone anew along the solved path."""
+"""Motion within the scans of keyframes, undone along the solved path where it was not before."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,47 +10,51 @@ import numpy as np
 
 from fusionslam._core import deskew
 from fusionslam.base.arrays import Floats, Integers, Mask
-from fusionslam.geometry.se3 import adjoint, exp, inverse, log
-from fusionslam.mapping.clouds import Sweep, unpack_cloud
-from fusionslam.mapping.config import DriftModel, MapConfig, odometry_covariance
+from fusionslam.geometry.se3 import exp, inverse, log
+from fusionslam.loop_closure.observation import fusion_of_scans
+from fusionslam.mapping.clouds import unpack_cloud
+from fusionslam.mapping.config import step_covariance
+from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import StoredCloud
+from fusionslam.mapping.map_settings import MapSettings
+from fusionslam.registration import PreparedCloud, register
 from fusionslam.sensors.frame import Cloud
 
 _POSES = 65
-"""Along a sweep, at even steps of time."""
+"""Along a scan, at even steps of time."""
 _NEAR_S = 1.0
 """Between keyframes farther apart in time a robot may have turned and stopped."""
 _LEAST_M = 1 / 256
-"""Half a step of the stored coordinates: corrections that move no point farther are left."""
+"""Half a step of the stored coordinates: motions that move no point farther are left."""
 _PATCH_M = 0.4
 _FEWEST = 10
 """Points of a patch."""
 _FLAT = 0.1
 """Variance across a surface, of the lesser one along it."""
+_READY = 64
+"""Clouds that are kept prepared for registration."""
 
 
 class SolvedSweeps:
-    """Clouds of keyframes as the solved poses say that their sensor moved, where that is better.
+    """Clouds of keyframes, motion within their scans undone along the solved path.
 
+    Those are left alone whose motion was undone before they were added, or whose points have no
+    times; and those whose surfaces would get thicker, as where a driver had undone the motion.
     Nothing that was measured is rewritten: clouds are corrected whenever they are read.
 
     Args:
         content: keyframes and poses.
-        config: how far odometry is trusted.
         read: clouds of a keyframe by its number.
     """
 
-    def __init__(
-        self, content: MapContent, config: MapConfig, read: Callable[[int], StoredCloud]
-    ) -> None:
-        self._content, self._config, self._read = content, config, read
-        self._drift = DriftModel(**config.drift.model_dump())
+    def __init__(self, content: MapContent, read: Callable[[int], StoredCloud]) -> None:
+        self._content, self._read = content, read
         self._numbers, self._poses = content.numbers.tolist(), content.poses
         self._versions = lru_cache(4)(self._make_versions)
 
     def cloud(self, number: int) -> Cloud:
-        """Return the cloud of a keyframe, its motion undone anew if that makes surfaces thinner.
+        """Return the cloud of a keyframe, its motion undone if that makes surfaces thinner.
 
         Those are the surfaces that it shows together with the keyframes before and after it.
 
@@ -70,53 +74,26 @@ class SolvedSweeps:
         before, after = map(np.concatenate, placed)
         return corrected if is_thinner(before, after) else stored
 
+    def stored(self, number: int) -> Cloud:
+        """Return the cloud of a keyframe as it was added."""
+        return self._versions(number)[0]
+
     def _make_versions(self, number: int) -> tuple[Cloud, Cloud]:
         """The cloud as it is stored, and corrected; the same object if there is nothing to."""
-        cloud, sweep = unpack_cloud(self._read(number).points)
-        if sweep is None or not len(cloud):
+        cloud = unpack_cloud(self._read(number).points)
+        if cloud.seconds is None:
             return cloud, cloud
-        assert cloud.seconds is not None
-        times = np.linspace(*sweep.span, _POSES)
-        find = self._motion if sweep.moved is None else self._remaining
-        motions = find(number, times, sweep)
+        span = float(cloud.seconds.min()), float(cloud.seconds.max())
+        motions = self._motions(number, np.linspace(*span, _POSES))
         if motions is None:
             return cloud, cloud
-        # Registration found the keyframe's pose by the stored points, and fits their middle.
-        middle = [np.interp(cloud.seconds.mean(), times, column) for column in motions.T]
-        poses = inverse(exp(np.array(middle))) @ exp(motions)
-        points = deskew(cloud.points, cloud.seconds, poses, sweep.span)
+        points = deskew(cloud.points, cloud.seconds, exp(motions), span)
         if np.abs(points - cloud.points).max() < _LEAST_M:
             return cloud, cloud
         return cloud, replace(cloud, points=points)
 
-    def _remaining(self, number: int, times: Floats, sweep: Sweep) -> Floats | None:
-        """What is left of a motion that was undone by odometry, (K, 6), as small motions.
-
-        Odometry's error over the step to the next keyframe (or the one before, for points before
-        the stamp), which the solution tells, is shared between the sweep and the rest of the step
-        as its covariances are: the mean of the one error, given the sum of both.
-        """
-        assert sweep.moved is not None
-        motions = np.zeros((len(times), 6))
-        for side, end, moved in zip((-1, 1), sweep.span, sweep.moved, strict=True):
-            other = self._neighbor(number, side)
-            if other is None or side * end <= 0:
-                continue
-            odometry = self._content.odometry
-            driven = inverse(odometry[number]) @ odometry[other]
-            error = log(inverse(driven) @ self._step(number, other))
-            swept = exp(moved)
-            rest = inverse(swept) @ driven
-            carry = adjoint(inverse(rest))
-            own = self._drift.covariance(swept) @ carry.T
-            whole = carry @ own + odometry_covariance(rest, self._config)
-            solved = swept @ exp(own @ np.linalg.solve(whole, error))
-            shares = np.clip(times / end, 0, None)
-            motions += np.outer(shares, log(solved @ inverse(swept)))
-        return motions
-
-    def _motion(self, number: int, times: Floats, sweep: Sweep) -> Floats | None:
-        """The motion along the solved path, (K, 6), of a cloud that is as measured.
+    def _motions(self, number: int, times: Floats) -> Floats | None:
+        """Small motions, (K, 6), from a keyframe's stamp to times after it; None if unknown.
 
         The path goes through the keyframes before and after, as a parabola where both are near in
         time.
@@ -129,14 +106,15 @@ class SolvedSweeps:
             if other is None:
                 continue
             seconds = (keyframes[row[other]].stamp_ns - stamp_ns) / 1e9
-            if 0 < side * seconds <= _NEAR_S and stamp_ns:
+            if 0 < side * seconds <= _NEAR_S:
                 known.append((seconds, log(self._step(number, other))))
         if not known:
             return None
-        powers = np.array([[at**k for k in range(1, len(known) + 1)] for at, _ in known])
+        degrees = np.arange(1, len(known) + 1)
+        powers = np.array([at**degrees for at, _ in known])
         rates = np.linalg.solve(powers, np.array([moved for _, moved in known]))
-        found: Floats = np.stack([times**k for k in range(1, len(known) + 1)], axis=1) @ rates
-        return found
+        motions: Floats = times[:, None] ** degrees @ rates
+        return motions
 
     def _neighbor(self, number: int, side: int) -> int | None:
         """The keyframe so many before or after one, if odometry connects them; else None."""
@@ -152,6 +130,49 @@ class SolvedSweeps:
         here, there = (self._poses[self._content.row[each]] for each in (number, other))
         step: Floats = inverse(here) @ there
         return step
+
+
+def measure_anew(
+    content: MapContent, settings: MapSettings, read: Callable[[int], StoredCloud]
+) -> list[Edge]:
+    """Return loops and steps as clouds measure them whose motion is undone along the solved path.
+
+    Those of clouds that stay as they are stored are left out, and so are those that clouds no
+    longer prove.
+
+    Args:
+        content: solved.
+        settings: of the map. Where coloured clouds are a part of the scans that are registered,
+            or range images are, nothing is measured anew.
+        read: clouds of a keyframe by its number.
+    """
+    registration = settings.registration
+    is_whole = fusion_of_scans(settings.fusion, registration) == settings.fusion
+    if registration.method == "planar" or not is_whole:
+        return []
+    sweeps = SolvedSweeps(content, read)
+
+    @lru_cache(_READY)
+    def prepare(number: int) -> tuple[PreparedCloud, bool]:
+        cloud = sweeps.cloud(number)
+        return PreparedCloud(cloud, registration), cloud is not sweeps.stored(number)
+
+    anew = []
+    for edge in content.edges.values():
+        if edge.kind == "odometry" or content.part(edge.a) != content.part(edge.b):
+            continue
+        (a, has_moved), (b, has_b_moved) = prepare(edge.a), prepare(edge.b)
+        if not (has_moved or has_b_moved):
+            continue
+        guess = inverse(content.pose(edge.a)) @ content.pose(edge.b)
+        found = register(b, a, guess, search=False)
+        if found.target_from_source is None or found.covariance is None:
+            continue
+        covariance = found.covariance
+        if content.is_step(edge):
+            covariance = step_covariance(covariance, registration, settings.map)
+        anew.append(replace(edge, pose=found.target_from_source, covariance=covariance))
+    return anew
 
 
 def is_thinner(before: Floats, after: Floats) -> bool:

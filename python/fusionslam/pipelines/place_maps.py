@@ -360,7 +360,7 @@ def _warn_of_optical(site: PlaceMap) -> None:
     known = site.content.keyframes
     rows = np.linspace(0, len(known) - 1, min(len(known), _MOST_COMPARED)).astype(int)
     seen = [known[row] for row in rows if np.array_equal(known[row].robot_from_cloud, np.eye(4))]
-    clouds = (unpack_cloud(site.file.cloud(each.id).points)[0].points for each in seen)
+    clouds = (unpack_cloud(site.file.cloud(each.id).points).points for each in seen)
     count = sum(map(looks_along_z, clouds))
     if count > len(rows) / 2:
         logger.warning(

@@ -71,7 +71,7 @@ def motion_within(
             raise
         failure = error
     if moved is not None and frames.odometry_step(stamps_ns) <= _SLOW_S:
-        return Deskew("odometry", scan.span, moved, scan.point_seconds)
+        return Deskew("odometry", scan.span, moved)
     newest = frames.imu.newest
     if moved is not None and newest is not None and stamps_ns.max() - newest > _SILENT_NS:
         late = True  # it would hold up what odometry tells
@@ -79,13 +79,13 @@ def motion_within(
     if turned is not None and moved is not None:
         turned[:, :3, 3] = moved[:, :3, 3]
         if _contradict(turned, moved, frames):
-            return Deskew("odometry", scan.span, moved, scan.point_seconds)
-        return Deskew("imu and odometry", scan.span, turned, scan.point_seconds)
+            return Deskew("odometry", scan.span, moved)
+        return Deskew("imu and odometry", scan.span, turned)
     if turned is not None:
-        return Deskew("imu", scan.span, turned, scan.point_seconds)
+        return Deskew("imu", scan.span, turned)
     if failure is not None:
         raise failure
-    return None if moved is None else Deskew("odometry", scan.span, moved, scan.point_seconds)
+    return None if moved is None else Deskew("odometry", scan.span, moved)
 
 
 def _turn(scan: Scan, frames: RobotFrames, stamps_ns: Integers, late: bool) -> Floats | None:

@@ -73,8 +73,8 @@ class Cloud:
         points: float32 (N, 3), metres.
         colors: uint8 (N, 3) RGB, or None.
         intensities: float32 (N,), of the returns, in the scanner's own unit; or None.
-        seconds: float64 (N,), when each point was measured, after the frame's stamp, whether the
-            motion meanwhile was undone or not; or None.
+        seconds: float64 (N,), when each point was measured, after the frame's stamp; None if that
+            is not known, or the motion meanwhile was undone.
     """
 
     points: NDArray[np.float32]

@@ -4,7 +4,6 @@
 
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -95,8 +94,6 @@ def _returns_of(scan: Scan, motion: Deskew | None) -> dict[str, Any]:
     if not scan.returned.all():
         kept = scan.returned
         values = {name: None if each is None else each[kept] for name, each in values.items()}
-        if motion is not None and motion.seconds is not None:
-            motion = replace(motion, seconds=motion.seconds[kept])
     return {**values, "deskew": motion}
 
 

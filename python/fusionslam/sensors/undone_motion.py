@@ -22,14 +22,11 @@ class Deskew:
         span: seconds from the scan's stamp to the first and to the last point.
         poses: float64 (K, 4, 4), stamp_from_then, at even steps of time from the first point to the
             last.
-        seconds: float64 (N,), after the stamp, when each point of the frame was measured; None if
-            only the span is known.
     """
 
     source: Literal["odometry", "imu", "imu and odometry"]
     span: tuple[float, float]
     poses: Floats
-    seconds: Floats | None = None
 
     def undo(self, points: Points, seconds: Floats) -> Points:
         """Return points as the scanner would have seen them at the stamp.
