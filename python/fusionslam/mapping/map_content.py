@@ -224,6 +224,16 @@ class MapContent:
         self._solved = len(self)
         self._asked = self._crossing = sum(self._is_across(edge) for edge in self.edges.values())
 
+    def take(self, measured: Iterable[Edge]) -> None:
+        """Take edges, by their numbers, as they were measured anew, and solve the graph."""
+        self.unsaved |= {edge.number: edge for edge in measured}
+        self._graph, self._graph_numbers = PoseGraph(), []
+        for keyframe in self.keyframes:
+            self._graph.add_node(keyframe.robot_from_cloud)
+        for edge in (self.edges | self.unsaved).values():
+            self._add_edge(edge)
+        self.solve()
+
     def solve_new_loops(self) -> bool:
         """Solve the graph if loops came since its last solution; return whether they did.
 

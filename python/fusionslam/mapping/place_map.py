@@ -28,7 +28,7 @@ from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
-from fusionslam.mapping.clouds import FileClouds, unpack_cloud
+from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.edge import Edge, check_pose
 from fusionslam.mapping.grids import (
@@ -486,16 +486,6 @@ class PlaceMap:
         """
         return np.array([each.id for each in self._keyframes_of(session)], np.int64)
 
-    @_one_at_a_time
-    def warn_of_turns(self) -> None:
-        """Log how far the robot turned within the scans of keyframes, if that is known."""
-        motion = ScanMotion()
-        for number in self.content.numbers.tolist():
-            moved = self.detector.stored_frame(number).unpack().moved
-            if moved is not None:
-                motion.note(moved)
-        motion.warn(str(self.file.path))
-
     @property
     def path(self) -> Path:
         """Of the file."""
@@ -529,7 +519,9 @@ class PlaceMap:
         problems = self.file.check()
         for keyframe in self.content.keyframes:
             try:
-                unpack_cloud(self.file.cloud(keyframe.id).points)
+                stored = self.file.cloud(keyframe.id).points
+                unpack_cloud(stored)
+                unpack_driven(stored)
                 self._kept[keyframe.id].packed()
             except DataError as error:
                 if error.code == "changed":
@@ -588,13 +580,9 @@ class PlaceMap:
         self._settle()
         anew = measure_anew(self.content, self.settings, self.file.cloud)
         if anew:
-            motion = self._writer.motion
-            with self.file.transaction():
-                for edge in anew:
-                    self.file.store_edge(edge)
-            self._load()
-            self._writer.motion = motion
+            self.content.take(anew)
             self._settle()
+            self._writer.motion.turned.clear()  # nothing is left to warn of
 
     def _settle(self) -> None:
         """Store the poses that all edges ask for."""

@@ -12,7 +12,7 @@ from fusionslam._core import deskew
 from fusionslam.base.arrays import Floats, Integers, Mask
 from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.loop_closure.observation import fusion_of_scans
-from fusionslam.mapping.clouds import unpack_cloud
+from fusionslam.mapping.clouds import unpack_cloud, unpack_driven
 from fusionslam.mapping.config import step_covariance
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
@@ -23,8 +23,10 @@ from fusionslam.sensors.frame import Cloud
 
 _POSES = 65
 """Along a scan, at even steps of time."""
+_KNOTS = 3
+"""Poses of the path before a scan, and after its stamp, that tell how the robot moved."""
 _NEAR_S = 1.0
-"""Between keyframes farther apart in time a robot may have turned and stopped."""
+"""Between poses farther apart in time a robot may have turned and stopped."""
 _LEAST_M = 1 / 256
 """Half a step of the stored coordinates: motions that move no point farther are left."""
 _PATCH_M = 0.4
@@ -95,26 +97,50 @@ class SolvedSweeps:
     def _motions(self, number: int, times: Floats) -> Floats | None:
         """Small motions, (K, 6), from a keyframe's stamp to times after it; None if unknown.
 
-        The path goes through the keyframes before and after, as a parabola where both are near in
-        time.
+        A cubic spline goes through the nearest poses of the path before and after.
         """
-        keyframes, row = self._content.keyframes, self._content.row
-        stamp_ns = keyframes[row[number]].stamp_ns
-        known: list[tuple[float, Floats]] = []
-        for side in (-1, 1):
-            other = self._neighbor(number, side)
-            if other is None:
-                continue
-            seconds = (keyframes[row[other]].stamp_ns - stamp_ns) / 1e9
-            if 0 < side * seconds <= _NEAR_S:
-                known.append((seconds, log(self._step(number, other))))
-        if not known:
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        before, after = self._path(number, -1)[-_KNOTS:], self._path(number, 1)[:_KNOTS]
+        if not (before and after):  # no curve beyond the end of the path
+            before, after = before[-1:], after[:1]
+        if not (before or after):
             return None
-        degrees = np.arange(1, len(known) + 1)
-        powers = np.array([at**degrees for at, _ in known])
-        rates = np.linalg.solve(powers, np.array([moved for _, moved in known]))
-        motions: Floats = times[:, None] ** degrees @ rates
+        knots = [*before, (0.0, np.zeros(6)), *after]
+        motions: Floats = CubicSpline(*map(np.array, zip(*knots, strict=True)))(times)
         return motions
+
+    def _path(self, number: int, side: int) -> list[tuple[float, Floats]]:
+        """The solved path from a keyframe to the one before or after, as far as it is near in time.
+
+        Odometry tells the poses of frames in between. What the solved step differs from it is
+        shared out evenly in time.
+
+        Returns:
+            Seconds after the keyframe's stamp, ascending, and small motions from there, (6,).
+        """
+        other = self._neighbor(number, side)
+        if other is None:
+            return []
+        first, last = sorted((number, other))
+        keyframes, row = self._content.keyframes, self._content.row
+        odometry = self._content.odometry
+        length = (keyframes[row[last]].stamp_ns - keyframes[row[first]].stamp_ns) / 1e9
+        if length <= 0:
+            return []
+        driven = unpack_driven(self._read(last).points)
+        driven = driven[driven[:, 0] > -length]
+        seconds, step = length + driven[:, 0], self._step(first, last)
+        odometer = inverse(odometry[first]) @ odometry[last]
+        error = log(inverse(odometer) @ step)
+        poses = odometer @ exp(driven[:, 1:]) @ exp(np.outer(seconds / length, error))
+        if number == first:
+            seconds, poses = np.append(seconds, length), np.concatenate([poses, step[None]])
+        else:
+            seconds = np.append(-length, seconds - length)
+            poses = inverse(step) @ np.concatenate([np.eye(4)[None], poses])
+        near = np.abs(seconds) <= _NEAR_S
+        return list(zip(seconds[near].tolist(), log(poses[near]), strict=True))
 
     def _neighbor(self, number: int, side: int) -> int | None:
         """The keyframe so many before or after one, if odometry connects them; else None."""
