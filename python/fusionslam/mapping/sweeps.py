@@ -4,7 +4,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -29,6 +29,8 @@ _NEAR_S = 1.0
 """Between poses farther apart in time a robot may have turned and stopped."""
 _LEAST_M = 1 / 256
 """Half a step of the stored coordinates: motions that move no point farther are left."""
+_ASKED = 20
+"""Keyframes of a stretch that tell whether its surfaces get thinner."""
 _PATCH_M = 0.4
 _FEWEST = 10
 """Points of a patch."""
@@ -42,7 +44,8 @@ class SolvedSweeps:
     """Clouds of keyframes, motion within their scans undone along the solved path.
 
     Those are left alone whose motion was undone before they were added, or whose points have no
-    times; and those whose surfaces would get thicker, as where a driver had undone the motion.
+    times; and those of a stretch of odometry whose surfaces would get thicker, as where a driver
+    had undone the motion.
     Nothing that was measured is rewritten: clouds are corrected whenever they are read.
 
     Args:
@@ -54,18 +57,26 @@ class SolvedSweeps:
         self._content, self._read = content, read
         self._numbers, self._poses = content.numbers.tolist(), content.poses
         self._versions = lru_cache(4)(self._make_versions)
+        self._is_bent = cache(self._find_bent)
 
     def cloud(self, number: int) -> Cloud:
         """Return the cloud of a keyframe, its motion undone if that makes surfaces thinner.
 
-        Those are the surfaces that it shows together with the keyframes before and after it.
-
         Raises:
             DataError: a stored cloud is damaged.
         """
-        stored, corrected = self._versions(number)
-        if corrected is stored:
-            return stored
+        is_bent = self._is_bent(self._content.stretches[number])
+        return self._versions(number)[is_bent]
+
+    def _find_bent(self, stretch: int) -> bool:
+        """Whether surfaces of a stretch get thinner, by some of its keyframes."""
+        stretches = self._content.stretches
+        numbers = [number for number in self._numbers if stretches[number] == stretch]
+        rows = np.unique(np.linspace(0, len(numbers) - 1, _ASKED).astype(int))
+        return sum(self._thickening(numbers[row]) for row in rows) < 0
+
+    def _thickening(self, number: int) -> float:
+        """How much thicker surfaces get that a keyframe, the one before and the one after show."""
         placed: list[list[Floats]] = [[], []]
         for other in (self._neighbor(number, side) for side in (-1, 0, 1)):
             if other is None:
@@ -74,7 +85,7 @@ class SolvedSweeps:
             for rows, cloud in zip(placed, self._versions(other), strict=True):
                 rows.append(cloud.points @ pose[:3, :3].T + pose[:3, 3])
         before, after = map(np.concatenate, placed)
-        return corrected if is_thinner(before, after) else stored
+        return thickening(before, after)
 
     def stored(self, number: int) -> Cloud:
         """Return the cloud of a keyframe as it was added."""
@@ -201,16 +212,16 @@ def measure_anew(
     return anew
 
 
-def is_thinner(before: Floats, after: Floats) -> bool:
-    """Whether surfaces of points, float64 (N, 3), get thinner on average as they move elsewhere.
+def thickening(before: Floats, after: Floats) -> float:
+    """How much thicker surfaces of points, float64 (N, 3), get as these move elsewhere.
 
-    Points that were in one cube before stay together; cubes with a flat surface, before or after,
+    The sum over points of what their patches gain in standard deviation, metres. Points that were in one cube before stay together; cubes with a flat surface, before or after,
     count by their points.
     """
     patches, counts = patches_of(before)
     thick, is_flat = zip(*(thickness(points, patches) for points in (before, after)), strict=True)
     counted = (is_flat[0] | is_flat[1]) & (counts >= _FEWEST)
-    return bool((thick[1] - thick[0])[counted] @ counts[counted] < 0)
+    return float((thick[1] - thick[0])[counted] @ counts[counted])
 
 
 def patches_of(points: Floats) -> tuple[Integers, Integers]:
