@@ -3,12 +3,14 @@
 """What a map contains, but for clouds and vectors: sessions, keyframes, edges, and poses."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fusionslam.base.arrays import Floats, Integers, Matrix
+from fusionslam.base.texts import counted
 from fusionslam.errors import ConfigError
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
@@ -137,6 +139,23 @@ class MapContent:
             Session(name, len(parts[number]), tuple(sorted(set(parts[number]))))
             for name, number in self.sessions.items()
         )
+
+    def describe(self, size: int) -> str:
+        """Say what is in a map whose file has this size in bytes, a line for each session."""
+        loops = self.loops
+        count = Counter(each.state for each in loops)
+        lines = [
+            f"{each.name}: {counted(each.keyframes, 'keyframe')}"
+            + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
+            for each in self.list_sessions()
+        ]
+        lines.append(
+            f"{counted(len(self), 'keyframe')} in {counted(len(set(self.parts)), 'part')}, "
+            f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
+            f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
+            f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
+        )
+        return "\n".join(lines)
 
     def find_session(self, name: str) -> int:
         """Return the number of a session.

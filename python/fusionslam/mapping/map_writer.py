@@ -4,12 +4,13 @@
 
 import logging
 from collections import ChainMap
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from fusionslam.base.arrays import Matrix
+from fusionslam.base.arrays import Floats32, Integers, Matrix
 from fusionslam.base.machine import release_memory
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse
@@ -305,6 +306,34 @@ class MapWriter:
             distance = 4 * self._detector.registration_config.voxel
         step = np.linalg.inv(_odom_from_robot(last)) @ robot
         return is_keyframe(step, distance, self.settings.map.keyframe_turn)
+
+
+def resume_detector(
+    settings: MapSettings,
+    file: MapFile,
+    content: MapContent,
+    kept: FileClouds,
+    vectors: Mapping[str, tuple[Integers, Floats32]],
+) -> LoopDetector:
+    """Return a detector that has the keyframes of a map.
+
+    Raises:
+        DataError: keyframes lack vectors (code "damaged").
+    """
+    detector = settings.new_detector()
+    numbers = content.numbers
+    for name in {detector.descriptor, *vectors}:
+        known = vectors[name][0] if name in vectors else numbers[:0]
+        if not np.array_equal(known, numbers):
+            raise DataError(
+                f"{file.path} is damaged: vectors of {name} of {len(known)} keyframes of "
+                f"{len(numbers)}",
+                code="damaged",
+                fields=(str(file.path),),
+            )
+    stamps = np.array([each.stamp_ns for each in content.keyframes], np.int64)
+    detector.resume(kept, {n: rows for n, (_, rows) in vectors.items()}, numbers, stamps)
+    return detector
 
 
 def _odom_from_robot(keyframe: StoredKeyframe) -> Matrix:

@@ -5,7 +5,7 @@
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache, wraps
@@ -16,17 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.argument_types import checked
-from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.base.files import PathLike
 from fusionslam.base.progress import Progress
-from fusionslam.base.texts import counted
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
 from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
 from fusionslam.mapping.config import MapConfig
@@ -51,7 +49,7 @@ from fusionslam.mapping.map_merging import (
     vectors_as_of,
 )
 from fusionslam.mapping.map_settings import MapSettings, check_session_name
-from fusionslam.mapping.map_writer import MapStep, MapWriter
+from fusionslam.mapping.map_writer import MapStep, MapWriter, resume_detector
 from fusionslam.mapping.sweeps import SolvedSweeps, measure_anew
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
@@ -59,7 +57,6 @@ from fusionslam.sensors.scan_motion import ScanMotion
 
 logger = logging.getLogger(__name__)
 
-_STATES = ("believed", "refused", "pending")
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -250,22 +247,7 @@ class PlaceMap:
     @_one_at_a_time
     def describe(self) -> str:
         """Say what is in the map, a line for each session."""
-        loops = self.loops
-        count = {state: sum(each.state == state for each in loops) for state in _STATES}
-        size = self.file.path.stat().st_size
-        lines = [
-            f"{each.name}: {counted(each.keyframes, 'keyframe')}"
-            + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
-            for each in self.sessions
-        ]
-        parts = len(set(self.content.parts))
-        lines.append(
-            f"{counted(len(self), 'keyframe')} in {counted(parts, 'part')}, "
-            f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
-            f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
-            f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
-        )
-        return "\n".join(lines)
+        return self.content.describe(self.file.path.stat().st_size)
 
     @_one_at_a_time
     def check_recording(self, name: str) -> None:
@@ -544,28 +526,10 @@ class PlaceMap:
         self._kept = FileClouds(file, self.content.odometry)
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():
-            self.detector = self._new_detector(settings, vectors)
+            self.detector = resume_detector(settings, file, self.content, self._kept, vectors)
         parts = file, self.content, self.detector, self._kept
         self._writer = MapWriter(self._session_name, settings, *parts)
         self._localizer = Localizer(self.content, self.detector.stored_frame, settings.loops)
-
-    def _new_detector(
-        self, settings: MapSettings, vectors: Mapping[str, tuple[Integers, Floats32]]
-    ) -> LoopDetector:
-        detector = settings.new_detector()
-        numbers = self.content.numbers
-        for name in {detector.descriptor, *vectors}:
-            known = vectors[name][0] if name in vectors else numbers[:0]
-            if not np.array_equal(known, numbers):
-                raise DataError(
-                    f"{self.file.path} is damaged: vectors of {name} of {len(known)} keyframes "
-                    f"of {len(numbers)}",
-                    code="damaged",
-                    fields=(str(self.file.path),),
-                )
-        stamps = np.array([each.stamp_ns for each in self.content.keyframes], np.int64)
-        detector.resume(self._kept, {n: rows for n, (_, rows) in vectors.items()}, numbers, stamps)
-        return detector
 
     @_one_at_a_time
     def solve(self) -> None:

@@ -215,8 +215,8 @@ def measure_anew(
 def thickening(before: Floats, after: Floats) -> float:
     """How much thicker surfaces of points, float64 (N, 3), get as these move elsewhere.
 
-    The sum over points of what their patches gain in standard deviation, metres. Points that were in one cube before stay together; cubes with a flat surface, before or after,
-    count by their points.
+    The sum over points of what their patches gain in standard deviation, metres. Points that were
+    in one cube before stay together; cubes with a flat surface, before or after, count.
     """
     patches, counts = patches_of(before)
     thick, is_flat = zip(*(thickness(points, patches) for points in (before, after)), strict=True)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from error_codes import has_code
 from fusionslam import Cloud, DataError
-from fusionslam.geometry.se3 import exp, inverse, motion_size
-from fusionslam.mapping.clouds import pack_cloud, unpack_cloud
+from fusionslam.geometry.se3 import exp, inverse, log, motion_size
+from fusionslam.mapping.clouds import pack_cloud, unpack_cloud, unpack_driven
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import StoredCloud, StoredKeyframe
@@ -140,6 +140,13 @@ def test_times_of_points_come_back_to_half_a_tick() -> None:
     np.testing.assert_allclose(packed.seconds, shifted.seconds, atol=0.51 * SWEEP_S / 255)
 
 
+def test_the_time_of_a_voxel_is_the_mean_of_its_points() -> None:
+    points = np.array([[1, 0, 0], [1.02, 0, 0], [3, 0, 0]], np.float32)
+    packed = pack_cloud(Cloud(points, seconds=np.array([0.0, 0.08, 0.1])), 0.1)
+    seconds = unpack_cloud(packed).seconds
+    np.testing.assert_allclose(seconds, [0.04, 0.1], atol=0.1 / 255)
+
+
 @rows("seconds", [np.nan, 1.6e9, 0.0])
 def test_times_that_are_of_no_sweep_are_not_kept(seconds: float) -> None:
     cloud = seen(0)
@@ -172,6 +179,53 @@ def test_damaged_times_are_refused(name: str, value: Any) -> None:
         arrays[name] = value
     with pytest.raises(DataError, check=has_code("damaged")):
         unpack_cloud(pack_arrays(arrays))
+
+
+@rows(
+    "driven",
+    [
+        np.zeros(7),
+        np.zeros((1, 6)),
+        np.zeros((1, 7)),
+        np.zeros((1, 7), np.float32),
+        np.full((1, 7), np.nan),
+        np.array([[-0.1] * 7, [-0.2] * 7]),
+    ],
+)
+def test_damaged_odometry_of_frames_is_refused(driven: Any) -> None:
+    arrays = {"points": np.zeros((3, 3), np.int16)}
+    assert unpack_driven(pack_arrays(arrays)).shape == (0, 7)
+    with pytest.raises(DataError, check=has_code("damaged")):
+        unpack_driven(pack_arrays(arrays | {"driven": driven}))
+
+
+def test_frames_between_keyframes_tell_how_the_robot_turned() -> None:
+    """It turns to and fro, and is back at each keyframe; its odometry drifts meanwhile."""
+
+    def turned(seconds: Any, drift: float = 0.0) -> Floats:
+        yaw = 0.3 * np.sin(2 * np.pi * np.asarray(seconds) / STEP_S) + drift * np.asarray(seconds)
+        return exp(yaw[..., None] * np.array([0, 0, 0, 0, 0, 1.0]))
+
+    stamps = np.arange(5) * STEP_S
+    between = np.arange(-7, 0) * 0.05
+    keyframes = [
+        StoredKeyframe(k, 1, k, round(1e9 * (5 + stamps[k])), turned(stamps[k], 0.1), np.eye(4))
+        for k in range(5)
+    ]
+    step = inverse(turned(0.0, 0.1)) @ turned(STEP_S, 0.1)
+    edges = [Edge(k, "odometry", k, k + 1, step, np.eye(6), "believed") for k in range(4)]
+    solution = np.arange(5), turned(stamps), np.zeros(5, np.int64)
+    content = MapContent({"a": 1}, keyframes, edges, solution)
+    wall = np.random.default_rng(0).uniform(-3, 3, (4000, 3)) * [0, 1, 0.1] + [5, 0, 0]
+    seconds = np.linspace(0, SWEEP_S, len(wall))
+    bent = np.einsum("nji,nj->ni", turned(seconds)[:, :3, :3], wall).astype(np.float32)
+    odometry = log(inverse(turned(stamps[1], 0.1)) @ turned(stamps[1] + between, 0.1))
+    for driven in (np.column_stack([between, odometry]), np.empty((0, 7))):
+        packed = StoredCloud(b"", None, 0.0, pack_cloud(Cloud(bent, seconds=seconds), 0.02, driven))
+        sweeps = SolvedSweeps(content, lambda _, packed=packed: packed)
+        assert np.ptp(sweeps.stored(2).points[:, 0]) > 0.5
+        off = np.abs(sweeps.cloud(2).points[:, 0] - 5.0).max()
+        assert off < 0.06 if len(driven) else off > 0.5
 
 
 def test_steps_are_measured_anew_by_straight_clouds_and_what_was_measured_stays(
