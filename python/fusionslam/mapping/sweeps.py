@@ -30,7 +30,7 @@ _NEAR_S = 1.0
 _LEAST_M = 1 / 256
 """Half a step of the stored coordinates: motions that move no point farther are left."""
 _ASKED = 20
-"""Keyframes of a stretch that tell whether its surfaces get thinner."""
+"""Keyframes of a stretch, at most, that tell whether its surfaces get thinner."""
 _PATCH_M = 0.4
 _FEWEST = 10
 """Points of a patch."""
@@ -65,18 +65,32 @@ class SolvedSweeps:
         Raises:
             DataError: a stored cloud is damaged.
         """
-        is_bent = self._is_bent(self._content.stretches[number])
+        is_bent = self.straightens(number)  # reads others; the cloud's versions are the newest then
         return self._versions(number)[is_bent]
 
+    def straightens(self, number: int) -> bool:
+        """Whether the cloud of a keyframe is not as it was added."""
+        if not self._is_bent(self._content.stretches[number]):
+            return False
+        stored, corrected = self._versions(number)
+        return corrected is not stored
+
     def _find_bent(self, stretch: int) -> bool:
-        """Whether surfaces of a stretch get thinner, by some of its keyframes."""
-        stretches = self._content.stretches
-        numbers = [number for number in self._numbers if stretches[number] == stretch]
-        rows = np.unique(np.linspace(0, len(numbers) - 1, _ASKED).astype(int))
-        return sum(self._thickening(numbers[row]) for row in rows) < 0
+        """Whether surfaces of a stretch get thinner, by the keyframes where it turns fastest."""
+        rows = [
+            row for k, row in self._content.row.items() if self._content.stretches[k] == stretch
+        ]
+        steps = log(inverse(self._poses[rows[:-1]]) @ self._poses[rows[1:]])
+        stamps_ns = [self._content.keyframes[row].stamp_ns for row in rows]
+        turned = np.linalg.norm(steps[:, 3:], axis=1) / np.diff(stamps_ns).clip(1)
+        fastest = np.argsort(-turned, kind="stable")[:_ASKED]
+        return sum(self._thickening(self._numbers[rows[each]]) for each in fastest) < 0
 
     def _thickening(self, number: int) -> float:
         """How much thicker surfaces get that a keyframe, the one before and the one after show."""
+        stored, corrected = self._versions(number)
+        if corrected is stored:
+            return 0.0
         placed: list[list[Floats]] = [[], []]
         for other in (self._neighbor(number, side) for side in (-1, 0, 1)):
             if other is None:
@@ -189,20 +203,20 @@ def measure_anew(
         return []
     sweeps = SolvedSweeps(content, read)
 
+    straightens = cache(sweeps.straightens)
+
     @lru_cache(_READY)
-    def prepare(number: int) -> tuple[PreparedCloud, bool]:
-        cloud = sweeps.cloud(number)
-        return PreparedCloud(cloud, registration), cloud is not sweeps.stored(number)
+    def prepare(number: int) -> PreparedCloud:
+        return PreparedCloud(sweeps.cloud(number), registration)
 
     anew = []
     for edge in content.edges.values():
         if edge.kind == "odometry" or content.part(edge.a) != content.part(edge.b):
             continue
-        (a, has_moved), (b, has_b_moved) = prepare(edge.a), prepare(edge.b)
-        if not (has_moved or has_b_moved):
+        if not (straightens(edge.a) or straightens(edge.b)):
             continue
         guess = inverse(content.pose(edge.a)) @ content.pose(edge.b)
-        found = register(b, a, guess, search=False)
+        found = register(prepare(edge.b), prepare(edge.a), guess, search=False)
         if found.target_from_source is None or found.covariance is None:
             continue
         covariance = found.covariance
