@@ -6,7 +6,7 @@ python -m benchmarks.accuracy.moving_scans [--write] [--parts PART ...] [SEED ..
 
 A VLP-16 on a small robot in made houses, which nothing was fitted to. Its scans are taken in one
 instant, on the move, and on the move with the motion undone by odometry; the last with people who
-walk around the robot, too. Some four minutes of processor time a house, and ten with people.
+walk around the robot, too. Some twenty minutes of processor time a house, and ten with people.
 """
 
 import argparse
@@ -26,18 +26,20 @@ from scipy.spatial import cKDTree
 from benchmarks.accuracy.data import ROOT
 from benchmarks.accuracy.mapped_drives import RIGHT, Fix, MappedDrive, Shares
 from benchmarks.accuracy.markdown import table, write_between
-from benchmarks.accuracy.pose_graphs import ate
+from benchmarks.accuracy.pose_graphs import ate, fit_motion
 from benchmarks.accuracy.room_maps import FLOOR
 from benchmarks.accuracy.rooms import CIRCLE_ROBOT, turn_back
-from fusionslam import Frame, FrameBuilder, FusionConfig, LoopDetector, OnlineConfig, deskew
-from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam import Cloud, Frame, FrameBuilder, FusionConfig, LoopDetector, OnlineConfig, deskew
+from fusionslam.base.arrays import Floats, Integers, Mask, Points
 from fusionslam.config import merged
 from fusionslam.geometry.odometry_noise import OdometryConfig
 from fusionslam.geometry.se3 import exp, inverse, motion_size
 from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.mapping.clouds import pack_cloud, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.grids import GridConfig
 from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.mapping.sweeps import SolvedSweeps
 from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry, Scan
 from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.imu import simulate_imu
@@ -72,7 +74,6 @@ for _way in ("as measured", *WAYS):
 LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees off: median"]
 LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
 MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
-PARTS = ("sweeps", "loops", "maps", "people", "found")
 PEOPLE = (0, 40)
 CLOSE = {"near_m": 1.5, "path_m": 4.0}
 """How people walk near the robot's path."""
@@ -93,6 +94,16 @@ PEOPLE_FOUND = [
     "wrong",
     "ATE of the map, m",
 ]
+BACKWARDS = ["scans a second", "patches of", "patches", "thinner", "thicker by 5 mm", "most, m"]
+BACKWARDS += ["thickness: mean of the truth, m", "before", "after", "95 % of the truth", "before"]
+BACKWARDS += ["after"]
+PATCH_M, PATCH_POINTS = 0.5, 20
+FLAT_M = 0.08
+"""A patch of the truth is flat if its points reach no farther across it."""
+LEVEL = 0.7
+"""z of the normal of a floor, at least; a bend leaves it thin."""
+THICKER_M = 0.005
+PARTS = ("sweeps", "loops", "maps", "backwards", "people", "found")
 SPEEDS_M_S = (0.0, 5.0, 15.0)
 TURNS_RAD_S = (0.0, 0.5, 1.0, 2.0, 3.0)
 
@@ -145,10 +156,14 @@ class Drive:
 
     def true(self, frame: Frame) -> Floats:
         """float64 (4, 4), world_from_robot of a frame."""
-        way, start_ns = self.driven[1], SimulationConfig().start_s * NANOSECONDS
-        seconds = way.seconds[0] + (frame.stamp_ns - start_ns) / NANOSECONDS
-        pose: Floats = way.at(min(seconds, way.seconds[-1]))[0]
+        pose: Floats = self.true_at(frame.stamp_ns, np.zeros(1))[0]
         return pose
+
+    def true_at(self, stamp_ns: int, after: Floats) -> Floats:
+        """float64 (N, 4, 4), world_from_robot so many seconds, (N,), after a stamp."""
+        way, start_ns = self.driven[1], SimulationConfig().start_s * NANOSECONDS
+        seconds = way.seconds[0] + (stamp_ns - start_ns) / NANOSECONDS + after
+        return way.at(np.minimum(seconds, way.seconds[-1]))
 
     def frames(self, every_s: float) -> Iterator[Frame]:
         """Simulate the scans of each so many seconds, and odometry, as a robot gets them."""
@@ -258,6 +273,91 @@ def build_map(drive: Drive, folder: Path, surfaces: cKDTree) -> tuple[float, int
     return ate(mapped.poses, mapped.true_keyframes), len(rows), int(far.sum())
 
 
+@dataclass(frozen=True)
+class Surfaces:
+    """A map's surfaces before its clouds are undone along the solved path, and after.
+
+    Attributes:
+        thickness: float64 (n, 3), of each patch, 5 to 95 % across its plane, metres: of the points
+            at their true places, before and after.
+        level: float64 (n,), z of the normal of each patch, 0 to 1.
+        ate: metres.
+        keyframes: number of them.
+        bytes: of the times of points, and of all clouds.
+    """
+
+    thickness: Floats
+    level: Floats
+    ate: tuple[float, float]
+    keyframes: int
+    bytes: tuple[int, int]
+
+
+def compare_surfaces(drive: Drive, folder: Path) -> Surfaces:
+    """Map a drive; patches are points that a plane of the house has, from the true poses."""
+    path = folder / "site.fsmap"
+    path.unlink(missing_ok=True)
+    config, fusion = MapConfig.model_validate({"drift": FLOOR}), FusionConfig(source="cloud")
+    with PlaceMap.open(path, "drive", descriptor="m2dp", fusion=fusion, config=config) as site:
+        true = []
+        for frame in drive.frames(1 / drive.rate_hz):
+            if site.add(frame).keyframe is not None:
+                true.append(drive.true(frame))
+        ates, placed = [], []
+        for part in ("before", "after"):
+            if part == "after":
+                site.solve()
+            robot = site.trajectory("drive")[1]
+            off = (fit_motion(robot, np.array(true)) @ robot)[:, :3, 3] - np.array(true)[:, :3, 3]
+            ates.append(float(np.sqrt((off**2).sum(axis=1).mean())))
+            sweeps = SolvedSweeps(site.content, site.file.cloud)
+            find = sweeps.stored if part == "before" else sweeps.cloud
+            poses = site.content.poses[:, None]
+            clouds = [find(number) for number in range(len(true))]
+            placed.append(
+                np.concatenate([move(p, c.points) for p, c in zip(poses, clouds, strict=True)])
+            )
+        stored = [site.file.cloud(number).points for number in range(len(true))]
+        stamps_ns = site.trajectory("drive")[0].tolist()
+    plain, world = 0, []
+    for data, stamp_ns in zip(stored, stamps_ns, strict=True):
+        cloud = unpack_cloud(data)
+        plain += len(pack_cloud(Cloud(cloud.points), 1e-3))
+        seconds = np.zeros(len(cloud)) if cloud.seconds is None else cloud.seconds
+        world.append(move(drive.true_at(stamp_ns, seconds) @ drive.mount, cloud.points))
+    true_points = np.concatenate(world)
+    _, numbers = np.unique(np.floor(true_points / PATCH_M), axis=0, return_inverse=True)
+    numbers = numbers.reshape(-1)
+    thickness, level = [], []
+    for rows in np.split(np.argsort(numbers), np.cumsum(np.bincount(numbers))[:-1]):
+        if len(rows) < PATCH_POINTS:
+            continue
+        thick, normal = across(true_points[rows])
+        if thick < FLAT_M:
+            thickness.append([thick, *(across(points[rows])[0] for points in placed)])
+            level.append(abs(normal[2]))
+    size = sum(map(len, stored))
+    return Surfaces(
+        np.array(thickness),
+        np.array(level),
+        (ates[0], ates[1]),
+        len(true),
+        (size - plain, size),
+    )
+
+
+def move(poses: Floats, points: Points) -> Floats:
+    """Points, (N, 3), by a pose each, (N, 4, 4), or by one, (1, 4, 4)."""
+    moved: Floats = (poses[:, :3, :3] @ points[:, :, None].astype(np.float64))[..., 0]
+    return moved + poses[:, :3, 3]
+
+
+def across(points: Floats) -> tuple[float, Floats]:
+    """How far points, (N, 3), reach across their plane, 5 to 95 %, and its normal."""
+    normal: Floats = np.linalg.eigh(np.cov(points.T))[1][:, 0]
+    return float(np.diff(np.percentile(points @ normal, [5, 95]))[0]), normal
+
+
 def true_surfaces(seed: int) -> cKDTree:
     """Places on the ground below what a scanner without noise hits, from the true poses."""
     drive = Drive(seed, RATES_HZ[0], MODES[0])
@@ -358,6 +458,31 @@ def maps_table(seed: int) -> str:
     return table(MAPS, rows)
 
 
+def backwards_table(seeds: Sequence[int]) -> str:
+    """Surfaces of maps of scans as measured, all houses together."""
+    rows, said = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for rate in RATES_HZ:
+            found = [compare_surfaces(Drive(n, rate, MODES[1]), Path(folder)) for n in seeds]
+            is_level = np.concatenate([each.level for each in found]) > LEVEL
+            for name, chosen in (("walls", ~is_level), ("floors", is_level)):
+                thick = np.concatenate([each.thickness for each in found])[chosen]
+                grown = thick[:, 2] - thick[:, 1]
+                cells = [f"{rate:g}", name, str(len(thick)), f"{(grown < 0).mean():.3f}"]
+                cells += [str((grown > THICKER_M).sum()), f"{grown.max():.3f}"]
+                cells += [f"{value:.3f}" for value in thick.mean(axis=0)]
+                rows.append([*cells, *(f"{v:.3f}" for v in np.percentile(thick, 95, axis=0))])
+            before, after = np.mean([each.ate for each in found], axis=0)
+            times, size = np.sum([each.bytes for each in found], axis=0)
+            keyframes = sum(each.keyframes for each in found)
+            said.append(
+                f"At {rate:g} scans a second: {keyframes} keyframes, ATE {before:.3f} m before and "
+                f"{after:.3f} m after; times take {times / keyframes:.0f} bytes a keyframe, "
+                f"{100 * times / size:.0f} % of the clouds that exports show.\n"
+            )
+    return "\n".join([table(BACKWARDS, rows), *said])
+
+
 def revisits(loops: Loops) -> Mask:
     """Scans near an earlier one that is old enough, bool (S,)."""
     places = loops.poses[:, :3, 3]
@@ -443,6 +568,7 @@ def main() -> None:
         "sweeps": sweeps_table,
         "loops": lambda: loops_table(seeds),
         "maps": lambda: maps_table(seeds[0]),
+        "backwards": lambda: backwards_table(seeds[:1]),
         "people": lambda: people_table(seeds),
         "found": lambda: found_table(seeds),
     }

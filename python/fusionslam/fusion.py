@@ -10,6 +10,7 @@ section 4.3).
 import logging
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -153,7 +154,7 @@ def fuse(frame: Frame, config: FusionConfig | None = None) -> Cloud:
         return cloud
     points, colors, first = voxel_downsample(cloud.points, cloud.colors, size=config.voxel)
     kept = subset(cloud, first)
-    return Cloud(points, None if cloud.colors is None else colors, kept.intensities)
+    return replace(kept, points=points, colors=None if cloud.colors is None else colors)
 
 
 def color_cloud(frame: Frame, config: FusionConfig) -> Cloud:
@@ -324,7 +325,8 @@ def subset(cloud: Cloud, indices: NDArray[np.int64]) -> Cloud:
         return cloud
     colors = None if cloud.colors is None else cloud.colors[indices]
     intensities = None if cloud.intensities is None else cloud.intensities[indices]
-    return Cloud(cloud.points[indices], colors, intensities)
+    seconds = None if cloud.seconds is None else cloud.seconds[indices]
+    return Cloud(cloud.points[indices], colors, intensities, seconds)
 
 
 def main_camera(frame: Frame) -> str:
@@ -390,7 +392,7 @@ def _lidar_cloud(frame: Frame, config: FusionConfig) -> Cloud:
             balance=config.balance,
             interpolation=config.interpolation,
         )
-    return Cloud(points, colors, subset(scan, kept).intensities)
+    return replace(subset(scan, kept), points=points, colors=colors)
 
 
 def _stereo_cloud(frame: Frame, config: FusionConfig) -> Cloud:
@@ -447,7 +449,8 @@ def _scan(frame: Frame) -> Cloud:
     if frame.points is None:
         message = f"frame {frame.number} has no scan{_suggest_source(frame)}"
         raise DataError(message, code="missing-sensor", fields=("points",))
-    scan = Cloud(frame.points, frame.colors, frame.intensities)
+    seconds = frame.point_seconds
+    scan = Cloud(frame.points, frame.colors, frame.intensities, seconds)
     valid = drop_invalid(scan.points)
     if scan.colors is not None and np.shape(scan.colors) != (len(scan), 3):
         raise ShapeError(
@@ -460,6 +463,12 @@ def _scan(frame: Frame) -> Cloud:
             f"frame {frame.number}: intensities have shape {np.shape(scan.intensities)}, expected "
             f"({len(scan)},), one of each point",
             fields=("intensities",),
+        )
+    if seconds is not None and np.shape(seconds) != (len(scan),):
+        raise ShapeError(
+            f"frame {frame.number}: point_seconds have shape {np.shape(seconds)}, expected "
+            f"({len(scan)},), one of each point",
+            fields=("point_seconds",),
         )
     found = check_scan(scan.points)
     for count, where in (
@@ -542,7 +551,7 @@ def _transform(cloud: Cloud, a_from_b: NDArray[np.float64]) -> Cloud:
         return cloud
     # Not a matrix product: BLAS would start all its threads for three columns.
     turned = np.einsum("ij,kj->ik", cloud.points, a_from_b[:3, :3]) + a_from_b[:3, 3]
-    return Cloud(turned.astype(np.float32), cloud.colors, cloud.intensities)
+    return replace(cloud, points=turned.astype(np.float32))
 
 
 ROBOT_FUSION = FusionConfig(frame="robot", ground="height")

@@ -2,26 +2,53 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds of keyframes as a map's file holds them."""
 
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam._core import voxel_downsample
-from fusionslam.base.arrays import Matrix
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.loop_closure.memory import Kept
 from fusionslam.mapping.map_file import MapFile, StoredCloud
 from fusionslam.registration import SearchImage
 from fusionslam.registration.clouds import pack_arrays, pack_points, unpack_points, unpacking
 from fusionslam.sensors.frame import Cloud
 
+_LONGEST_S, _SHORTEST_S = 1.0, 1e-6
+"""Of a scan. Times farther from the stamp are of another clock."""
+_TICKS = 255
+NOT_DRIVEN: Floats = np.empty((0, 7))
+"""Odometry of no frames."""
 
-def pack_cloud(cloud: Cloud, voxel: float) -> bytes:
-    """Compress one point, and colour, for each voxel; coordinates to 8 mm."""
+
+def pack_cloud(cloud: Cloud, voxel: float, driven: Floats = NOT_DRIVEN) -> bytes:
+    """Compress one point, and colour, for each voxel; coordinates to 8 mm.
+
+    Times of points, where they are known, are kept to 1/255 of the scan.
+
+    Args:
+        cloud: in the frame of the keyframe.
+        voxel: metres.
+        driven: float64 (m, 7), odometry of the frames since the keyframe before, of clouds with
+            times: seconds after the stamp, ascending and negative, and small motions from the
+            stamp to then, in the frame of the cloud.
+    """
     points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=voxel)
     arrays: dict[str, NDArray[Any]] = {"points": pack_points(points)}
     if cloud.colors is not None:
         arrays["colors"] = colors
+    if cloud.seconds is not None and len(points):
+        seconds = cloud.seconds
+        start, end = float(seconds.min()), float(seconds.max())  # NaN fails the comparison
+        if end - start >= _SHORTEST_S and max(-start, end) <= _LONGEST_S:
+            ticks = np.rint(_TICKS * (seconds - start) / (end - start)).astype(np.uint8)
+            # A point is the mean of its voxel, and so is its time, as if it were a colour.
+            _, mean, _ = voxel_downsample(cloud.points, ticks[:, None].repeat(3, 1), size=voxel)
+            arrays |= {"ticks": mean[:, 0].copy(), "span": np.array([start, end])}
+            if len(driven):
+                arrays["driven"] = driven
     return pack_arrays(arrays)
 
 
@@ -32,7 +59,40 @@ def unpack_cloud(packed: bytes) -> Cloud:
         DataError: the bytes are damaged.
     """
     with unpacking(packed) as arrays:
-        return Cloud(unpack_points(arrays["points"]), arrays.get("colors"))
+        points = unpack_points(arrays["points"])
+        return Cloud(points, arrays.get("colors"), seconds=_unpack_seconds(arrays, len(points)))
+
+
+def unpack_driven(packed: bytes) -> Floats:
+    """Return ``driven`` as ``pack_cloud`` packed it, (0, 7) without.
+
+    Raises:
+        DataError: the bytes are damaged.
+    """
+    with unpacking(packed) as arrays:
+        driven: Floats = arrays.get("driven", NOT_DRIVEN)
+        if driven.dtype != np.float64 or driven.ndim != 2 or driven.shape[1] != 7:
+            raise ValueError(f"driven is {driven.dtype} {driven.shape}, expected float64 (m, 7)")
+        is_ascending = (np.diff(driven[:, 0], append=0.0) > 0).all()
+        if not (np.isfinite(driven).all() and is_ascending):
+            raise ValueError("driven: expected finite numbers, seconds ascending to below 0")
+    return driven
+
+
+def _unpack_seconds(arrays: Mapping[str, NDArray[Any]], count: int) -> Floats | None:
+    """Return float64 (N,), times of points; None without; ValueError of what is not stored so."""
+    ticks, span = arrays.get("ticks"), arrays.get("span")
+    if ticks is None and span is None:
+        return None
+    if ticks is None or ticks.dtype != np.uint8 or ticks.shape != (count,):
+        raise ValueError(f"ticks of {count} points: expected uint8 ({count},)")
+    if span is None or span.dtype != np.float64 or span.shape != (2,):
+        raise ValueError("the span of its ticks is missing: expected float64 (2,)")
+    start, end = span.tolist()
+    if not (end - start >= _SHORTEST_S and max(-start, end) <= _LONGEST_S):
+        raise ValueError(f"a scan from {start} to {end} s, expected a second at most")
+    seconds: Floats = start + (end - start) / _TICKS * ticks.astype(np.float64)
+    return seconds
 
 
 class FileClouds(MutableMapping[int, Kept]):

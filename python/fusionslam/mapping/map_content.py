@@ -3,12 +3,14 @@
 """What a map contains, but for clouds and vectors: sessions, keyframes, edges, and poses."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fusionslam.base.arrays import Floats, Integers, Matrix
+from fusionslam.base.texts import counted
 from fusionslam.errors import ConfigError
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
@@ -118,7 +120,7 @@ class MapContent:
         return tuple(
             edge
             for edge in self.edges.values()
-            if edge.kind != "odometry" and not self._is_step(edge)
+            if edge.kind != "odometry" and not self.is_step(edge)
         )
 
     @property
@@ -137,6 +139,23 @@ class MapContent:
             Session(name, len(parts[number]), tuple(sorted(set(parts[number]))))
             for name, number in self.sessions.items()
         )
+
+    def describe(self, size: int) -> str:
+        """Say what is in a map whose file has this size in bytes, a line for each session."""
+        loops = self.loops
+        count = Counter(each.state for each in loops)
+        lines = [
+            f"{each.name}: {counted(each.keyframes, 'keyframe')}"
+            + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
+            for each in self.list_sessions()
+        ]
+        lines.append(
+            f"{counted(len(self), 'keyframe')} in {counted(len(set(self.parts)), 'part')}, "
+            f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
+            f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
+            f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
+        )
+        return "\n".join(lines)
 
     def find_session(self, name: str) -> int:
         """Return the number of a session.
@@ -203,7 +222,7 @@ class MapContent:
         for edge in self._graph.update().edges:
             self._take_state(edge)
         self._poses = None
-        loops = [edge for edge in edges if edge.kind != "odometry" and not self._is_step(edge)]
+        loops = [edge for edge in edges if edge.kind != "odometry" and not self.is_step(edge)]
         self._has_new_loops |= bool(loops)
         self._crossing += sum(self._is_across(edge) for edge in loops)
         has_grown = self._has_new_loops and len(self) >= _GROWTH * self._solved
@@ -223,6 +242,16 @@ class MapContent:
         self.is_live, self._has_new_loops, self._is_solution_saved = True, False, False
         self._solved = len(self)
         self._asked = self._crossing = sum(self._is_across(edge) for edge in self.edges.values())
+
+    def take(self, measured: Iterable[Edge]) -> None:
+        """Take edges, by their numbers, as they were measured anew, and solve the graph."""
+        self.unsaved |= {edge.number: edge for edge in measured}
+        self._graph, self._graph_numbers = PoseGraph(), []
+        for keyframe in self.keyframes:
+            self._graph.add_node(keyframe.robot_from_cloud)
+        for edge in (self.edges | self.unsaved).values():
+            self._add_edge(edge)
+        self.solve()
 
     def solve_new_loops(self) -> bool:
         """Solve the graph if loops came since its last solution; return whether they did.
@@ -273,7 +302,8 @@ class MapContent:
         if edge.kind == "odometry":
             self.stretches[edge.b] = self.stretches[edge.a]
 
-    def _is_step(self, edge: Edge) -> bool:
+    def is_step(self, edge: Edge) -> bool:
+        """Whether an edge measures the way from one keyframe to the next."""
         is_next = self.row[edge.b] - self.row[edge.a] == 1
         return is_next and self.stretches[edge.a] == self.stretches[edge.b]
 
@@ -287,7 +317,7 @@ class MapContent:
         measured = {
             edge.b: edge
             for edge in self.edges.values()
-            if edge.kind != "odometry" and edge.state != "refused" and self._is_step(edge)
+            if edge.kind != "odometry" and edge.state != "refused" and self.is_step(edge)
         }
         for keyframe in self.keyframes[self._solved :]:
             step = before.get(keyframe.id)

@@ -4,12 +4,13 @@
 
 import logging
 from collections import ChainMap
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from fusionslam.base.arrays import Matrix
+from fusionslam.base.arrays import Floats32, Integers, Matrix
 from fusionslam.base.machine import release_memory
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse
@@ -18,7 +19,7 @@ from fusionslam.geometry.se3 import inverse, log
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
-from fusionslam.mapping.clouds import FileClouds, pack_cloud
+from fusionslam.mapping.clouds import NOT_DRIVEN, FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
 from fusionslam.mapping.edge import CHI2_999, Edge, check_pose
 from fusionslam.mapping.map_content import MapContent
@@ -28,6 +29,8 @@ from fusionslam.registration import PreparedCloud, Refusal, register
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.scan_motion import ScanMotion
 
+_ABOUT = 8
+"""Frames after a keyframe, and before the next one, whose odometry is kept."""
 _RELEASE = 10
 """Keyframes after which memory that is free is given back, which takes some milliseconds."""
 
@@ -93,6 +96,8 @@ class MapWriter:
         """Why odometry since the last keyframe may be wrong."""
         self._scans: tuple[PreparedCloud | None, PreparedCloud | None] = None, None
         """Of the last keyframe and of the new one, where their clouds are local maps."""
+        self._driven: list[tuple[int, Matrix]] = []
+        """Stamps and odometry of frames since the last keyframe, odom_from_cloud."""
         self._stretch: list[StoredKeyframe] = []  # that goes on
         if self._last is not None:
             self._last_odometry = _odom_from_robot(self._last)
@@ -115,6 +120,8 @@ class MapWriter:
         waited = 0.0  # seconds since the frame before; 0 if unknown
         if frame.stamp_ns and self._last_stamp_ns:
             waited = (frame.stamp_ns - self._last_stamp_ns) / 1e9
+        if waited <= 0:
+            self._driven = []
         self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
         self._last_odometry = robot
         self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
@@ -125,6 +132,8 @@ class MapWriter:
         if self._last is not None and self._doubt is None and not self._is_far(robot, self._last):
             last = self._last  # by which, and by odometry since, the robot's pose is known
             pose = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
+            self._driven.append((frame.stamp_ns, robot @ mount))
+            del self._driven[_ABOUT:-_ABOUT]
             return MapStep(None, (), (), pose, back)
         if self._doubt is not None:
             self._detector.break_odometry()
@@ -140,7 +149,12 @@ class MapWriter:
             scan.moved = seen.cloud.moved
         self._scans = self._scans[1], scan
         seen = replace(seen, span=None)
-        cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
+        driven = NOT_DRIVEN
+        if self._driven:
+            stamps_ns, poses = zip(*self._driven, strict=True)
+            seconds = (np.array(stamps_ns) - frame.stamp_ns) / 1e9
+            driven = np.column_stack([seconds, log(inverse(robot @ mount) @ np.array(poses))])
+        cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel, driven)
         self.is_torn = True
         step = self._add_keyframe(frame, seen, cloud, mount)
         self.is_torn = False
@@ -187,7 +201,7 @@ class MapWriter:
         self._kept.written()
         if len(content) % _RELEASE == 0:
             release_memory()
-        self._last = keyframe
+        self._last, self._driven = keyframe, []
         self._stretch.append(keyframe)
         self.last_frame = max(frame.number, self.last_frame or 0)
         closed = (content.edges[edges[-1].number],) if loop is not None else ()
@@ -292,6 +306,34 @@ class MapWriter:
             distance = 4 * self._detector.registration_config.voxel
         step = np.linalg.inv(_odom_from_robot(last)) @ robot
         return is_keyframe(step, distance, self.settings.map.keyframe_turn)
+
+
+def resume_detector(
+    settings: MapSettings,
+    file: MapFile,
+    content: MapContent,
+    kept: FileClouds,
+    vectors: Mapping[str, tuple[Integers, Floats32]],
+) -> LoopDetector:
+    """Return a detector that has the keyframes of a map.
+
+    Raises:
+        DataError: keyframes lack vectors (code "damaged").
+    """
+    detector = settings.new_detector()
+    numbers = content.numbers
+    for name in {detector.descriptor, *vectors}:
+        known = vectors[name][0] if name in vectors else numbers[:0]
+        if not np.array_equal(known, numbers):
+            raise DataError(
+                f"{file.path} is damaged: vectors of {name} of {len(known)} keyframes of "
+                f"{len(numbers)}",
+                code="damaged",
+                fields=(str(file.path),),
+            )
+    stamps = np.array([each.stamp_ns for each in content.keyframes], np.int64)
+    detector.resume(kept, {n: rows for n, (_, rows) in vectors.items()}, numbers, stamps)
+    return detector
 
 
 def _odom_from_robot(keyframe: StoredKeyframe) -> Matrix:

@@ -5,10 +5,10 @@
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import wraps
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
@@ -16,19 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.argument_types import checked
-from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.base.files import PathLike
 from fusionslam.base.progress import Progress
-from fusionslam.base.texts import counted
 from fusionslam.config import merged
 from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
-from fusionslam.mapping.clouds import FileClouds, unpack_cloud
+from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.edge import Edge, check_pose
 from fusionslam.mapping.grids import (
@@ -41,7 +39,7 @@ from fusionslam.mapping.grids import (
 )
 from fusionslam.mapping.localization import Localization, Localizer
 from fusionslam.mapping.map_content import MapContent, Session, robot_poses
-from fusionslam.mapping.map_file import MapFile, StoredCloud, StoredKeyframe
+from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_merging import (
     Merge,
     check_mergeable,
@@ -51,14 +49,14 @@ from fusionslam.mapping.map_merging import (
     vectors_as_of,
 )
 from fusionslam.mapping.map_settings import MapSettings, check_session_name
-from fusionslam.mapping.map_writer import MapStep, MapWriter
+from fusionslam.mapping.map_writer import MapStep, MapWriter, resume_detector
+from fusionslam.mapping.sweeps import SolvedSweeps, measure_anew
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.sensors.frame import Cloud, Frame
 from fusionslam.sensors.scan_motion import ScanMotion
 
 logger = logging.getLogger(__name__)
 
-_STATES = ("believed", "refused", "pending")
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -249,22 +247,7 @@ class PlaceMap:
     @_one_at_a_time
     def describe(self) -> str:
         """Say what is in the map, a line for each session."""
-        loops = self.loops
-        count = {state: sum(each.state == state for each in loops) for state in _STATES}
-        size = self.file.path.stat().st_size
-        lines = [
-            f"{each.name}: {counted(each.keyframes, 'keyframe')}"
-            + (f" in {len(each.parts)} parts" if len(each.parts) > 1 else "")
-            for each in self.sessions
-        ]
-        parts = len(set(self.content.parts))
-        lines.append(
-            f"{counted(len(self), 'keyframe')} in {counted(parts, 'part')}, "
-            f"{counted(len(loops), 'loop')}: {count['believed']} believed, "
-            f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
-            f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
-        )
-        return "\n".join(lines)
+        return self.content.describe(self.file.path.stat().st_size)
 
     @_one_at_a_time
     def check_recording(self, name: str) -> None:
@@ -485,16 +468,6 @@ class PlaceMap:
         """
         return np.array([each.id for each in self._keyframes_of(session)], np.int64)
 
-    @_one_at_a_time
-    def warn_of_turns(self) -> None:
-        """Log how far the robot turned within the scans of keyframes, if that is known."""
-        motion = ScanMotion()
-        for number in self.content.numbers.tolist():
-            moved = self.detector.stored_frame(number).unpack().moved
-            if moved is not None:
-                motion.note(moved)
-        motion.warn(str(self.file.path))
-
     @property
     def path(self) -> Path:
         """Of the file."""
@@ -508,8 +481,7 @@ class PlaceMap:
     @_one_at_a_time
     def cloud(self, voxel: float = 0.1) -> Cloud:
         """Return the map's coloured cloud: one point for each voxel, of the map's first part."""
-        stored = ((pose, unpack_cloud(cloud.points)) for pose, cloud in self._first_part())
-        return join_clouds(stored, voxel)
+        return join_clouds(((pose, cloud) for pose, cloud, _ in self._first_part()), voxel)
 
     @_one_at_a_time
     def grid(self, resolution: float = 0.05, config: GridConfig | None = None) -> OccupancyGrid:
@@ -529,7 +501,9 @@ class PlaceMap:
         problems = self.file.check()
         for keyframe in self.content.keyframes:
             try:
-                unpack_cloud(self.file.cloud(keyframe.id).points)
+                stored = self.file.cloud(keyframe.id).points
+                unpack_cloud(stored)
+                unpack_driven(stored)
                 self._kept[keyframe.id].packed()
             except DataError as error:
                 if error.code == "changed":
@@ -552,38 +526,27 @@ class PlaceMap:
         self._kept = FileClouds(file, self.content.odometry)
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():
-            self.detector = self._new_detector(settings, vectors)
+            self.detector = resume_detector(settings, file, self.content, self._kept, vectors)
         parts = file, self.content, self.detector, self._kept
         self._writer = MapWriter(self._session_name, settings, *parts)
         self._localizer = Localizer(self.content, self.detector.stored_frame, settings.loops)
-
-    def _new_detector(
-        self, settings: MapSettings, vectors: Mapping[str, tuple[Integers, Floats32]]
-    ) -> LoopDetector:
-        detector = settings.new_detector()
-        numbers = self.content.numbers
-        for name in {detector.descriptor, *vectors}:
-            known = vectors[name][0] if name in vectors else numbers[:0]
-            if not np.array_equal(known, numbers):
-                raise DataError(
-                    f"{self.file.path} is damaged: vectors of {name} of {len(known)} keyframes "
-                    f"of {len(numbers)}",
-                    code="damaged",
-                    fields=(str(self.file.path),),
-                )
-        stamps = np.array([each.stamp_ns for each in self.content.keyframes], np.int64)
-        detector.resume(self._kept, {n: rows for n, (_, rows) in vectors.items()}, numbers, stamps)
-        return detector
 
     @_one_at_a_time
     def solve(self) -> None:
         """Solve the graph of the map anew and store the poses, as at the end of a drive.
 
-        ``add`` solves it from time to time only. In between, loops move the newest poses.
+        ``add`` solves it from time to time only. In between, loops move the newest poses. Where
+        times of points are known, but motion within scans was not undone, it is undone along the
+        solved path, loops and steps are measured anew by these clouds, and it is solved once more.
         """
         self._check_writable()
         self.content.is_live = False
         self._settle()
+        anew = measure_anew(self.content, self.settings, self.file.cloud)
+        if anew:
+            self.content.take(anew)
+            self._settle()
+            self._writer.motion.turned.clear()  # nothing is left to warn of
 
     def _settle(self) -> None:
         """Store the poses that all edges ask for."""
@@ -597,18 +560,20 @@ class PlaceMap:
     def _keyframes_of(self, session: str) -> list[StoredKeyframe]:
         return self.content.keyframes_of(self.content.find_session(session))
 
-    def _first_part(self) -> Iterator[tuple[Matrix, StoredCloud]]:
-        """Poses and clouds of the part of the map that began first."""
+    def _first_part(self) -> Iterator[tuple[Matrix, Cloud, float]]:
+        """Poses, clouds and ground levels of the part of the map that began first."""
         numbers = self.content.first_part()
+        read = lru_cache(4)(self.file.cloud)
+        sweeps = SolvedSweeps(self.content, read)
         for number, pose in zip(numbers, self.content.poses_of(numbers), strict=True):
-            yield pose, self.file.cloud(number)
+            yield pose, sweeps.cloud(number), read(number).ground_level
 
     def _positions(self) -> Floats:
         return self.content.poses_of(self.content.first_part())[:, :2, 3]
 
     def _placed_clouds(self) -> Iterator[PlacedCloud]:
-        for pose, stored in self._first_part():
-            yield PlacedCloud(unpack_cloud(stored.points).points, pose, stored.ground_level)
+        for pose, cloud, ground_level in self._first_part():
+            yield PlacedCloud(cloud.points, pose, ground_level)
 
     def _check_session(self) -> None:
         self._check_writable()

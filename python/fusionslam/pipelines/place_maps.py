@@ -333,7 +333,6 @@ def export_map(
     if not len(site):
         raise DataError("the map has no keyframes: there is nothing to export", code="empty")
     target = Path(folder)
-    site.warn_of_turns()
     _warn_of_optical(site)
     cloud = site.cloud(voxel)
     clouds = [target / "cloud.ply", target / "cloud.pcd"]

@@ -74,11 +74,14 @@ class Cloud:
         points: float32 (N, 3), metres.
         colors: uint8 (N, 3) RGB, or None.
         intensities: float32 (N,), of the returns, in the scanner's own unit; or None.
+        seconds: float64 (N,), when each point was measured, after the frame's stamp; None if that
+            is not known, or the motion meanwhile was undone.
     """
 
     points: NDArray[np.float32]
     colors: NDArray[np.uint8] | None = None
     intensities: NDArray[np.float32] | None = None
+    seconds: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.points)

@@ -1,0 +1,258 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion within the scans of keyframes, undone along the solved path where it was not before."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, lru_cache
+
+import numpy as np
+
+from fusionslam._core import deskew
+from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.geometry.se3 import exp, inverse, log
+from fusionslam.loop_closure.observation import fusion_of_scans
+from fusionslam.mapping.clouds import unpack_cloud, unpack_driven
+from fusionslam.mapping.config import step_covariance
+from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.map_content import MapContent
+from fusionslam.mapping.map_file import StoredCloud
+from fusionslam.mapping.map_settings import MapSettings
+from fusionslam.registration import PreparedCloud, register
+from fusionslam.sensors.frame import Cloud
+
+_POSES = 65
+"""Along a scan, at even steps of time."""
+_KNOTS = 3
+"""Poses of the path before a scan, and after its stamp, that tell how the robot moved."""
+_NEAR_S = 1.0
+"""Between poses farther apart in time a robot may have turned and stopped."""
+_LEAST_M = 1 / 256
+"""Half a step of the stored coordinates: motions that move no point farther are left."""
+_ASKED = 20
+"""Keyframes of a stretch, at most, that tell whether its surfaces get thinner."""
+_PATCH_M = 0.4
+_FEWEST = 10
+"""Points of a patch."""
+_FLAT = 0.1
+"""Variance across a surface, of the lesser one along it."""
+_READY = 64
+"""Clouds that are kept prepared for registration."""
+
+
+class SolvedSweeps:
+    """Clouds of keyframes, motion within their scans undone along the solved path.
+
+    Those are left alone whose motion was undone before they were added, or whose points have no
+    times; and those of a stretch of odometry whose surfaces would get thicker, as where a driver
+    had undone the motion.
+    Nothing that was measured is rewritten: clouds are corrected whenever they are read.
+
+    Args:
+        content: keyframes and poses.
+        read: clouds of a keyframe by its number.
+    """
+
+    def __init__(self, content: MapContent, read: Callable[[int], StoredCloud]) -> None:
+        self._content, self._read = content, read
+        self._numbers, self._poses = content.numbers.tolist(), content.poses
+        self._versions = lru_cache(4)(self._make_versions)
+        self._is_bent = cache(self._find_bent)
+
+    def cloud(self, number: int) -> Cloud:
+        """Return the cloud of a keyframe, its motion undone if that makes surfaces thinner.
+
+        Raises:
+            DataError: a stored cloud is damaged.
+        """
+        is_bent = self.straightens(number)  # reads others; the cloud's versions are the newest then
+        return self._versions(number)[is_bent]
+
+    def straightens(self, number: int) -> bool:
+        """Whether the cloud of a keyframe is not as it was added."""
+        if not self._is_bent(self._content.stretches[number]):
+            return False
+        stored, corrected = self._versions(number)
+        return corrected is not stored
+
+    def _find_bent(self, stretch: int) -> bool:
+        """Whether surfaces of a stretch get thinner, by the keyframes where it turns fastest."""
+        rows = [
+            row for k, row in self._content.row.items() if self._content.stretches[k] == stretch
+        ]
+        steps = log(inverse(self._poses[rows[:-1]]) @ self._poses[rows[1:]])
+        stamps_ns = [self._content.keyframes[row].stamp_ns for row in rows]
+        turned = np.linalg.norm(steps[:, 3:], axis=1) / np.diff(stamps_ns).clip(1)
+        fastest = np.argsort(-turned, kind="stable")[:_ASKED]
+        return sum(self._thickening(self._numbers[rows[each]]) for each in fastest) < 0
+
+    def _thickening(self, number: int) -> float:
+        """How much thicker surfaces get that a keyframe, the one before and the one after show."""
+        stored, corrected = self._versions(number)
+        if corrected is stored:
+            return 0.0
+        placed: list[list[Floats]] = [[], []]
+        for other in (self._neighbor(number, side) for side in (-1, 0, 1)):
+            if other is None:
+                continue
+            pose = self._step(number, other)
+            for rows, cloud in zip(placed, self._versions(other), strict=True):
+                rows.append(cloud.points @ pose[:3, :3].T + pose[:3, 3])
+        before, after = map(np.concatenate, placed)
+        return thickening(before, after)
+
+    def stored(self, number: int) -> Cloud:
+        """Return the cloud of a keyframe as it was added."""
+        return self._versions(number)[0]
+
+    def _make_versions(self, number: int) -> tuple[Cloud, Cloud]:
+        """The cloud as it is stored, and corrected; the same object if there is nothing to."""
+        cloud = unpack_cloud(self._read(number).points)
+        if cloud.seconds is None:
+            return cloud, cloud
+        span = float(cloud.seconds.min()), float(cloud.seconds.max())
+        motions = self._motions(number, np.linspace(*span, _POSES))
+        if motions is None:
+            return cloud, cloud
+        points = deskew(cloud.points, cloud.seconds, exp(motions), span)
+        if np.abs(points - cloud.points).max() < _LEAST_M:
+            return cloud, cloud
+        return cloud, replace(cloud, points=points)
+
+    def _motions(self, number: int, times: Floats) -> Floats | None:
+        """Small motions, (K, 6), from a keyframe's stamp to times after it; None if unknown.
+
+        A cubic spline goes through the nearest poses of the path before and after.
+        """
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        before, after = self._path(number, -1)[-_KNOTS:], self._path(number, 1)[:_KNOTS]
+        if not (before and after):  # no curve beyond the end of the path
+            before, after = before[-1:], after[:1]
+        if not (before or after):
+            return None
+        knots = [*before, (0.0, np.zeros(6)), *after]
+        motions: Floats = CubicSpline(*map(np.array, zip(*knots, strict=True)))(times)
+        return motions
+
+    def _path(self, number: int, side: int) -> list[tuple[float, Floats]]:
+        """The solved path from a keyframe to the one before or after, as far as it is near in time.
+
+        Odometry tells the poses of frames in between. What the solved step differs from it is
+        shared out evenly in time.
+
+        Returns:
+            Seconds after the keyframe's stamp, ascending, and small motions from there, (6,).
+        """
+        other = self._neighbor(number, side)
+        if other is None:
+            return []
+        first, last = sorted((number, other))
+        keyframes, row = self._content.keyframes, self._content.row
+        odometry = self._content.odometry
+        length = (keyframes[row[last]].stamp_ns - keyframes[row[first]].stamp_ns) / 1e9
+        if length <= 0:
+            return []
+        driven = unpack_driven(self._read(last).points)
+        driven = driven[driven[:, 0] > -length]
+        seconds, step = length + driven[:, 0], self._step(first, last)
+        odometer = inverse(odometry[first]) @ odometry[last]
+        error = log(inverse(odometer) @ step)
+        poses = odometer @ exp(driven[:, 1:]) @ exp(np.outer(seconds / length, error))
+        if number == first:
+            seconds, poses = np.append(seconds, length), np.concatenate([poses, step[None]])
+        else:
+            seconds = np.append(-length, seconds - length)
+            poses = inverse(step) @ np.concatenate([np.eye(4)[None], poses])
+        near = np.abs(seconds) <= _NEAR_S
+        return list(zip(seconds[near].tolist(), log(poses[near]), strict=True))
+
+    def _neighbor(self, number: int, side: int) -> int | None:
+        """The keyframe so many before or after one, if odometry connects them; else None."""
+        row = self._content.row[number] + side
+        if not 0 <= row < len(self._numbers):
+            return None
+        other: int = self._numbers[row]
+        stretches = self._content.stretches
+        return other if stretches[other] == stretches[number] else None
+
+    def _step(self, number: int, other: int) -> Floats:
+        """Solved pose of one keyframe in another's frame, number_from_other."""
+        here, there = (self._poses[self._content.row[each]] for each in (number, other))
+        step: Floats = inverse(here) @ there
+        return step
+
+
+def measure_anew(
+    content: MapContent, settings: MapSettings, read: Callable[[int], StoredCloud]
+) -> list[Edge]:
+    """Return loops and steps as clouds measure them whose motion is undone along the solved path.
+
+    Those of clouds that stay as they are stored are left out, and so are those that clouds no
+    longer prove.
+
+    Args:
+        content: solved.
+        settings: of the map. Where coloured clouds are a part of the scans that are registered,
+            or range images are, nothing is measured anew.
+        read: clouds of a keyframe by its number.
+    """
+    registration = settings.registration
+    is_whole = fusion_of_scans(settings.fusion, registration) == settings.fusion
+    if registration.method == "planar" or not is_whole:
+        return []
+    sweeps = SolvedSweeps(content, read)
+
+    straightens = cache(sweeps.straightens)
+
+    @lru_cache(_READY)
+    def prepare(number: int) -> PreparedCloud:
+        return PreparedCloud(sweeps.cloud(number), registration)
+
+    anew = []
+    for edge in content.edges.values():
+        if edge.kind == "odometry" or content.part(edge.a) != content.part(edge.b):
+            continue
+        if not (straightens(edge.a) or straightens(edge.b)):
+            continue
+        guess = inverse(content.pose(edge.a)) @ content.pose(edge.b)
+        found = register(prepare(edge.b), prepare(edge.a), guess, search=False)
+        if found.target_from_source is None or found.covariance is None:
+            continue
+        covariance = found.covariance
+        if content.is_step(edge):
+            covariance = step_covariance(covariance, registration, settings.map)
+        anew.append(replace(edge, pose=found.target_from_source, covariance=covariance))
+    return anew
+
+
+def thickening(before: Floats, after: Floats) -> float:
+    """How much thicker surfaces of points, float64 (N, 3), get as these move elsewhere.
+
+    The sum over points of what their patches gain in standard deviation, metres. Points that were
+    in one cube before stay together; cubes with a flat surface, before or after, count.
+    """
+    patches, counts = patches_of(before)
+    thick, is_flat = zip(*(thickness(points, patches) for points in (before, after)), strict=True)
+    counted = (is_flat[0] | is_flat[1]) & (counts >= _FEWEST)
+    return float((thick[1] - thick[0])[counted] @ counts[counted])
+
+
+def patches_of(points: Floats) -> tuple[Integers, Integers]:
+    """Number the cubes that points, (N, 3), are in: int64 (N,), and how many are in each."""
+    cells = np.floor(points / _PATCH_M).astype(np.int64)
+    spans = np.ptp(cells, axis=0) + 1
+    keys = np.ravel_multi_index(tuple((cells - cells.min(axis=0)).T), tuple(spans))
+    _, patches, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    return patches.reshape(-1), counts
+
+
+def thickness(points: Floats, patches: Integers) -> tuple[Floats, Mask]:
+    """Standard deviations of points, (N, 3), across the plane of each patch, and which are flat."""
+    count = np.bincount(patches)
+    mean = np.stack([np.bincount(patches, axis) for axis in points.T], axis=1) / count[:, None]
+    off = points - mean[patches]
+    products = [[np.bincount(patches, a * b) / count for b in off.T] for a in off.T]
+    variances = np.linalg.eigvalsh(np.moveaxis(np.array(products), -1, 0))
+    is_flat = variances[:, 0] < _FLAT * variances[:, 1]
+    return np.sqrt(variances[:, 0].clip(0)), is_flat
