@@ -393,8 +393,10 @@ def people_table(seeds: Sequence[int]) -> str:
     for low, high in [*pairwise(BINS), (0.0, 1.0)]:
         within = (share >= low) & (share < high)
         count, *sums = (int(each[within].sum()) for each in (again, *counted))
-        name = f"{100 * low:g} to {100 * high:g} %, {100 * share[within].mean():.1f} % in the mean"
-        recalls = [f"{right / max(count, 1):.3f}" for right in sums[:2]]
+        name = f"{100 * low:g} to {100 * high:g} %"
+        if within.all():
+            name += f", {100 * share.mean():.1f} % in the mean"
+        recalls = [f"{right / count:.3f}" if count else "" for right in sums[:2]]
         rows.append([name, str(count), *recalls, *map(str, sums[2:])])
     return table(PEOPLE_LOOPS, rows)
 
