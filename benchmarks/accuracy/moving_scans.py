@@ -13,7 +13,7 @@ import argparse
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
 from pathlib import Path
@@ -75,6 +75,8 @@ LOOPS = ["scans a second", "scans", "loops", "more than 3 degrees off", "degrees
 LOOPS += ["95 %", "most", "metres off: median", "95 %", "most"]
 MAPS = ["scans a second", "scans", "ATE, m", "occupied cells", "wrong ones", "share"]
 PEOPLE = (0, 40)
+FOUND_PEOPLE, FOUND_M = (0, 20), 40.0
+"""People, and metres of the way, of drives that are mapped and localised."""
 CLOSE = {"near_m": 1.5, "path_m": 4.0}
 """How people walk near the robot's path."""
 BINS = (0.0, 0.05, 0.1, 0.2, 1.0)
@@ -88,6 +90,7 @@ PEOPLE_LOOPS += ["false without", "with", "right poses refused with them"]
 PEOPLE_FOUND = [
     "map",
     "drive",
+    "points on people",
     "scans near a keyframe",
     "found",
     "good",
@@ -118,6 +121,7 @@ class Drive:
         mode: one of ``MODES``.
         people: who walk around.
         back: the same way in the opposite direction, with other noise and people.
+        length_m: of the way; None for the whole tour.
         moving: of each scan of ``frames``, the share of points on people.
     """
 
@@ -126,6 +130,7 @@ class Drive:
     mode: str
     people: int = 0
     back: bool = False
+    length_m: float | None = None
     moving: list[float] = field(default_factory=list)
 
     @cached_property
@@ -145,7 +150,9 @@ class Drive:
     def driven(self) -> tuple[World, Trajectory]:
         made = MADE["house"]
         world = made.make(merged(made.settings, {"seed": self.seed}))
-        plan = PlanConfig(seed=self.seed, spacing_m=8.0, again=0.2, back=0.2)
+        plan = PlanConfig(
+            seed=self.seed, spacing_m=8.0, again=0.2, back=0.2, length_m=self.length_m
+        )
         world, way = drive_through(world, self.robot, plan)
         return world, turn_back(way) if self.back else way
 
@@ -511,24 +518,29 @@ def people_table(seeds: Sequence[int]) -> str:
     for low, high in [*pairwise(BINS), (0.0, 1.0)]:
         within = (share >= low) & (share < high)
         count, *sums = (int(each[within].sum()) for each in (again, *counted))
-        name = f"{100 * low:g} to {100 * high:g} %, {100 * share[within].mean():.1f} % in the mean"
-        recalls = [f"{right / max(count, 1):.3f}" for right in sums[:2]]
+        name = f"{100 * low:g} to {100 * high:g} %"
+        if within.all():
+            name += f", {100 * share.mean():.1f} % in the mean"
+        recalls = [f"{right / count:.3f}" if count else "" for right in sums[:2]]
         rows.append([name, str(count), *recalls, *map(str, sums[2:])])
     return table(PEOPLE_LOOPS, rows)
 
 
 def found_table(seeds: Sequence[int]) -> str:
     """Scans of a second drive on maps of the first, each without and with people."""
-    fixes: dict[tuple[int, int], list[Fix]] = {pair: [] for pair in product(PEOPLE, PEOPLE)}
-    errors: dict[int, list[float]] = {people: [] for people in PEOPLE}
+    pairs = list(product(FOUND_PEOPLE, FOUND_PEOPLE))
+    fixes: dict[tuple[int, int], list[Fix]] = {pair: [] for pair in pairs}
+    errors: dict[int, list[float]] = {people: [] for people in FOUND_PEOPLE}
+    moving: dict[int, list[float]] = {people: [] for people in FOUND_PEOPLE}
     with tempfile.TemporaryDirectory() as folder:
-        for seed, walked in product(seeds, PEOPLE):
-            first = Drive(seed, RATES_HZ[0], MODES[2], walked)
+        for seed, walked in product(seeds, FOUND_PEOPLE):
+            first = Drive(seed, RATES_HZ[0], MODES[2], walked, length_m=FOUND_M)
             mapped = map_drive(first, Path(folder), LOOPS_EVERY_S)
             errors[walked].append(ate(mapped.poses, mapped.true_keyframes))
-            for people in PEOPLE:
-                drive = Drive(seed, RATES_HZ[0], MODES[2], people, back=True)
+            for people in FOUND_PEOPLE:
+                drive = replace(first, people=people, back=True, moving=[])
                 frames = list(drive.frames(FOUND_EVERY_S))
+                moving[people] += drive.moving
                 true = np.stack([drive.true(frame) for frame in frames])
                 fixes[walked, people] += mapped.localize(
                     str(people), partial(iter, frames), true, stride=1
@@ -538,7 +550,13 @@ def found_table(seeds: Sequence[int]) -> str:
         shares = Shares(each)
         wrong = sum((fix.error or 0) > RIGHT[0] or (fix.turn or 0) > RIGHT[1] for fix in each)
         cells = ["with people" if count else "without" for count in (walked, people)]
-        cells += [str(shares.near), f"{shares.found:.3f}", f"{shares.good:.3f}", str(wrong)]
+        cells += [
+            f"{100 * np.mean(moving[people]):.1f} %",
+            str(shares.near),
+            f"{shares.found:.3f}",
+            f"{shares.good:.3f}",
+            str(wrong),
+        ]
         rows.append([*cells, f"{np.mean(errors[walked]):.3f}"])
     return table(PEOPLE_FOUND, rows)
 

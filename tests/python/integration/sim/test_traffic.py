@@ -128,7 +128,7 @@ def test_cars_drive_on_their_lane_and_wait_for_the_robot_and_each_other(
         ahead = np.einsum("ij,ij->i", moves[speed > 1], np.stack([np.cos(yaw), np.sin(yaw)], 1))
         assert (ahead > 0.95 * np.linalg.norm(moves[speed > 1], axis=1)).all()
     assert waited
-    for seconds in np.linspace(0, 40, 201):
+    for seconds in np.linspace(0, 40, 101):
         robot = np.array(way.places(seconds)[:2])
         outlines = [np.unique(corners(car, seconds)[:, :2], axis=0) for car in cars]
         assert min(np.hypot(*(each - robot).T).min() for each in outlines) > 1.0
