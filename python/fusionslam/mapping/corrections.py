@@ -23,7 +23,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.se3 import carry_covariance, inverse
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
-from fusionslam.mapping.edge import Edge, Kind, check_pose
+from fusionslam.mapping.edge import Edge, Kind, check_pose, measurement_errors, weigh_errors
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.map_settings import MapSettings
@@ -33,6 +33,7 @@ _NAME = "correction"
 """Of the settings that hold them, followed by their numbers."""
 _ACTIONS = ("link", "unlink", "fix", "undo")
 _LONGEST_WHY = 500
+_MOST_TIGHTENED = 10
 
 
 @dataclass(frozen=True)
@@ -201,10 +202,13 @@ class Corrections:
     ) -> Edge:
         """Hold a keyframe where a survey has it, in the frame of its part of the map.
 
+        The edge weighs so much that the keyframe ends within the deviations of the pose.
+
         Args:
             keyframe: its number.
             pose: float64 (4, 4), map_from_robot.
-            metres, degrees: standard deviations of the pose.
+            metres, degrees: how far off the pose may be; by these as standard deviations the graph
+                is asked whether it contradicts.
             force: whether it counts even if the graph contradicts it.
             why: the reason, in words.
 
@@ -364,7 +368,19 @@ class Corrections:
                 return replace(edge, state="refused", reason=doubt)
             text = f"forced by hand: {doubt}"
             edge = replace(edge, reason=Refusal("forced", doubt.number, text))
+        if action == "fix":
+            edge = self._hold(edges, edge)
         self._write(action, edge.a, edge.b, {edge.number: edge}, str(edge.reason), why)
+        return edge
+
+    def _hold(self, edges: dict[int, Edge], edge: Edge) -> Edge:
+        """Let an edge weigh so much that its keyframe ends within the deviations it has now."""
+        stated = [edge]
+        for _ in range(_MOST_TIGHTENED):
+            ends = self._solved(edges | {edge.number: edge}).poses_of((edge.a, edge.b))
+            if weigh_errors(measurement_errors(ends[None], stated), stated)[0] <= 1:
+                break
+            edge = replace(edge, covariance=edge.covariance / 4)
         return edge
 
     def _write(
