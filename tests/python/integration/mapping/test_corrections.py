@@ -56,6 +56,7 @@ def test_a_wrong_link_is_refused_with_the_number_and_changes_nothing(path: Path)
     assert stored(path, "edge", "solution", "setting") == before
 
 
+@pytest.mark.slow
 def test_a_forced_link_is_kept_and_marked_whatever_comes_later(path: Path) -> None:
     with PlaceMap.open(path) as site:
         edge = site.corrections.link(2, 8, WRONG, force=True, why="a trial")
@@ -86,6 +87,7 @@ def test_a_loop_that_was_taken_out_is_put_in_again_by_its_clouds(path: Path) -> 
         assert {each.state for each in site.edges if each.number == gone.number} == {"refused"}
 
 
+@pytest.mark.slow
 def test_without_loops_a_map_keeps_odometry(path: Path) -> None:
     with PlaceMap.open(path) as site:
         for edge in site.loops:
@@ -104,6 +106,7 @@ def test_without_loops_a_map_keeps_odometry(path: Path) -> None:
         np.testing.assert_allclose(found, alone.solve().poses, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @rows("metres", (0.2, 0.05, 0.01))
 def test_a_keyframe_that_is_held_is_within_the_deviation_that_was_stated(
     path: Path, tmp_path: Path, metres: float
@@ -123,6 +126,7 @@ def test_a_keyframe_that_is_held_is_within_the_deviation_that_was_stated(
         np.testing.assert_allclose(poses[0], np.eye(4), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_undo_restores_the_bytes_of_the_solution(path: Path) -> None:
     states = [stored(path, "edge", "solution")]
     with PlaceMap.open(path) as site:
@@ -149,6 +153,7 @@ def test_undo_restores_the_bytes_of_the_solution(path: Path) -> None:
     assert stored(path, "edge", "solution") == states[-1]
 
 
+@pytest.mark.slow
 def test_a_correction_is_taken_back_after_the_map_has_grown(path: Path) -> None:
     with PlaceMap.open(path, "tuesday") as site:
         site.corrections.unlink(6, 10)
