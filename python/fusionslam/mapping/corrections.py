@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from operator import index
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.se3 import carry_covariance, inverse
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
-from fusionslam.mapping.edge import Edge, Kind, check_pose, measurement_errors, weigh_errors
+from fusionslam.mapping.edge import Edge, Kind, State, check_pose, measurement_errors, weigh_errors
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.map_settings import MapSettings
@@ -272,7 +272,8 @@ class Corrections:
                 )
             record = file.numbered_settings(_NAME)[last.number]
             before = record.pop("before", None)
-            is_same = before is not None and before["keyframes"] == len(file.keyframes())
+            with file.decoding():
+                is_same = before is not None and before["keyframes"] == len(file.keyframes())
             edges = {edge.number: edge for edge in file.edges()}
             with file.transaction():
                 with file.decoding():
@@ -418,12 +419,12 @@ def forget_corrections(file: MapFile, keyframes: set[int]) -> None:
 
     Former solutions are of these keyframes, too, so that the others are undone by a new one.
     """
-    records = file.numbered_settings(_NAME)
-    for number, record in records.items():
-        if {record["a"], record["b"]} & keyframes:
-            file.delete_setting(f"{_NAME} {number}")
-        elif record.pop("before", None) is not None:
-            file.store_setting(f"{_NAME} {number}", record)
+    with file.decoding():
+        for number, record in file.numbered_settings(_NAME).items():
+            if {record["a"], record["b"]} & keyframes:
+                file.delete_setting(f"{_NAME} {number}")
+            elif record.pop("before", None) is not None:
+                file.store_setting(f"{_NAME} {number}", record)
 
 
 def copy_corrections(
@@ -437,14 +438,16 @@ def copy_corrections(
         keyframes, edges: new numbers by former ones.
     """
     first = max(file.numbered_settings(_NAME), default=0)
-    for number, record in other.numbered_settings(_NAME).items():
-        record.pop("before", None)
-        record["a"], record["b"] = keyframes[record["a"]], keyframes[record["b"]]
-        # An edge that was undone is gone.
-        record["edges"] = [[edges[e[0]], *e[1:]] for e in record["edges"] if e[0] in edges]
-        if record["undone"] is not None:
-            record["undone"] += first
-        file.store_setting(f"{_NAME} {first + number}", record)
+    with other.decoding():
+        for number, record in other.numbered_settings(_NAME).items():
+            _decode(number, record)  # raises for what is none
+            record.pop("before", None)
+            record["a"], record["b"] = keyframes[record["a"]], keyframes[record["b"]]
+            # An edge that was put in and undone is gone.
+            record["edges"] = [[edges[e[0]], *e[1:]] for e in record["edges"] if e[0] in edges]
+            if record["undone"] is not None:
+                record["undone"] += first
+            file.store_setting(f"{_NAME} {first + number}", record)
 
 
 def _between(content: MapContent, a: int, b: int) -> list[Edge]:
@@ -513,7 +516,10 @@ def _state_of(number: int, edge: Edge | None) -> list[Any]:
 
 def _with_state(edge: Edge, stored: Sequence[Any]) -> Edge:
     state, code, value, text = stored
-    return replace(edge, state=state, reason=None if code is None else Refusal(code, value, text))
+    if state not in get_args(State):
+        raise ValueError(f"the former state of edge {edge.number} is {state!r}")
+    reason = None if code is None else Refusal(str(code), float(value), str(text))
+    return replace(edge, state=state, reason=reason)
 
 
 def _pack(row: tuple[Any, ...] | None) -> list[str] | None:

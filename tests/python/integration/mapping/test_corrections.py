@@ -168,6 +168,7 @@ def test_a_correction_is_taken_back_after_the_map_has_grown(path: Path) -> None:
         assert error(site.trajectory("monday")[1], WAY) < 0.05
 
 
+@pytest.mark.slow
 def test_one_link_by_hand_joins_parts_and_goes_with_a_session(short: Path) -> None:
     elsewhere = frames(WAY[:3], 50, day=1, place=40)
     build(short, elsewhere, "tuesday")
@@ -283,6 +284,17 @@ def test_senseless_corrections_are_damage(short: Path) -> None:
             site.file.store_setting("correction 1", {"action": "link", "a": 0})
         with refuses("damaged"):
             list(site.corrections)
+        with site.file.transaction():
+            site.file.delete_setting("correction 1")
+        site.corrections.link(0, 2, site.trajectory("monday")[1][2])
+        (record,) = site.file.numbered_settings("correction").values()
+        record["edges"] = [[0, "surely", None, None, None]]
+        record.pop("before")
+        with site.file.transaction():
+            site.file.store_setting("correction 1", record)
+        with refuses("damaged"):
+            site.corrections.undo()
+        assert site.check() == []
 
 
 def test_a_graph_never_believes_an_edge_that_a_person_took_out() -> None:
