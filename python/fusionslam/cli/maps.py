@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands ``fusionslam map ...``."""
 
+import math
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -10,6 +11,7 @@ import typer
 
 from fusionslam.base.files import is_map_file
 from fusionslam.base.progress import label_progress
+from fusionslam.base.texts import counted
 from fusionslam.cli import options as opt
 from fusionslam.cli.console import during, progress
 from fusionslam.cli.failures import keep, needs_extra
@@ -17,6 +19,8 @@ from fusionslam.cli.recordings import BuildRecording
 from fusionslam.errors import ConfigError
 
 if TYPE_CHECKING:
+    from fusionslam.base.arrays import Matrix
+    from fusionslam.mapping import Edge
     from fusionslam.pipelines.place_maps import MapOdometry
 
 app = typer.Typer(
@@ -170,7 +174,7 @@ def show(
         typer.Option("--output", "-o", help="Also write a page that shows it (X.html)."),
     ] = None,
 ) -> None:
-    """Print the sessions, loops and size of a map, and write a page that shows it.
+    """Print sessions, loops, size and corrections of a map, and write a page that shows it.
 
     The page has trajectories, loops and reasons, cloud and grid from above, and a view in 3-D.
     """
@@ -182,6 +186,8 @@ def show(
 
     with PlaceMap.open(path, read_only=True) as site:
         print(site.describe())
+        for correction in site.corrections:
+            print(correction)
         if output is not None:
             from fusionslam.report.place_maps import write_map_page
 
@@ -295,6 +301,145 @@ def forget(
     with PlaceMap.open(path) as site:
         site.forget(session)
         print(site.describe())
+
+
+A = Annotated[int, typer.Argument(metavar="A", help="Number of a keyframe.")]
+B = Annotated[int, typer.Argument(metavar="B", help="Number of another one.")]
+Metres = Annotated[
+    float, typer.Option("--metres", help="Standard deviation of the pose, along each axis.")
+]
+Degrees = Annotated[
+    float, typer.Option("--degrees", help="Standard deviation of the pose, about each axis.")
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Even if clouds or graph contradict it; it is marked.")
+]
+Why = Annotated[str, typer.Option("--why", metavar="TEXT", help="The reason; map show lists it.")]
+_POSE = "X,Y,Z[,ROLL,PITCH],YAW"
+
+
+@app.command()
+@opt.command
+def link(
+    path: opt.MapFile,
+    a: A,
+    b: B,
+    pose: Annotated[
+        str | None,
+        typer.Option(
+            "--pose",
+            metavar=_POSE,
+            help="Of the robot at B in its frame at A, metres and degrees; by default that of "
+            "their clouds.",
+        ),
+    ] = None,
+    metres: Metres = 0.1,
+    degrees: Degrees = 1.0,
+    force: Force = False,
+    why: Why = "",
+) -> None:
+    """Put a loop between two keyframes into MAP, if their clouds and the graph agree.
+
+    Else nothing changes, the reason is printed, and the exit status is 1.
+    """
+    needs_extra("map")
+    from fusionslam.mapping import PlaceMap
+
+    given = None if pose is None else _parse_pose("--pose", pose)
+    with PlaceMap.open(path) as site:
+        corrections = site.corrections
+        _print_change(
+            corrections.link(a, b, given, metres=metres, degrees=degrees, force=force, why=why)
+        )
+
+
+@app.command()
+@opt.command
+def unlink(
+    path: opt.MapFile,
+    a: A,
+    b: B,
+    why: Why = "",
+) -> None:
+    """Take the loops between two keyframes out of MAP, for good."""
+    needs_extra("map")
+    from fusionslam.mapping import PlaceMap
+
+    with PlaceMap.open(path) as site:
+        gone = site.corrections.unlink(a, b, why=why)
+    print(f"keyframes {a} and {b}: {counted(len(gone), 'loop')} taken out")
+
+
+# A pose may begin with a minus.
+@app.command(context_settings={"ignore_unknown_options": True})
+@opt.command
+def fix(
+    path: opt.MapFile,
+    keyframe: Annotated[int, typer.Argument(metavar="KEYFRAME", help="Number of a keyframe.")],
+    pose: Annotated[
+        str,
+        typer.Argument(
+            metavar=_POSE, help="Of the robot in the frame of the map, metres and degrees."
+        ),
+    ],
+    metres: Metres = 0.1,
+    degrees: Degrees = 1.0,
+    force: Force = False,
+    why: Why = "",
+) -> None:
+    """Hold a keyframe of MAP where a survey has it, if the graph agrees.
+
+    Else nothing changes, the reason is printed, and the exit status is 1.
+    """
+    needs_extra("map")
+    from fusionslam.mapping import PlaceMap
+
+    given = _parse_pose("POSE", pose)
+    with PlaceMap.open(path) as site:
+        _print_change(
+            site.corrections.fix(
+                keyframe, given, metres=metres, degrees=degrees, force=force, why=why
+            )
+        )
+
+
+@app.command()
+@opt.command
+def undo(path: opt.MapFile, why: Why = "") -> None:
+    """Take the last correction of MAP by hand back: link, unlink or fix."""
+    needs_extra("map")
+    from fusionslam.mapping import PlaceMap
+
+    with PlaceMap.open(path) as site:
+        print(f"undone: {site.corrections.undo(why=why)}")
+
+
+def _print_change(edge: "Edge") -> None:
+    print(f"keyframes {edge.a} and {edge.b}: {edge.state}, {edge.reason}")
+    if edge.state == "refused":
+        print("nothing was changed; --force keeps it nevertheless")
+        raise typer.Exit(1)
+
+
+def _parse_pose(name: str, text: str) -> "Matrix":
+    import numpy as np
+
+    from fusionslam.geometry.rigid import rotation
+
+    try:
+        values = [float(cell) for cell in text.split(",")]
+        if len(values) not in (4, 6) or not all(map(math.isfinite, values)):
+            raise ValueError(text)
+    except ValueError as error:
+        raise ConfigError(
+            f"{name} {text!r}: expected {_POSE}, numbers in metres and degrees",
+            code="choice",
+            fields=(name, text),
+        ) from error
+    roll, pitch, yaw = values[3:] if len(values) == 6 else [0, 0, values[3]]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation(np.radians([roll, pitch, yaw]).tolist()), values[:3]
+    return pose
 
 
 @app.command()

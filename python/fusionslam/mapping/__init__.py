@@ -3,6 +3,7 @@
 """Maps made of the poses that loops prove."""
 
 from fusionslam.mapping.config import DriftModel, MapConfig
+from fusionslam.mapping.corrections import Correction, Corrections
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.graph_export import export_graph
 from fusionslam.mapping.localization import Localization
@@ -11,6 +12,8 @@ from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.mapping.pose_graph import PoseGraph, Solution, Update
 
 __all__ = [
+    "Correction",
+    "Corrections",
     "DriftModel",
     "Edge",
     "Localization",

@@ -16,6 +16,8 @@ from fusionslam.registration.result import Refusal
 
 Kind = Literal["odometry", "loop", "merge"]
 State = Literal["believed", "refused", "pending"]
+BY_HAND = ("linked", "given", "fixed", "forced", "unlinked")
+"""Codes of the reasons of edges that a person decided on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,10 @@ class Edge:
         state: "believed", "refused", or "pending" until the graph is solved next.
         reason: why it is refused; None if it is not. Its ``code`` is "contradicts-odometry"
             (number: by how many times it exceeds what the gate allows), "contradicts-graph" (its
-            chi square), or "few-merges" (edges between these sessions that agree with each other).
+            chi square), "few-merges" (edges between these sessions that agree with each other), or
+            "unlinked", by hand. Edges that a person holds are believed with one: "linked" (number:
+            the registration's probability), "given" and "fixed" (0), or "forced" (what spoke
+            against it).
     """
 
     number: int
@@ -44,6 +49,11 @@ class Edge:
     covariance: Floats
     state: State
     reason: Refusal | None = None
+
+    @property
+    def is_by_hand(self) -> bool:
+        """Whether a person decided if it is believed: no solution asks again."""
+        return self.reason is not None and self.reason.code in BY_HAND
 
 
 def reverse(edge: Edge) -> Edge:

@@ -38,6 +38,7 @@ class Solver:
         edges: between rows of ``poses``, part of every solution.
         fixed: int64 (k), rows that stay; at least one of each part that edges connect.
         scale: factor on the stated deviations of these edges.
+        held: edges that are part of every solution as they are.
 
     Raises:
         FusionSlamError: GTSAM is not installed (code "missing-extra").
@@ -49,6 +50,7 @@ class Solver:
         edges: Sequence[Edge],
         fixed: Integers,
         scale: float = 1.0,
+        held: Sequence[Edge] = (),
     ) -> None:
         self._gtsam = load()
         self._base = self._gtsam.NonlinearFactorGraph()
@@ -57,6 +59,7 @@ class Solver:
             pose = self._gtsam.Pose3(poses[row])
             self._base.add(self._gtsam.PriorFactorPose3(row, pose, hold))
         self._add(self._base, edges, scale)
+        self._add(self._base, held)
         self._values = self._gtsam.Values()
         for row, pose in enumerate(poses):
             self._values.insert(row, self._gtsam.Pose3(pose))

@@ -295,7 +295,8 @@ class MapContent:
 
     def _add_edge(self, edge: Edge) -> None:
         a, b = self.row[edge.a], self.row[edge.b]
-        self._graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
+        by_hand = edge.reason if edge.is_by_hand else None
+        self._graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind, by_hand)
         self._graph_numbers.append(edge.number)
         self.edges[edge.number] = edge
         self.next_edge = max(self.next_edge, edge.number + 1)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
-from fusionslam.errors import DataError
+from fusionslam.errors import ConfigError, DataError
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance
 from fusionslam.mapping.map_database import MapDatabase
@@ -73,6 +73,15 @@ class MapFile(MapDatabase):
 
     _forgotten: Any = None
 
+    def check_writable(self) -> None:
+        """Raise ConfigError for a map that was opened read-only."""
+        if self.read_only:
+            raise ConfigError(
+                f"{self.path} was opened read-only: nothing can be changed",
+                code="read-only",
+                fields=(str(self.path),),
+            )
+
     def setting(self, name: str) -> Any:
         """Return a value that was stored; None if there is none."""
         values = dict(self._table("setting"))
@@ -82,6 +91,20 @@ class MapFile(MapDatabase):
     def store_setting(self, name: str, value: Any) -> None:
         """Store a value, which JSON can hold."""
         self._store("setting", name, json.dumps(value))
+
+    def numbered_settings(self, name: str) -> dict[int, Any]:
+        """Return values whose names are this one and a number, in the order of the numbers."""
+        with self.decoding():
+            found = {
+                int(key.removeprefix(f"{name} ")): json.loads(value)
+                for key, value in self._table("setting")
+                if key.startswith(f"{name} ")
+            }
+        return dict(sorted(found.items()))
+
+    def delete_setting(self, name: str) -> None:
+        """Delete a value."""
+        self._delete("setting", "name = ?", name)
 
     def sessions(self) -> dict[str, int]:
         """Return the numbers of the sessions by name, in the order in which they began."""
@@ -111,7 +134,7 @@ class MapFile(MapDatabase):
                 self._put_block(descriptor, numbers[keep], kept)
         names = [name for name, each in self.sessions().items() if each == number]
         for name in names:
-            self._delete("setting", "name = ?", f"recording of {name}")
+            self.delete_setting(f"recording of {name}")
         own = "IN (SELECT id FROM keyframe WHERE session = ?)"
         self._delete("solution", "TRUE")
         self._delete("edge", f"a {own} OR b {own}", number, number)
@@ -205,6 +228,22 @@ class MapFile(MapDatabase):
         values = edge.pose.tobytes(), edge.covariance.tobytes(), edge.state
         self._store("edge", *ends, *values, *reason)
 
+    def delete_edge(self, number: int) -> None:
+        """Delete an edge."""
+        self._delete("edge", "id = ?", number)
+
+    def solution_row(self) -> tuple[Any, ...] | None:
+        """Return the last solution as it is stored; None if there is none."""
+        rows = self._table("solution")
+        return rows[0] if rows else None
+
+    def restore_solution(self, row: tuple[Any, ...] | None) -> None:
+        """Store what ``solution_row`` returned."""
+        if row is None:
+            self._delete("solution", "TRUE")
+        else:
+            self._store("solution", *row)
+
     def solution(self) -> tuple[Integers, Floats, Integers] | None:
         """Return keyframes, poses, float64 (n, 4, 4), and parts, as the graph was solved last."""
         rows = self._table("solution")
@@ -243,7 +282,12 @@ class MapFile(MapDatabase):
 
         Their numbers may be those of new ones by now.
         """
-        if self.read_only and self.setting(_FORGOTTEN) != self._forgotten:
+        if not self.read_only:
+            return
+        rows = self._rows("setting", "WHERE name = ?", _FORGOTTEN)  # others may be long
+        with self.decoding():
+            forgotten = json.loads(rows[0][1]) if rows else None
+        if forgotten != self._forgotten:
             raise DataError(
                 f"{self.path} was changed: a session was forgotten since the map was opened; open "
                 "it again",

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from fusionslam.errors import ConfigError
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.observation import name_voter
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
+from fusionslam.mapping.corrections import copy_corrections
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile
@@ -150,7 +152,8 @@ def judge_merge(site: ComparedMap, other: ComparedMap, between: list[Edge]) -> M
             rows[name, keyframe.id] = graph.add_node(keyframe.robot_from_cloud)
         for edge in each.edges.values():
             a, b = rows[name, edge.a], rows[name, edge.b]
-            graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind)
+            by_hand = edge.reason if edge.is_by_hand else None
+            graph.add_edge(a, b, edge.pose, edge.covariance, edge.kind, by_hand)
     first = len(graph.edges)
     for edge in between:
         a, b = rows["site", edge.a], rows["other", edge.b]
@@ -189,3 +192,5 @@ def copy_sessions(
     edges += [replace(edge, b=renamed[edge.b]) for edge in between]
     for number, edge in enumerate(edges, start=site.content.next_edge):
         file.store_edge(replace(edge, number=number))
+    numbered = dict(zip(content.edges, count(site.content.next_edge), strict=False))
+    copy_corrections(file, other.file, renamed, numbered)

@@ -37,16 +37,21 @@ class Joined(NamedTuple):
 
 
 def join_sessions(poses: Floats, sessions: Integers, edges: Iterable[Edge], drift: Drift) -> Joined:
-    """Move sessions to each other that ``FEWEST_MERGES`` edges connect that agree."""
+    """Move sessions to each other that ``FEWEST_MERGES`` edges connect that agree, or a person."""
     between = defaultdict(list)
     for edge in edges:
         between[session_pair(edge, sessions)].append(edge)
-    groups = {pair: _largest_group(some, poses, sessions, drift) for pair, some in between.items()}
+    groups = {
+        pair: [each for each in some if each.is_by_hand]
+        or _largest_group(some, poses, sessions, drift)
+        for pair, some in between.items()
+    }
     parts, poses = sessions.copy(), poses.copy()
     for group in sorted(groups.values(), key=len, reverse=True):
         edge = min(group, key=lambda each: float(np.trace(each.covariance)))
         first, other = parts[edge.a], parts[edge.b]
-        if len(group) < FEWEST_MERGES or first == other:
+        is_enough = len(group) >= FEWEST_MERGES or edge.is_by_hand
+        if not is_enough or first == other:
             continue
         move = poses[edge.a] @ edge.pose @ inverse(poses[edge.b])
         if other < first:

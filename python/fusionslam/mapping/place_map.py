@@ -28,6 +28,7 @@ from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
 from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
 from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.corrections import Corrections, forget_corrections
 from fusionslam.mapping.edge import Edge, check_pose
 from fusionslam.mapping.grids import (
     GridConfig,
@@ -106,7 +107,7 @@ class PlaceMap:
         """Within scans that are localised."""
         self._pieces = RecentPieces()
         """Of those scans."""
-        self._load()
+        self.reload()
 
     @classmethod
     def open(
@@ -244,6 +245,11 @@ class PlaceMap:
         """How frames are fused into the map's clouds."""
         return self.settings.fusion
 
+    @property
+    def corrections(self) -> Corrections:
+        """What people changed by hand, and how to change it."""
+        return Corrections(self, self._lock)
+
     @_one_at_a_time
     def describe(self) -> str:
         """Say what is in the map, a line for each session."""
@@ -313,7 +319,7 @@ class PlaceMap:
             step = self._writer.add(frame, odometry)
         except BaseException:
             if self._writer.is_torn:
-                self._load()  # what is in memory follows the file
+                self.reload()  # what is in memory follows the file
             raise
         if step.loops:
             self.forget_motion()  # its poses are those of the former solution
@@ -385,7 +391,7 @@ class PlaceMap:
                 read-only.
             DataError: the other file is no map, or this one cannot be written; nothing has changed.
         """
-        self._check_writable()
+        self.file.check_writable()
         with PlaceMap.open(other, read_only=True) as second:
             check_mergeable(self, second)
             vectors = vectors_as_of(self, second)
@@ -395,7 +401,7 @@ class PlaceMap:
                 with self.file.transaction():
                     copy_sessions(self, second, vectors, between)
         if merge.reason is None:
-            self._load()
+            self.reload()
             self._settle()
         return merge
 
@@ -417,11 +423,12 @@ class PlaceMap:
         Raises:
             ConfigError: there is no such session, or the map is read-only.
         """
-        self._check_writable()
+        self.file.check_writable()
         number = self.content.find_session(session)
         with self.file.transaction():
+            forget_corrections(self.file, {each.id for each in self._keyframes_of(session)})
             self.file.forget_session(number)
-        self._load()
+        self.reload()
         self._settle()
 
     @_one_at_a_time
@@ -513,7 +520,8 @@ class PlaceMap:
 
     # What follows keeps memory and file alike.
 
-    def _load(self) -> None:
+    @_one_at_a_time
+    def reload(self) -> None:
         """Take everything from the file."""
         file = self.file
         with file.reading():
@@ -539,7 +547,7 @@ class PlaceMap:
         times of points are known, but motion within scans was not undone, it is undone along the
         solved path, loops and steps are measured anew by these clouds, and it is solved once more.
         """
-        self._check_writable()
+        self.file.check_writable()
         self.content.is_live = False
         self._settle()
         anew = measure_anew(self.content, self.settings, self.file.cloud)
@@ -576,18 +584,10 @@ class PlaceMap:
             yield PlacedCloud(cloud.points, pose, ground_level)
 
     def _check_session(self) -> None:
-        self._check_writable()
+        self.file.check_writable()
         if not self._session_name:
             raise ConfigError(
                 "the map was opened without a session: expected PlaceMap.open(path, session=NAME)",
                 code="choice",
                 fields=("session",),
-            )
-
-    def _check_writable(self) -> None:
-        if self.file.read_only:
-            raise ConfigError(
-                f"{self.file.path} was opened read-only: nothing can be changed",
-                code="read-only",
-                fields=(str(self.file.path),),
             )

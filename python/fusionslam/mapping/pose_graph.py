@@ -135,7 +135,15 @@ class PoseGraph:
         self._given.append(None if pose is None else check_pose("pose", pose))
         return len(self._given) - 1
 
-    def add_edge(self, a: int, b: int, pose: Any, covariance: Any, kind: Kind) -> Edge:
+    def add_edge(
+        self,
+        a: int,
+        b: int,
+        pose: Any,
+        covariance: Any,
+        kind: Kind,
+        by_hand: Refusal | None = None,
+    ) -> Edge:
         """Add an edge.
 
         Args:
@@ -145,6 +153,8 @@ class PoseGraph:
             kind: "odometry", "loop" or "merge". Odometry is believed at once, the others wait for
                 ``solve``; both are treated alike: what connects sessions joins them only if
                 ``FEWEST_MERGES`` such edges agree.
+            by_hand: what a person decided of a loop or merge, with a code of ``BY_HAND``:
+                "unlinked" is always refused, others are always believed, and join sessions alone.
 
         Raises:
             ConfigError: there is no such kind (code "unknown-kind").
@@ -164,8 +174,10 @@ class PoseGraph:
                 fields=("b", str(b)),
             )
         pose, covariance = check_pose("pose", pose), check_covariance("covariance", covariance)
-        state: State = "believed" if kind == "odometry" else "pending"
-        edge = Edge(len(self._edges), kind, int(a), int(b), pose, covariance, state)
+        state: State = "believed" if kind == "odometry" or by_hand is not None else "pending"
+        if by_hand is not None and by_hand.code == "unlinked":
+            state = "refused"
+        edge = Edge(len(self._edges), kind, int(a), int(b), pose, covariance, state, by_hand)
         self._edges.append(edge)
         return edge
 
@@ -186,19 +198,23 @@ class PoseGraph:
         self._check_isolated()
         sessions = self._sessions()
         poses = self._odometry_poses()
-        loops = [edge for edge in self._edges if edge.kind != "odometry"]
+        loops = [e for e in self._edges if e.kind != "odometry" and not e.is_by_hand]
         within = [edge for edge in loops if sessions[edge.a] == sessions[edge.b]]
         across = [edge for edge in loops if sessions[edge.a] != sessions[edge.b]]
+        held = [edge for edge in self._edges if edge.is_by_hand and edge.state == "believed"]
+        held_across = [edge for edge in held if sessions[edge.a] != sessions[edge.b]]
         refusals = self._gate(within)
-        if within:
+        if within or held:
             poses, refusals = self._solve_robustly(poses, within, refusals, sessions)
         parts = sessions
-        if across:
+        if across or held_across:
             drift, place = self._tree.drift, self._place
-            joined = join_sessions(poses, sessions, across, lambda a, b: drift(place[a], place[b]))
+            joined = join_sessions(
+                poses, sessions, across + held_across, lambda a, b: drift(place[a], place[b])
+            )
             parts = joined.parts
             asked = [edge for edge in across if parts[edge.a] == parts[edge.b]]
-            if asked:
+            if asked or held_across:
                 poses, refusals = self._solve_robustly(
                     joined.poses, within + asked, refusals, parts
                 )
@@ -214,7 +230,7 @@ class PoseGraph:
             reason = refusals.get(edge.number)
             state: State = "believed" if reason is None else "refused"
             self._edges[edge.number] = replace(edge, state=state, reason=reason)
-        loops = [self._edges[edge.number] for edge in loops]
+        loops = [edge for edge in self._edges if edge.kind != "odometry"]
         self._updated, self._parts = len(self._edges), parts
         believed = [edge for edge in loops if edge.state == "believed"]
         held = [way for way in self._measure_ways(believed) if not self._is_step(way)]
@@ -241,13 +257,15 @@ class PoseGraph:
         new = [edge for edge in self._edges[self._updated :] if edge.kind != "odometry"]
         self._updated = len(self._edges)
         here = [edge for edge in new if self._part(edge.a) == self._part(edge.b)]
-        refusals = self._gate([e for e in here if self._session(e.a) == self._session(e.b)])
-        asked = [edge for edge in here if edge.number not in refusals]
+        judged = [edge for edge in here if not edge.is_by_hand]
+        refusals = self._gate([e for e in judged if self._session(e.a) == self._session(e.b)])
+        refused = {edge.number for edge in here if edge.state == "refused"} | refusals.keys()
+        asked = [edge for edge in here if edge.number not in refused]
         window, ways = self._window, self._measure_ways(asked)
         steps = {way.b: way for way in ways if way.b >= len(window) and self._is_step(way)}
         window.grow([self._tree.parent(k) for k in range(len(window), len(self))], steps)
         window.close([way for way in ways if steps.get(way.b) is not way])
-        for edge in asked:
+        for edge in (each for each in asked if not each.is_by_hand):
             ends = np.array([self._place[edge.a], self._place[edge.b]])
             square = weigh_errors(measurement_errors(window.at(ends)[None], [edge]), [edge])[0]
             state: State = "believed" if square <= CHI2_999 else "pending"
@@ -416,7 +434,7 @@ class PoseGraph:
         parts: Integers,
         scale: float = 1.0,
     ) -> tuple[Floats, dict[int, Refusal]]:
-        """Solve without the refused loops, then with all that fit the others.
+        """Solve without the refused loops, then with all that fit the others; held ones count.
 
         ``scale`` is a factor on odometry's deviations.
 
@@ -424,12 +442,17 @@ class PoseGraph:
             The poses, and why the remaining ones are refused.
         """
         odometry = [edge for edge in self._edges if edge.kind == "odometry"]
-        solver = Solver(poses, odometry, np.unique(parts), scale)
+        held = [
+            edge
+            for edge in self._edges
+            if edge.is_by_hand and edge.state == "believed" and parts[edge.a] == parts[edge.b]
+        ]
+        solver = Solver(poses, odometry, np.unique(parts), scale, held)
         robust = [edge for edge in loops if edge.number not in refused]
-        if robust:
+        if robust or held:
             poses = solver.solve(robust, robust=True)
         squares = chi_squares(poses, loops)
-        for _ in range(_MOST_ROUNDS if robust else 0):
+        for _ in range(_MOST_ROUNDS if robust or held else 0):
             kept = squares <= CHI2_999
             poses = solver.solve([loops[k] for k in np.flatnonzero(kept).tolist()])
             squares = chi_squares(poses, loops)

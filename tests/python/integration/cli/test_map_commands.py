@@ -227,6 +227,22 @@ def test_an_empty_map_is_described(tmp_path: Path) -> None:
     assert "map, by map build" in described and "none yet" in described
 
 
+def test_a_map_is_corrected_by_hand(site: Path) -> None:
+    wrong = ("map", "link", site, 2, 8, "--pose", "-1,0,0,90")
+    refused = run(*wrong)
+    assert refused.exit_code == 1 and "refused" in refused.stdout
+    assert "forced by hand" in succeeds(*wrong, "--force", "--why", "gate 3").stdout
+    assert "forced by hand" in succeeds("map", "fix", site, 1, "-0.01,0,0,0,0,0", "--force").stdout
+    assert "1 loop taken out" in succeeds("map", "unlink", site, 2, 8).stdout
+    assert "unlink 2 8" in succeeds("map", "undo", site).stdout
+    shown = succeeds("map", "show", site).stdout.splitlines()
+    actions = [line.split(",")[0] for line in shown if re.match(r"\d+: ", line)]
+    assert actions == ["1: link 2 8", "2: fix 0 1", "3: unlink 2 8", "4: undo of 3"]
+    assert any(line.endswith("gate 3") for line in shown)
+    assert refusal(2, "map", "fix", site, 1, "1,2,3") == ("choice", "POSE", "1,2,3")
+    assert refusal(1, "map", "link", site, 1, 1)[0] == "same-keyframe"
+
+
 def test_a_damaged_map_is_found(site: Path) -> None:
     succeeds("map", "check", site)
     data = bytearray(site.read_bytes())
