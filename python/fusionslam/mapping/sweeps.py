@@ -189,7 +189,7 @@ def measure_anew(
     """Return loops and steps as clouds measure them whose motion is undone along the solved path.
 
     Those of clouds that stay as they are stored are left out, and so are those that clouds no
-    longer prove.
+    longer prove, or that a person decided.
 
     Args:
         content: solved.
@@ -211,7 +211,8 @@ def measure_anew(
 
     anew = []
     for edge in content.edges.values():
-        if edge.kind == "odometry" or content.part(edge.a) != content.part(edge.b):
+        is_decided = edge.kind == "odometry" or edge.is_by_hand
+        if is_decided or content.part(edge.a) != content.part(edge.b):
             continue
         if not (straightens(edge.a) or straightens(edge.b)):
             continue
