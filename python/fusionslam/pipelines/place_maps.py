@@ -22,12 +22,13 @@ from fusionslam.datasets.cloud_files import write_cloud
 from fusionslam.datasets.pose_files import interpolate_poses, write_poses_tum
 from fusionslam.errors import DataError
 from fusionslam.fusion import OPTICAL, looks_along_z
+from fusionslam.geometry.globe import MapOrigin
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.mapping import Localization, PlaceMap
 from fusionslam.mapping.clouds import unpack_cloud
-from fusionslam.mapping.geojson import MapOrigin, write_geojson
+from fusionslam.mapping.geojson import write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.odometry import LidarOdometryConfig, scan_odometry
 from fusionslam.pipelines.lidar_odometry import track_lidar
