@@ -21,6 +21,11 @@ class MapOrigin(Section):
         0.0, "direction of the map's x axis, from east towards north", unit="deg", ge=-360, le=360
     )
 
+    def __str__(self) -> str:
+        """As ``parse_origin`` reads it, to a centimetre."""
+        place = f"{self.latitude:.7f},{self.longitude:.7f},{self.altitude:.2f}"
+        return f"{place},{self.heading:.3f}"
+
 
 def parse_origin(text: str) -> MapOrigin:
     """Read LATITUDE,LONGITUDE[,ALTITUDE[,HEADING]].

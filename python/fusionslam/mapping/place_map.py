@@ -264,6 +264,8 @@ class PlaceMap:
             f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
             f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
         )
+        if self.content.origin is not None:
+            lines.append(f"its origin is at {self.content.origin}")
         return "\n".join(lines)
 
     @_one_at_a_time
@@ -545,10 +547,11 @@ class PlaceMap:
         with file.reading():
             stored = file.setting("config")
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
+            placed = file.positions(), file.origin()
             vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)
-            self.content = MapContent(*content)
+            self.content = MapContent(*content, *placed)
         self._kept = FileClouds(file, self.content.odometry)
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():
