@@ -312,7 +312,7 @@ def export(
             "--origin",
             metavar="LAT,LON[,ALT[,HEADING]]",
             help="Where the map is: degrees, metres, and degrees of its x axis from east towards "
-            "north.",
+            "north; by default where its fixes say.",
         ),
     ] = None,
 ) -> None:

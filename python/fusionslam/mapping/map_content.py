@@ -91,7 +91,7 @@ class MapContent:
         self.odometry: dict[int, Matrix] = {}
         self.stretches: dict[int, int] = {}
         self.reason: Refusal | None = None
-        self.origin = origin
+        self.origin = self._saved_origin = origin
         self.unplaced: Refusal | None = None
         self._graph = PoseGraph()
         self._graph_numbers: list[int] = []  # of its edges, here
@@ -256,13 +256,14 @@ class MapContent:
             file.store_edge(edge)
         if not self._is_solution_saved:
             file.store_solution(self.numbers, self.poses, np.array(self.parts, np.int64))
-            if self.origin != file.origin():
-                file.store_origin(self.origin)
+        if self.origin != self._saved_origin:
+            file.store_origin(self.origin)
 
     def saved(self) -> None:
         """Take note that the file has everything."""
         self.unsaved.clear()
         self._is_solution_saved = True
+        self._saved_origin = self.origin
 
     def _is_across(self, edge: Edge) -> bool:
         return self.part(edge.a) != self.part(edge.b)

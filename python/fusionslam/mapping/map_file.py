@@ -116,6 +116,7 @@ class MapFile(MapDatabase):
         for name in names:
             for kind in ("recording of", _FIXES):
                 self._delete("setting", "name = ?", f"{kind} {name}")
+        self._delete("setting", "name = ?", _ORIGIN)
         own = "IN (SELECT id FROM keyframe WHERE session = ?)"
         self._delete("solution", "TRUE")
         self._delete("edge", f"a {own} OR b {own}", number, number)
