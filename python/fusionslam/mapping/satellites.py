@@ -19,6 +19,7 @@ FEWEST = 10
 """Positions that place a map."""
 _MOST_HEADING_SD = 0.05  # rad: beyond it, the way is too short for its positions
 _FEWEST_BELIEVED = 0.5  # part of the positions
+_MOST_AS_ONE = 100.0  # positions whose errors are alike
 _MOST_ROUNDS = 4  # of solving with the positions that fit
 _CHI2_999, _CHI2_MEDIAN = 16.26623619623813, 2.3659738843753377
 """scipy.stats.chi2.ppf([.999, .5], 3), without its import."""
@@ -65,7 +66,9 @@ def place_on_globe(
     """Move a part of a graph to where its edges and measured positions fit best.
 
     Positions that are far off weigh less from the start (first by Huber's kernel, whose
-    minimum is one, then by Cauchy's); at last those count that fit (chi square .999).
+    minimum is one, then by Cauchy's); at last those count that fit (chi square .999). Where steps
+    from one to the next err less than stated, errors of neighbours correlate, by multipath or a
+    filter in the receiver: as in a Gauss-Markov process, several count as one then.
 
     Args:
         poses: float64 (n, 4, 4), of all nodes.
@@ -97,7 +100,8 @@ def place_on_globe(
     origin = _move(middle, turned)
     targets = from_geographic(places, origin)
     covariances = _turned(covariances, origin)
-    factor = _understatement(points, targets, covariances)
+    ratio = _step_ratio(points, targets, covariances)
+    factor = max(np.sqrt(ratio), 1.0)
     covariances = covariances * factor**2
     spread = np.linalg.norm(points[:, :2] - points[:, :2].mean(axis=0))
     heading_sd = float(np.sqrt(np.median(covariances[:, 0, 0] + covariances[:, 1, 1]) / 2) / spread)
@@ -126,6 +130,12 @@ def place_on_globe(
             fits, _squares(_points(moved, nodes, arms) - targets, covariances) <= _CHI2_999
         ):
             break
+    if ratio < 1:  # neighbours correlate by 1 - ratio: so many count as one
+        several = min((2 - ratio) / max(ratio, 1e-9), _MOST_AS_ONE)
+        kept = [anchors[k] for k in np.flatnonzero(fits).tolist()]
+        moved = solver.solve(
+            [], anchors=[each._replace(covariance=several * each.covariance) for each in kept]
+        )
     back = _upright(start[0]) @ inverse(_upright(moved[0]))
     return Placement(back @ moved, _move(origin, inverse(back)), fits, factor)
 
@@ -156,11 +166,11 @@ def _align(points: Floats, targets: Floats) -> Matrix:
     return moved
 
 
-def _understatement(points: Floats, targets: Floats, covariances: Floats) -> float:
-    """By how much steps between positions err more than stated; odometry knows them well."""
+def _step_ratio(points: Floats, targets: Floats, covariances: Floats) -> float:
+    """Squared errors of steps between positions, of those stated; odometry knows steps well."""
     errors = np.diff(targets - points, axis=0)
     squares = _squares(errors, covariances[:-1] + covariances[1:])
-    return float(max(np.sqrt(np.median(squares) / _CHI2_MEDIAN), 1.0))
+    return float(np.median(squares) / _CHI2_MEDIAN)
 
 
 def _squares(errors: Floats, covariances: Floats) -> Floats:
