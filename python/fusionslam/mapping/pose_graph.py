@@ -13,7 +13,7 @@ import numpy as np
 from fusionslam._core import OdometryTree
 from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Integers, Matrix
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.geometry.globe import MapOrigin
 from fusionslam.mapping.edge import (
     CHI2_999,
@@ -183,9 +183,12 @@ class PoseGraph:
         first node then keeps its place and heading, but not its tilt.
 
         Raises:
+            ShapeError: other values than ``Position``.
             DataError: a node is unknown (code "unknown-node").
         """
         for each in positions:
+            if not isinstance(each, Position):
+                raise ShapeError(f"expected Positions, got {type(each).__name__}")
             self._check_node("node", each.node, len(self))
         self._positions = list(positions)
 

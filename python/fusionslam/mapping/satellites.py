@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fusionslam.base.arrays import Floats, Integers, Mask, Matrix
+from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.globe import MapOrigin, from_geographic, geographic
 from fusionslam.geometry.se3 import inverse
 from fusionslam.mapping.edge import Edge
@@ -34,12 +35,31 @@ class Position:
         arm: float64 (3), the point in the node's frame, metres.
         place: float64 (3), latitude, longitude, degrees, and metres above the ellipsoid of WGS 84.
         covariance: float64 (3, 3), m^2, east, north, up.
+
+    Raises:
+        ShapeError: an array has another shape.
+        DataError: a value is not finite (code "not-finite"), or the covariance not positive
+            definite ("not-positive-definite"); the field is its name.
     """
 
     node: int
     arm: Matrix
     place: Matrix
     covariance: Floats
+
+    def __post_init__(self) -> None:
+        for name, shape in (("arm", (3,)), ("place", (3,)), ("covariance", (3, 3))):
+            values = np.asarray(getattr(self, name), np.float64)
+            if values.shape != shape:
+                raise ShapeError(f"{name} has shape {values.shape}, expected {shape}")
+            if not np.isfinite(values).all():
+                raise DataError(f"{name} is not finite", code="not-finite", fields=(name,))
+        if np.linalg.eigvalsh(self.covariance)[0] <= 0:
+            raise DataError(
+                f"covariance is {self.covariance.tolist()}: expected a positive definite one",
+                code="not-positive-definite",
+                fields=("covariance",),
+            )
 
 
 class Placement(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fusionslam.base.arrays import Floats
-from fusionslam.errors import DataError
+from fusionslam.errors import DataError, FusionSlamError
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping.map_file import StoredKeyframe
 from fusionslam.registration import Refusal
@@ -129,6 +129,20 @@ def test_a_graph_stays_where_it_is_if_its_fixes_do_not_tell(
     assert solution.origin is None and isinstance(solution.unplaced, Refusal)
     assert solution.unplaced.code == code
     np.testing.assert_array_equal(solution.poses, alone.poses)
+
+
+@rows(
+    "changes, code",
+    [
+        ({"arm": np.full(3, np.nan)}, "not-finite"),
+        ({"place": np.zeros(2)}, "shape"),
+        ({"covariance": np.zeros((3, 3))}, "not-positive-definite"),
+    ],
+)
+def test_positions_that_cannot_be_are_named(changes: dict[str, Any], code: str) -> None:
+    with pytest.raises(FusionSlamError) as error:
+        replace(measure(circle(1))[0], **changes)
+    assert error.value.code == code
 
 
 @pytest.mark.slow
