@@ -457,14 +457,14 @@ def export(
             "--origin",
             metavar="LAT,LON[,ALT[,HEADING]]",
             help="Where the map is: degrees, metres, and degrees of its x axis from east towards "
-            "north.",
+            "north; by default where its fixes say.",
         ),
     ] = None,
 ) -> None:
     """Write a map for other programs: clouds, grid, heights, graph, trajectories."""
     needs_extra("map")
+    from fusionslam.geometry.globe import parse_origin
     from fusionslam.mapping import PlaceMap
-    from fusionslam.mapping.geojson import parse_origin
     from fusionslam.pipelines.place_maps import export_map, trajectory_files
 
     place = None if origin is None else parse_origin(origin)

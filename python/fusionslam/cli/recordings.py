@@ -41,8 +41,8 @@ def build_recording(
         typer.Option(
             metavar="WHAT=/NAME",
             help="Topic of a bag for points, left, camera_info, right, right_camera_info, "
-            "odometry, truth, imu, a further camera, or NAME_points for a further scanner; may be "
-            "repeated.",
+            "odometry, truth, imu, fix, a further camera, or NAME_points for a further scanner; "
+            "may be repeated.",
         ),
     ] = None,
     stamps: Annotated[

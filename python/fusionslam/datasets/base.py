@@ -27,7 +27,7 @@ from fusionslam.datasets.streams import Stream
 from fusionslam.errors import DataError, one_line
 from fusionslam.sensors.frame import Camera, Cloud, Frame
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.sensors.messages import Imu, Odometry
+from fusionslam.sensors.messages import Fix, Imu, Odometry
 
 CAMERA_FROM_ROBOT_AXES: Matrix = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
@@ -137,6 +137,14 @@ class Dataset(ABC):
     def imu_messages(self) -> Iterator[Imu]:
         """What an IMU says, as it was recorded; nothing where there is none."""
         return iter(())
+
+    def fixes(self) -> Iterator[Fix]:
+        """What a satellite receiver says, as it was recorded; nothing where there is none."""
+        return iter(())
+
+    def robot_from_antenna(self) -> Matrix | None:
+        """float64 (4, 4): the receiver's antenna in the robot's frame; None if that is unknown."""
+        return None
 
     def points_from_imu(self) -> Matrix | None:
         """float64 (4, 4): where the IMU is in the frame of the scans; None if that is unknown."""

@@ -3,11 +3,11 @@
 """The solver of the extra ``map``: GTSAM."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from fusionslam.base.arrays import Floats, Integers
+from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.errors import FusionSlamError, needing
 from fusionslam.mapping.edge import Edge
 
@@ -17,6 +17,9 @@ _FIXED = 1e-6  # standard deviation of a fixed pose, m and rad
 # Median error of a right measurement, in deviations (six degrees of freedom). With the width 1 that
 # is usual for a single one, most right loops weigh little, and odometry wins over all of them.
 _CAUCHY_WIDTH = 2.3
+_ANCHOR_WIDTHS = {"huber": 1.5, "cauchy": 1.5}
+"""Of kernels for measured positions: about the median error, three degrees of freedom."""
+_LEVEL = np.array([0.05, 0.05, 1e3, 1e6, 1e6, 1e6])  # tilt, heading in rad, position in m
 
 
 def load() -> Any:
@@ -30,15 +33,33 @@ def load() -> Any:
     return gtsam
 
 
+class Anchor(NamedTuple):
+    """A measured position of a point that is fixed to a node.
+
+    Attributes:
+        row: of the node.
+        arm: float64 (3), the point in the node's frame.
+        point: float64 (3), measured, in the frame of the poses.
+        covariance: float64 (3, 3), of the measurement.
+    """
+
+    row: int
+    arm: Matrix
+    point: Matrix
+    covariance: Floats
+
+
 class Solver:
     """Moves poses until edges fit best: Levenberg and Marquardt, on one thread.
 
     Args:
         poses: float64 (n, 4, 4), where to begin.
         edges: between rows of ``poses``, part of every solution.
-        fixed: int64 (k), rows that stay; at least one of each part that edges connect.
+        fixed: int64 (k), rows that stay; at least one of each part that edges connect, unless
+            anchors hold it.
         scale: factor on the stated deviations of these edges.
         held: edges that are part of every solution as they are.
+        level: row whose tilt holds loosely, where anchors hold the rest.
 
     Raises:
         FusionSlamError: GTSAM is not installed (code "missing-extra").
@@ -51,6 +72,8 @@ class Solver:
         fixed: Integers,
         scale: float = 1.0,
         held: Sequence[Edge] = (),
+        *,
+        level: int | None = None,
     ) -> None:
         self._gtsam = load()
         self._base = self._gtsam.NonlinearFactorGraph()
@@ -58,18 +81,31 @@ class Solver:
         for row in fixed.tolist():
             pose = self._gtsam.Pose3(poses[row])
             self._base.add(self._gtsam.PriorFactorPose3(row, pose, hold))
+        if level is not None:
+            loose = self._gtsam.noiseModel.Diagonal.Sigmas(_LEVEL)
+            pose = self._gtsam.Pose3(poses[level])
+            self._base.add(self._gtsam.PriorFactorPose3(level, pose, loose))
         self._add(self._base, edges, scale)
         self._add(self._base, held)
         self._values = self._gtsam.Values()
         for row, pose in enumerate(poses):
             self._values.insert(row, self._gtsam.Pose3(pose))
 
-    def solve(self, edges: Sequence[Edge], *, robust: bool = False) -> Floats:
+    def solve(
+        self,
+        edges: Sequence[Edge],
+        *,
+        robust: bool = False,
+        anchors: Sequence[Anchor] = (),
+        kernel: Literal["huber", "cauchy"] | None = None,
+    ) -> Floats:
         """Solve with further edges, from where the last solution was.
 
         Args:
             edges: between rows of the poses.
             robust: whether they may be wrong: their weights fall with their errors (Cauchy).
+            anchors: measured positions.
+            kernel: by which their weights fall with their errors; None: they do not.
 
         Returns:
             float64 (n, 4, 4).
@@ -79,6 +115,7 @@ class Solver:
         """
         graph = self._gtsam.NonlinearFactorGraph(self._base)
         self._add(graph, edges, robust=robust)
+        self._hold(graph, anchors, kernel)
         try:
             optimizer = self._gtsam.LevenbergMarquardtOptimizer(graph, self._values)
             self._values = optimizer.optimize()
@@ -98,6 +135,16 @@ class Solver:
             if robust:
                 noise = gtsam.noiseModel.Robust.Create(cauchy, noise)
             graph.add(gtsam.BetweenFactorPose3(each.a, each.b, gtsam.Pose3(each.pose), noise))
+
+    def _hold(self, graph: Any, anchors: Sequence[Anchor], kernel: str | None) -> None:
+        model, kind = self._gtsam.noiseModel, self._gtsam.noiseModel.mEstimator
+        kernels = {"huber": kind.Huber, "cauchy": kind.Cauchy}
+        for each in anchors:
+            noise = model.Gaussian.Covariance(each.covariance)
+            if kernel is not None:
+                estimator = kernels[kernel].Create(_ANCHOR_WIDTHS[kernel])
+                noise = model.Robust.Create(estimator, noise)
+            graph.add(self._gtsam.GPSFactorArm(each.row, each.point, each.arm, noise))
 
 
 def _rows(values: Floats) -> Floats:

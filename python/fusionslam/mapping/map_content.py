@@ -12,10 +12,12 @@ import numpy as np
 from fusionslam.base.arrays import Floats, Integers, Matrix
 from fusionslam.base.texts import counted
 from fusionslam.errors import ConfigError
+from fusionslam.geometry.globe import MapOrigin
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.merges import FEWEST_MERGES
 from fusionslam.mapping.pose_graph import PoseGraph
+from fusionslam.mapping.satellites import Position
 from fusionslam.mapping.window import fuse_step
 from fusionslam.registration import Refusal
 
@@ -52,6 +54,8 @@ class MapContent:
         edges: by number; their nodes are keyframes.
         solution: as ``MapFile.solution`` returns. Newer keyframes follow by their steps, as they
             did when they were added.
+        positions: that satellites tell; their nodes are keyframes.
+        origin: where on the globe the solution has the first part.
 
     Raises:
         ValueError: a keyframe's session is missing.
@@ -67,6 +71,8 @@ class MapContent:
         stretches: number of the first keyframe of the stretch of odometry, by number of the
             keyframe; odometry of different stretches cannot be compared.
         reason: what was wrong with the graph as a whole when it was solved last.
+        origin: where on the globe the first part of the map is; None if it is not known.
+        unplaced: why positions do not tell it, of the last solve.
         is_live: whether the poses are those of the graph, not of the file.
         unsaved: edges by number that are new, or whose state has changed, since ``saved``.
     """
@@ -77,6 +83,8 @@ class MapContent:
         keyframes: Iterable[StoredKeyframe],
         edges: Iterable[Edge],
         solution: StoredSolution | None,
+        positions: Iterable[Position] = (),
+        origin: MapOrigin | None = None,
     ) -> None:
         self.sessions = sessions
         self.keyframes: list[StoredKeyframe] = []
@@ -85,6 +93,8 @@ class MapContent:
         self.odometry: dict[int, Matrix] = {}
         self.stretches: dict[int, int] = {}
         self.reason: Refusal | None = None
+        self.origin = self._saved_origin = origin
+        self.unplaced: Refusal | None = None
         self._graph = PoseGraph()
         self._graph_numbers: list[int] = []  # of its edges, here
         self._poses: Floats | None = None  # None: those of the graph
@@ -101,6 +111,7 @@ class MapContent:
             self._add_node(keyframe)
         for edge in edges:
             self._add_edge(edge)
+        self.set_positions(positions)
         self._place(solution)
         if any(max(self.row[e.a], self.row[e.b]) >= self._solved for e in self.loops):
             self.solve()
@@ -155,6 +166,8 @@ class MapContent:
             f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
             f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
         )
+        if self.origin is not None:
+            lines.append(f"its origin is at {self.origin}")
         return "\n".join(lines)
 
     def find_session(self, name: str) -> int:
@@ -229,9 +242,14 @@ class MapContent:
         if has_grown or self._crossing >= max(FEWEST_MERGES, _GROWTH * self._asked):
             self.solve()
 
+    def set_positions(self, positions: Iterable[Position]) -> None:
+        """Take positions that satellites tell instead of those it had; the next solve uses them."""
+        self._graph.set_positions([replace(each, node=self.row[each.node]) for each in positions])
+
     def solve(self) -> None:
         """Solve the graph."""
         solution = self._graph.solve()
+        self.origin, self.unplaced = solution.origin, solution.unplaced
         if solution.reason is not None and self.reason is None:
             logger.warning("%s", solution.reason)
         self.reason = solution.reason
@@ -246,11 +264,13 @@ class MapContent:
     def take(self, measured: Iterable[Edge]) -> None:
         """Take edges, by their numbers, as they were measured anew, and solve the graph."""
         self.unsaved |= {edge.number: edge for edge in measured}
+        positions = self._graph.positions
         self._graph, self._graph_numbers = PoseGraph(), []
         for keyframe in self.keyframes:
             self._graph.add_node(keyframe.robot_from_cloud)
         for edge in (self.edges | self.unsaved).values():
             self._add_edge(edge)
+        self._graph.set_positions(positions)
         self.solve()
 
     def solve_new_loops(self) -> bool:
@@ -269,11 +289,14 @@ class MapContent:
             file.store_edge(edge)
         if not self._is_solution_saved:
             file.store_solution(self.numbers, self.poses, np.array(self.parts, np.int64))
+        if self.origin != self._saved_origin:
+            file.store_origin(self.origin)
 
     def saved(self) -> None:
         """Take note that the file has everything."""
         self.unsaved.clear()
         self._is_solution_saved = True
+        self._saved_origin = self.origin
 
     def _is_across(self, edge: Edge) -> bool:
         return self.part(edge.a) != self.part(edge.b)

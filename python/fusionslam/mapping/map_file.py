@@ -7,7 +7,7 @@ docs/reference/map_file.md describes the tables.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from operator import index
 from typing import Any, NamedTuple, get_args
 
@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
 from fusionslam.errors import ConfigError, DataError
+from fusionslam.geometry.globe import MapOrigin
 from fusionslam.geometry.rigid import is_rigid
 from fusionslam.mapping.edge import Edge, Kind, State, check_covariance
 from fusionslam.mapping.map_database import MapDatabase
 from fusionslam.mapping.map_settings import check_session_name
+from fusionslam.mapping.satellites import Position
 from fusionslam.registration.result import Refusal
 
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
 _FORGOTTEN = "forgotten sessions"
+_FIXES, _ORIGIN = "fixes of", "origin"
 
 
 class StoredKeyframe(NamedTuple):
@@ -134,7 +137,9 @@ class MapFile(MapDatabase):
                 self._put_block(descriptor, numbers[keep], kept)
         names = [name for name, each in self.sessions().items() if each == number]
         for name in names:
-            self.delete_setting(f"recording of {name}")
+            for kind in ("recording of", _FIXES):
+                self.delete_setting(f"{kind} {name}")
+        self.delete_setting(_ORIGIN)
         own = "IN (SELECT id FROM keyframe WHERE session = ?)"
         self._delete("solution", "TRUE")
         self._delete("edge", f"a {own} OR b {own}", number, number)
@@ -266,6 +271,36 @@ class MapFile(MapDatabase):
             poses[:, :3].astype(np.float64).tobytes(),
             parts.astype(np.int64).tobytes(),
         )
+
+    def positions(self) -> list[Position]:
+        """Return the positions that satellites tell, by session and time; nodes are keyframes."""
+        values = dict(self._table("setting"))
+        with self.decoding():
+            rows = [json.loads(values.get(f"{_FIXES} {name}", "[]")) for name in self.sessions()]
+            numbers = np.array([row for each in rows for row in each], np.float64).reshape(-1, 16)
+            if not np.isfinite(numbers).all():
+                raise ValueError("a fix is not finite")
+            return [
+                Position(int(row[0]), row[1:4], row[4:7], row[7:].reshape(3, 3)) for row in numbers
+            ]
+
+    def store_positions(self, session: str, positions: Sequence[Position]) -> None:
+        """Store the positions of a session that satellites tell, instead of those it had."""
+        rows = [
+            [each.node, *each.arm.tolist(), *each.place.tolist(), *each.covariance.ravel().tolist()]
+            for each in positions
+        ]
+        self.store_setting(f"{_FIXES} {session}", rows)
+
+    def origin(self) -> MapOrigin | None:
+        """Return where on the globe the map's first part is; None if it is not known."""
+        stored = self.setting(_ORIGIN)
+        with self.decoding():
+            return None if stored is None else MapOrigin(**stored)
+
+    def store_origin(self, origin: MapOrigin | None) -> None:
+        """Store where on the globe the map's first part is."""
+        self.store_setting(_ORIGIN, None if origin is None else origin.model_dump())
 
     def _append_vector(self, descriptor: str, keyframe: int, vector: Floats32) -> None:
         newest = "WHERE descriptor = ? ORDER BY first DESC LIMIT 1"

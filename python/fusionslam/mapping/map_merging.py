@@ -188,6 +188,12 @@ def copy_sessions(
         copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
         own = {name: rows[row] for name, (_, rows) in vectors.items()}
         file.add_keyframe(copied, other.file.cloud(keyframe.id), own)
+    own_nodes = {each.id: each.session for each in content.keyframes}
+    told = other.file.positions()
+    for name, number in content.sessions.items():
+        mine = [replace(p, node=renamed[p.node]) for p in told if own_nodes[p.node] == number]
+        if mine:
+            file.store_positions(name, mine)
     edges = [replace(e, a=renamed[e.a], b=renamed[e.b]) for e in content.edges.values()]
     edges += [replace(edge, b=renamed[edge.b]) for edge in between]
     for number, edge in enumerate(edges, start=site.content.next_edge):

@@ -527,10 +527,11 @@ class PlaceMap:
         with file.reading():
             stored = file.setting("config")
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
+            placed = file.positions(), file.origin()
             vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)
-            self.content = MapContent(*content)
+            self.content = MapContent(*content, *placed)
         self._kept = FileClouds(file, self.content.odometry)
         is_new = stored is None and not len(self)  # the caller's configuration may be wrong
         with nullcontext() if is_new else file.decoding():

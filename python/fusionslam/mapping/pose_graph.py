@@ -13,7 +13,8 @@ import numpy as np
 from fusionslam._core import OdometryTree
 from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Integers, Matrix
-from fusionslam.errors import ConfigError, DataError
+from fusionslam.errors import ConfigError, DataError, ShapeError
+from fusionslam.geometry.globe import MapOrigin
 from fusionslam.mapping.edge import (
     CHI2_999,
     Edge,
@@ -29,6 +30,7 @@ from fusionslam.mapping.edge import (
 from fusionslam.mapping.gtsam_extra import Solver, load
 from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
 from fusionslam.mapping.overconfidence import MOST, chi_ratio, fit_scale
+from fusionslam.mapping.satellites import Position, place_on_globe
 from fusionslam.mapping.window import Window, between_places
 from fusionslam.registration.result import Refusal
 
@@ -52,6 +54,8 @@ class Solution:
             "overconfident-odometry" where odometry contradicts more than a fifth of the loops that
             agree with each other (number: the factor by which its stated deviations are too small).
         seconds: time it took.
+        origin: where on the globe the part of node 0 is; None without positions that say so.
+        unplaced: why positions do not say so.
     """
 
     poses: Floats
@@ -61,6 +65,8 @@ class Solution:
     pending: tuple[Edge, ...] = ()
     reason: Refusal | None = None
     seconds: float = 0.0
+    origin: MapOrigin | None = None
+    unplaced: Refusal | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +97,9 @@ class PoseGraph:
             deviations of the drift of the way between and of the loop. That of a right loop
             exceeds 4.5 of them, in the direction of its error, two times in 10,000.
 
+    Attributes:
+        positions: that ``set_positions`` took.
+
     Raises:
         FusionSlamError: GTSAM is not installed (code "missing-extra").
         ConfigError: sigmas is not above 0 (code "out-of-range").
@@ -107,6 +116,7 @@ class PoseGraph:
         self._sigmas = sigmas
         self._given: list[Matrix | None] = []  # poses by the caller
         self._edges: list[Edge] = []
+        self.positions: list[Position] = []
         self._updated = 0  # edges that update() or solve() has seen
         self._parts = np.empty(0, np.int64)  # of nodes in the last solution
         self._clear_tree()
@@ -181,6 +191,22 @@ class PoseGraph:
         self._edges.append(edge)
         return edge
 
+    def set_positions(self, positions: Sequence[Position]) -> None:
+        """Take measured positions, in the order of time, instead of those it had.
+
+        ``solve`` puts the part of node 0 where its positions say, once it has chosen its loops; its
+        first node then keeps its place and heading, but not its tilt.
+
+        Raises:
+            ShapeError: other values than ``Position``.
+            DataError: a node is unknown (code "unknown-node").
+        """
+        for each in positions:
+            if not isinstance(each, Position):
+                raise ShapeError(f"expected Positions, got {type(each).__name__}")
+            self._check_node("node", each.node, len(self))
+        self.positions = list(positions)
+
     def solve(self) -> Solution:
         """Decide which loops to believe, and move the nodes to where the edges fit best.
 
@@ -236,6 +262,18 @@ class PoseGraph:
         held = [way for way in self._measure_ways(believed) if not self._is_step(way)]
         self._window = Window(self._tree, poses[self._placed], held)
         reason = self._find_overconfidence(sessions, within)
+        origin = unplaced = None
+        here = np.flatnonzero(parts == parts[0]) if len(parts) else parts
+        if self.positions:
+            used = [edge for edge in self._edges if edge.state == "believed"]
+            mine = [each for each in self.positions if parts[each.node] == parts[0]]
+            placement = place_on_globe(poses, here, used, mine)
+            if isinstance(placement, Refusal):
+                unplaced = placement
+            else:
+                poses, origin = poses.copy(), placement.origin
+                poses[here] = placement.poses
+                self._window = Window(self._tree, poses[self._placed], held)
         return Solution(
             poses,
             parts,
@@ -243,6 +281,8 @@ class PoseGraph:
             tuple(edge for edge in loops if edge.state == "refused"),
             reason=reason,
             seconds=time.perf_counter() - started,
+            origin=origin,
+            unplaced=unplaced,
         )
 
     def update(self) -> Update:

@@ -39,6 +39,7 @@ from fusionslam.pipelines.recording import SceneRecording
 from fusionslam.pipelines.results import FILE, Work, load_verified, run_files, runs_folder
 from fusionslam.registration import RegistrationConfig
 from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.messages import Fix
 from fusionslam.views.scene_set import is_scene_set
 
 if TYPE_CHECKING:
@@ -195,6 +196,8 @@ def _rows(dataset: "Dataset") -> Iterator[tuple[str, str]]:
     yield "poses", _path(dataset)
     if (odometry := _odometry(dataset)) is not None:
         yield "odometry", odometry
+    if fixes := [*dataset.fixes()]:
+        yield "satellites", _fix_words(fixes, dataset)
     yield "gaps", _gaps(dataset)
     yield "time offsets", _offsets(dataset)
 
@@ -217,6 +220,33 @@ def _odometry(dataset: "Dataset") -> str | None:
     poses = [dataset[row].odometry for row in rows.tolist()]
     known = [pose for pose in poses if pose is not None and np.isfinite(pose).all()]
     return f"by {dataset.odometry_topic or 'TF'}, {_kind_of_motion(known)}"
+
+
+def _fix_words(fixes: Sequence[Fix], dataset: "Dataset") -> str:
+    """Describe what a satellite receiver says, and what it lacks to place a map."""
+    known = [fix for fix in fixes if fix.position is not None]
+    words = [f"{counted(len(known), 'position')} in {counted(len(fixes), 'message')}"]
+    if known:
+        places = np.stack([fix.position for fix in known if fix.position is not None])
+        latitude, longitude, height = np.median(places, axis=0)
+        words.append(f"near {latitude:.5f}, {longitude:.5f}, {height:.0f} m above WGS 84")
+    stated = [fix.covariance for fix in known if fix.covariance is not None]
+    if stated:
+        level_m = np.sqrt(np.median([np.trace(each[:2, :2]) / 2 for each in stated]))
+        words.append(f"stated deviation {level_m:.2g} m")
+    if len(stated) < len(known):
+        words.append(f"{len(known) - len(stated)} without a covariance")
+    stamps = np.array([fix.stamp_ns for fix in known])
+    first, last = dataset.stamps_ns[[0, -1]]
+    if known and not ((stamps >= first) & (stamps <= last)).any():
+        late_s = (stamps[0] - first) / 1e9
+        words.append(f"none during the frames: the first is {late_s:+.3f} s from theirs")
+    mount = dataset.robot_from_antenna()
+    if mount is None:
+        words.append("TF does not say where the antenna is")
+    else:
+        words.append(f"antenna at {', '.join(f'{x:.2f}' for x in mount[:3, 3])} m")
+    return ", ".join(words)
 
 
 def _kind_of_motion(poses: Sequence[NDArray[np.float64]]) -> str:

@@ -22,12 +22,14 @@ from fusionslam.datasets.cloud_files import write_cloud
 from fusionslam.datasets.pose_files import interpolate_poses, write_poses_tum
 from fusionslam.errors import DataError
 from fusionslam.fusion import OPTICAL, looks_along_z
+from fusionslam.geometry.globe import MapOrigin
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.mapping import Localization, PlaceMap
 from fusionslam.mapping.clouds import unpack_cloud
-from fusionslam.mapping.geojson import MapOrigin, write_geojson
+from fusionslam.mapping.fixes import add_fixes
+from fusionslam.mapping.geojson import write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.odometry import LidarOdometryConfig, scan_odometry
 from fusionslam.pipelines.lidar_odometry import track_lidar
@@ -179,9 +181,35 @@ def build_map(
         else:
             keyframes += added.keyframe is not None
             loops += len(added.loops)
-    if keyframes:
+    if keyframes and not _add_fixes(site, dataset):
         site.solve()
     return Built(len(dataset) - begin, keyframes, loops, skipped)
+
+
+def _add_fixes(site: PlaceMap, dataset: Dataset) -> bool:
+    """Put the map where a recording's satellite receiver has it; False if it cannot."""
+    fixes = [*dataset.fixes()]
+    if not fixes:
+        return False
+    mount = dataset.robot_from_antenna()
+    if mount is None:
+        logger.warning(
+            "%s: TF does not link the antenna (%r) to the robot: it is taken to be at its origin",
+            *(dataset.name, fixes[0].frame_id),
+        )
+        mount = np.eye(4)
+    newest = site.content.keyframes[-1].session
+    (session,) = (name for name, number in site.content.sessions.items() if number == newest)
+    try:
+        add_fixes(site, session, fixes, mount)
+    except DataError as error:
+        if error.code not in ("no-fixes", "other-clock"):
+            raise
+        logger.warning("%s: fixes are left out: %s", dataset.name, error)
+        return False
+    if site.content.unplaced is not None:
+        logger.warning("%s: the map is not on the globe: %s", dataset.name, site.content.unplaced)
+    return True
 
 
 def frame_trajectory(
@@ -316,16 +344,16 @@ def export_map(
     """Write a map for other programs; returns the files.
 
     ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
-    ``graph.g2o``; ``SESSION.tum``, the keyframes of each session (``trajectory_files``); with
-    ``origin`` ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's first
-    part.
+    ``graph.g2o``; ``SESSION.tum``, the keyframes of each session (``trajectory_files``); where its
+    origin is known ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's
+    first part.
 
     Args:
         site: the map.
         folder: made if missing.
         voxel: of the clouds, metres.
         resolution: of the grid, metres.
-        origin: where on the globe the map is.
+        origin: where on the globe the map is; by default as its fixes say.
 
     Raises:
         DataError: the map has no keyframes (code "empty"), or a file cannot be written.
@@ -348,6 +376,7 @@ def export_map(
     for file, name in trajectory_files(site).items():
         files.append(target / file)
         write_poses_tum(files[-1], *tracks[name])
+    origin = origin or site.content.origin
     if origin is not None:
         files.append(target / "trajectory.geojson")
         write_geojson(files[-1], tracks, origin)

@@ -22,6 +22,7 @@ from fusionslam.sensors.frame_assembly import frame_from_pair
 from fusionslam.sensors.messages import (
     NANOSECONDS,
     CameraInfo,
+    Fix,
     FrameTransforms,
     Imu,
     Message,
@@ -238,7 +239,7 @@ class FrameBuilder:
             self._advance(message.stamp_ns)
         elif isinstance(message, Picture):
             self._synchronise(sensor, message)
-        else:
+        elif not isinstance(message, Fix):  # frames need none
             self._move(message)
         return self._complete()
 

@@ -198,6 +198,24 @@ class Imu:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Fix:
+    """Where a satellite receiver takes its antenna to be.
+
+    Attributes:
+        stamp_ns: time of the header.
+        frame_id: the frame of the antenna.
+        position: float64 (3), latitude and longitude in degrees and metres above the ellipsoid of
+            WGS 84; None while the receiver knows no position.
+        covariance: float64 (3, 3), m^2, east, north, up; None if the receiver states none.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    position: Matrix | None
+    covariance: Matrix | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FrameTransform:
     """Pose of one frame in another, at one time or, if static, always.
 
@@ -223,7 +241,7 @@ class FrameTransforms:
     transforms: tuple[FrameTransform, ...]
 
 
-Message = Scan | Picture | CameraInfo | Odometry | Imu | FrameTransforms
+Message = Scan | Picture | CameraInfo | Odometry | Imu | Fix | FrameTransforms
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,6 +63,29 @@ class ImuMount(Section):
     accel_walk: float = option(1e-4, "of the acceleration's bias", unit="m/s^3/sqrt(Hz)", ge=0)
 
 
+class GnssMount(Section):
+    """A satellite receiver whose antenna is mounted on the robot, and its errors.
+
+    Deviations are those of east and north each; heights err twice as much.
+    """
+
+    topic: str = option("/gps/fix", "topic of the messages", min_length=1)
+    frame_id: str = option("gps", "frame of the antenna", min_length=1)
+    parent: str = option("base_footprint", "parent frame", min_length=1)
+    position_m: Vector = option((0.0, 0.0, 0.0), "position in the parent frame", unit="m")
+    tilt_deg: Vector = option((0.0, 0.0, 0.0), "roll, pitch, yaw in the parent frame", unit="deg")
+    rate_hz: float = option(5.0, "messages per second", unit="Hz", gt=0, le=100)
+    noise_m: float = option(0.5, "white noise of each fix", unit="m", ge=0)
+    multipath_m: float = option(1.0, "bias by reflected signals, which changes", unit="m", ge=0)
+    multipath_s: float = option(30.0, "time in which that bias changes", unit="s", gt=0)
+    outliers: float = option(0.0, "part of the fixes that are far off", ge=0, le=1)
+    outlier_m: float = option(50.0, "how far off these are", unit="m", ge=0)
+    gap_every_s: float | None = option(
+        None, "mean time from a gap to the next; none: no gaps", unit="s", gt=0
+    )
+    gap_s: float = option(60.0, "length of gaps, in which there is no fix", unit="s", gt=0)
+
+
 class RobotConfig(Section):
     """A wheeled robot with LiDARs and cameras."""
 
@@ -76,6 +99,7 @@ class RobotConfig(Section):
     lidars: dict[str, LidarMount] = option({}, "LiDARs, by name")
     cameras: dict[str, CameraMount] = option({}, "cameras, by name")
     imus: dict[str, ImuMount] = option({}, "inertial measurement units, by name")
+    gnss: dict[str, GnssMount] = option({}, "satellite receivers, by name")
     odometry: OdometryMount = option(OdometryMount(), "the odometry that it publishes")
     sway: SwayConfig = option(SwayConfig(), "how its body moves beside the planned way")
 
@@ -94,6 +118,7 @@ class RobotConfig(Section):
         _check_unique("frame", [self.base_frame, self.odometry.frame_id, WORLD, *fixed])
         topics = [lidar.topic for lidar in self.lidars.values()]
         topics += [imu.topic for imu in self.imus.values()]
+        topics += [receiver.topic for receiver in self.gnss.values()]
         topics += [camera.picture_topic() for camera in self.cameras.values()]
         topics += [camera.info_topic for camera in self.cameras.values()]
         _check_unique("topic", [*OWN_TOPICS, self.odometry.topic, *topics])
@@ -143,6 +168,7 @@ def static_transforms(robot: RobotConfig) -> tuple[FrameTransform, ...]:
     poses = [(name, frame.parent, _pose(frame)) for name, frame in robot.frames.items()]
     poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.lidars.values()]
     poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.imus.values()]
+    poses += [(mount.frame_id, mount.parent, _pose(mount)) for mount in robot.gnss.values()]
     poses += [
         (camera.frame_id, camera.parent, parent_from_camera(camera))
         for camera in robot.cameras.values()
@@ -180,7 +206,7 @@ def base_from_camera(robot: RobotConfig, camera: CameraMount) -> Floats:
     return pose
 
 
-def _pose(mount: FrameConfig | LidarMount | ImuMount) -> Floats:
+def _pose(mount: FrameConfig | LidarMount | ImuMount | GnssMount) -> Floats:
     pose = np.eye(4)
     pose[:3, :3] = rotation(np.deg2rad(mount.tilt_deg).tolist())
     pose[:3, 3] = mount.position_m

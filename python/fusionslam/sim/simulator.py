@@ -13,12 +13,14 @@ import numpy as np
 from fusionslam.base.arrays import Floats
 from fusionslam.base.parallel import ordered_results
 from fusionslam.config import Section, merged, option
+from fusionslam.geometry.globe import MapOrigin
 from fusionslam.geometry.odometry_noise import OdometryConfig, OdometryTrack, simulate_odometry
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.sensors.messages import (
     NANOSECONDS,
     Event,
+    Fix,
     FrameTransform,
     FrameTransforms,
     Imu,
@@ -28,6 +30,7 @@ from fusionslam.sensors.messages import (
     Scan,
 )
 from fusionslam.sim.camera import CameraMount, camera_info, gains, photograph
+from fusionslam.sim.gnss import GnssTrack, simulate_gnss
 from fusionslam.sim.imu import STEP_S, ImuTrack, simulate_imu
 from fusionslam.sim.lidar import LidarMount, column_seconds, point_fields, scan
 from fusionslam.sim.motion.clearance import check_trajectory
@@ -40,6 +43,7 @@ from fusionslam.sim.robot import (
     TF_TOPIC,
     TRUTH_TOPIC,
     WORLD,
+    GnssMount,
     RobotConfig,
     base_from,
     base_from_camera,
@@ -61,6 +65,9 @@ class SimulationConfig(Section):
     seconds: float | None = option(None, "duration; none: the whole drive", unit="s", gt=0)
     obstacles: ObstacleConfig = option(ObstacleConfig(), "moving boxes")
     movers: MoversConfig = option(MoversConfig(), "people who walk and cars that drive")
+    origin: MapOrigin = option(
+        MapOrigin(latitude=49.0, longitude=8.4), "where on the globe the world is, for GNSS"
+    )
     hills: HillsConfig = option(HillsConfig(), "hills on which the world stands")
 
 
@@ -137,6 +144,7 @@ def event_count(robot: RobotConfig, trajectory: Trajectory, config: SimulationCo
     rates += [camera.rate_hz for camera in robot.cameras.values()] * 2
     rates += [robot.odometry.rate_hz] * 3
     rates += [imu.rate_hz for imu in robot.imus.values()]
+    rates += [receiver.rate_hz for receiver in robot.gnss.values()]
     return 1 + sum(_ticks(rate, seconds) for rate in rates)
 
 
@@ -189,6 +197,10 @@ class _Simulation:
             )
             for number, imu in enumerate(robot.imus.values())
         ]
+        self.gnss = [
+            self._follow_satellites(receiver, np.random.default_rng([config.seed, 8, number]))
+            for number, receiver in enumerate(robot.gnss.values())
+        ]
         boxes = plan_obstacles(
             config.obstacles, grid, trajectory, robot.radius_m, config.seed, self.seconds
         )
@@ -228,6 +240,8 @@ class _Simulation:
             yield lidar.rate_hz, lidar.topic, partial(self._make_scan, lidar, number)
         for imu, track in zip(self.robot.imus.values(), self.imus, strict=True):
             yield imu.rate_hz, imu.topic, partial(_make_imu, imu.frame_id, track)
+        for receiver, found in zip(self.robot.gnss.values(), self.gnss, strict=True):
+            yield receiver.rate_hz, receiver.topic, partial(_make_fix, receiver.frame_id, found)
 
     def _every(
         self, rate_hz: float, topic: str, make: Callable[[int, int], Message], rank: int
@@ -243,6 +257,11 @@ class _Simulation:
         """Seconds of the drive at which a sensor of this rate measures."""
         ticks = np.arange(_ticks(rate_hz, self.seconds)) / rate_hz
         return np.asarray(self.trajectory.seconds[0] + ticks)
+
+    def _follow_satellites(self, receiver: GnssMount, rng: np.random.Generator) -> GnssTrack:
+        seconds = self._drive_times(receiver.rate_hz)
+        antenna = self._mounted(base_from(self.robot, receiver.frame_id), seconds)[:, :3, 3]
+        return simulate_gnss(antenna, receiver, seconds, self.config.origin, rng)
 
     def _mounted(self, mount: Floats, seconds: Floats) -> Floats:
         """world_from_sensor, (M, 4, 4), of a sensor that is fixed to the robot."""
@@ -336,6 +355,17 @@ def _make_imu(frame_id: str, track: ImuTrack, number: int, stamp_ns: int) -> Imu
         frame_id=frame_id,
         angular=track.angular[number],
         linear=track.linear[number],
+    )
+
+
+def _make_fix(frame_id: str, track: GnssTrack, number: int, stamp_ns: int) -> Fix:
+    if not track.known[number]:
+        return Fix(stamp_ns=stamp_ns, frame_id=frame_id, position=None)
+    return Fix(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        position=track.positions[number],
+        covariance=track.covariance,
     )
 
 

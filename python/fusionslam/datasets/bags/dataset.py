@@ -27,7 +27,7 @@ from fusionslam.sensors.camera_info import camera_from, cameras_from, check_pair
 from fusionslam.sensors.deskewing import motion_within, points_of
 from fusionslam.sensors.frame import Camera, Frame
 from fusionslam.sensors.image_series import ImageSeries
-from fusionslam.sensors.messages import CameraInfo, Imu, Odometry, Picture, Scan
+from fusionslam.sensors.messages import CameraInfo, Fix, Imu, Odometry, Picture, Scan
 from fusionslam.sensors.scan_merging import Partner, merge_scans, time_remarks
 from fusionslam.sensors.transforms import TransformError
 from fusionslam.sensors.undone_motion import Deskew
@@ -121,7 +121,16 @@ class BagDataset(Dataset):
         return sorted(found, key=lambda message: message.stamp_ns)
 
     def imu_messages(self) -> Iterator[Imu]:
-        return self.source.imu_messages() if "imu" in self.source.roles else iter(())
+        return self.source.messages("imu", Imu)
+
+    def fixes(self) -> Iterator[Fix]:
+        return self.source.messages("fix", Fix)
+
+    def robot_from_antenna(self) -> Matrix | None:
+        first, robot = next(self.fixes(), None), self.source.frames.robot
+        if first is None or robot is None:
+            return None
+        return self.source.find_transform(robot, first.frame_id, int(self.stamps_ns[0]))
 
     def points_from_imu(self) -> Matrix | None:
         first = next(self.imu_messages(), None)

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags.messages import stamp_of
 from fusionslam.datasets.bags.reader import Bag, RawMessage
-from fusionslam.datasets.bags.topics import TRANSFORM_TYPES, info_role
+from fusionslam.datasets.bags.topics import READ_LATE, TRANSFORM_TYPES, info_role
 from fusionslam.errors import DataError, cause_of
 from fusionslam.sensors.imu_buffer import ImuBuffer
 from fusionslam.sensors.messages import CameraInfo, FrameTransforms, Imu, Message, Odometry
@@ -26,6 +27,8 @@ from fusionslam.sensors.robot_frames import RobotFrames
 from fusionslam.sensors.transforms import TransformError, TransformTree
 
 logger = logging.getLogger(__name__)
+
+T = TypeVar("T", bound=Message)
 
 STAMPS = ("header", "bag")
 """Sources of a message's stamp: its header, or its arrival in the bag."""
@@ -182,21 +185,24 @@ class IndexedBag:
         """float64 (4, 4), body_from_frame, or None if it is not known."""
         return lookup_or_none(lambda: self.frames.tree.lookup(body, frame, stamp_ns))
 
-    def imu_messages(self) -> Iterator[Imu]:
-        """Read what the IMU says; messages that cannot be used are left out, which is logged."""
-        topic, by_arrival = self.roles["imu"], self.stamps == "bag"
+    def messages(self, role: str, kind: type[T]) -> Iterator[T]:
+        """Read what the topic of a role says, of a kind; nothing if there is no such topic.
+
+        Messages that cannot be used are left out, which is logged.
+        """
+        topic, by_arrival = self.roles.get(role), self.stamps == "bag"
 
         def leave_out(topic: str, time_ns: int, error: DataError) -> None:
             self.say_once(f"{topic} {error.code}", f"{self.bag.path}: {error}")
 
-        for raw in self.bag.raw([topic], on_error=leave_out):
+        for raw in self.bag.raw([topic], on_error=leave_out) if topic else ():
             try:
-                imu = restamp(raw.value(), raw.time_ns if by_arrival else None)
+                value = restamp(raw.value(), raw.time_ns if by_arrival else None)
             except DataError as error:
-                leave_out(topic, raw.time_ns, error)
+                leave_out(raw.topic, raw.time_ns, error)
                 continue
-            assert isinstance(imu, Imu)
-            yield imu
+            assert isinstance(value, kind)
+            yield value
 
     def say_once(self, cause: str, words: str) -> None:
         """Log a warning, unless one of the same cause was logged before."""
@@ -251,7 +257,7 @@ def index_bag(
     """
     source = IndexedBag(bag, roles, stamps)
     if "imu" in roles:
-        source.frames.imu = ImuBuffer(load=source.imu_messages)
+        source.frames.imu = ImuBuffer(load=lambda: source.messages("imu", Imu))
     moving = [topic.name for topic in bag.topics.values() if topic.type in TRANSFORM_TYPES]
     names = list(dict.fromkeys([*topics, *moving]))
     # Those without a usable message are dropped at the end.
@@ -279,7 +285,7 @@ def index_bag(
 def _check_found(source: IndexedBag, moving: Iterable[str]) -> None:
     """Raise DataError if a topic in use has no message that can be decoded; of TF, say it only."""
     bag = source.bag
-    used = {topic for role, topic in source.roles.items() if role != "imu"}
+    used = {topic for role, topic in source.roles.items() if role not in READ_LATE}
     for topic in sorted({*used, *moving} - source.indexed.keys()):
         lost, first = source.refused.get(("undecodable", topic), (0, ""))
         message = f"{bag.path}: {topic} has no messages"

@@ -26,6 +26,7 @@ from fusionslam.errors import DataError, naming
 from fusionslam.sensors.messages import (
     NANOSECONDS,
     CameraInfo,
+    Fix,
     FrameTransform,
     FrameTransforms,
     Imu,
@@ -142,6 +143,33 @@ def _imu(message: Any) -> Imu:
     )
 
 
+def _fix(message: Any) -> Fix:
+    frame_id = message.header.frame_id.lstrip("/")
+    stamp_ns = stamp_of(message.header.stamp)
+    if message.status.status < 0:
+        return Fix(stamp_ns=stamp_ns, frame_id=frame_id, position=None)
+    values = [message.latitude, message.longitude, message.altitude]
+    position = _matrix("latitude, longitude, altitude", values, (3,))
+    for name, value, most in zip(("latitude", "longitude"), values, (90, 180), strict=False):
+        if abs(value) > most:
+            raise DataError(
+                f"{name} is {value:g}, expected degrees of WGS 84 from {-most} to {most}",
+                code="no-wgs84",
+                fields=(name,),
+            )
+    covariance = None
+    if message.position_covariance_type:
+        covariance = _matrix("position_covariance", message.position_covariance, (3, 3))
+        if np.linalg.eigvalsh(covariance)[0] <= 0:
+            raise DataError(
+                f"position_covariance is {covariance.tolist()}, expected a positive definite one, "
+                "or position_covariance_type 0 (unknown)",
+                code="not-positive-definite",
+                fields=("position_covariance",),
+            )
+    return Fix(stamp_ns=stamp_ns, frame_id=frame_id, position=position, covariance=covariance)
+
+
 def _transforms(message: Any, static: bool) -> FrameTransforms:
     return FrameTransforms(
         transforms=tuple(
@@ -169,6 +197,7 @@ _VALUES: dict[str, Callable[[Any], Message]] = {
     "sensor_msgs/CameraInfo": _camera_info,
     "nav_msgs/Odometry": _odometry,
     "sensor_msgs/Imu": _imu,
+    "sensor_msgs/NavSatFix": _fix,
 }
 _CHECKS: dict[str, Callable[[Any], None]] = {
     "sensor_msgs/PointCloud2": check_scan,
@@ -214,6 +243,7 @@ def ros_type(value: Message, stored: str) -> str:
         CameraInfo: "sensor_msgs/msg/CameraInfo",
         Odometry: "nav_msgs/msg/Odometry",
         Imu: "sensor_msgs/msg/Imu",
+        Fix: "sensor_msgs/msg/NavSatFix",
         FrameTransforms: "tf2_msgs/msg/TFMessage",
     }[type(value)]
 
@@ -250,6 +280,8 @@ class MessageBuilder:
             return make(name, header=header, **self._camera_info(value))
         if isinstance(value, Imu):
             return make(name, header=header, **self._imu(value))
+        if isinstance(value, Fix):
+            return make(name, header=header, **self._fix(value))
         return make(name, header=header, **self._odometry(value))
 
     def _header(self, stamp_ns: int, frame_id: str) -> Any:
@@ -321,6 +353,19 @@ class MessageBuilder:
             "angular_velocity_covariance": unknown,
             "linear_acceleration": self._vector(imu.linear),
             "linear_acceleration_covariance": unknown,
+        }
+
+    def _fix(self, fix: Fix) -> dict[str, Any]:
+        position = np.full(3, np.nan) if fix.position is None else fix.position
+        covariance = np.zeros((3, 3)) if fix.covariance is None else fix.covariance
+        status = self._make(
+            "sensor_msgs/msg/NavSatStatus", status=-1 if fix.position is None else 0, service=1
+        )
+        return {
+            "status": status,
+            **dict(zip(("latitude", "longitude", "altitude"), position.tolist(), strict=True)),
+            "position_covariance": covariance.ravel(),
+            "position_covariance_type": 0 if fix.covariance is None else 3,
         }
 
     def _transform(self, transform: FrameTransform) -> Any:

@@ -15,7 +15,12 @@ from fusionslam.base.arrays import Matrix
 from fusionslam.datasets.bags.calibration import apply_calibration
 from fusionslam.datasets.bags.indexed_bag import STAMPS, IndexedBag, index_bag, lookup_or_none
 from fusionslam.datasets.bags.reader import open_bag
-from fusionslam.datasets.bags.topics import choose_topics, further_cameras, further_scanners
+from fusionslam.datasets.bags.topics import (
+    READ_LATE,
+    choose_topics,
+    further_cameras,
+    further_scanners,
+)
 from fusionslam.datasets.base import PosesOrigin
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.sensors.messages import NANOSECONDS, as_nanoseconds
@@ -79,8 +84,7 @@ def _open_cached(
     bag = open_bag(path)
     roles = choose_topics(bag.topics, dict(named), str(path))
     known = [topic.name for topic in bag.topics.values() if topic.is_known]
-    # IMUs send so much that their messages are read when they are needed.
-    used = [topic for role, topic in roles.items() if role != "imu"]
+    used = [topic for role, topic in roles.items() if role not in READ_LATE]
     source = index_bag(bag, known if everything else used, roles, stamps)
     if calibration is not None:
         apply_calibration(source, calibration)

@@ -21,8 +21,11 @@ ROLES = {
     "odometry": ("nav_msgs/Odometry",),
     "truth": ("nav_msgs/Odometry",),
     "imu": ("sensor_msgs/Imu",),
+    "fix": ("sensor_msgs/NavSatFix",),
 }
 """Roles that a topic can have in a dataset, with the message types of each."""
+READ_LATE = ("imu", "fix")
+"""Roles whose messages are read when they are needed: no frame is made of them alone."""
 INFO_ROLES = {"left": "camera_info", "right": "right_camera_info"}
 """Role of the calibration of each camera of a stereo pair."""
 _OF_INFO = "_camera_info"

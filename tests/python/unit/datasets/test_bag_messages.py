@@ -15,7 +15,7 @@ from PIL import Image
 from bags import OPTICAL, START, camera_info, odometry, same, scan
 from fusionslam.datasets.bags.messages import MessageBuilder, value_of
 from fusionslam.errors import DataError
-from fusionslam.sensors.messages import FrameTransform, FrameTransforms, Picture, Scan
+from fusionslam.sensors.messages import Fix, FrameTransform, FrameTransforms, Picture, Scan
 from rows import rows
 
 HEADER = Message(stamp=Message(sec=1_700_000_000, nanosec=5), frame_id="velodyne")
@@ -256,6 +256,9 @@ def test_values_survive_being_messages(ros: Any) -> None:
         ("nav_msgs/Odometry", odometry(START + 5)),
         ("tf2_msgs/TFMessage", FrameTransforms(transforms=(moving,))),
         ("sensor_msgs/Image", Picture(stamp_ns=STAMP, frame_id="camera", image=RGB)),
+        ("sensor_msgs/NavSatFix", fix()),
+        ("sensor_msgs/NavSatFix", fix(covariance=None)),
+        ("sensor_msgs/NavSatFix", fix(position=None, covariance=None)),
     ):
         message = builder.build(value)
         assert same(value_of(message, name, "/tf"), value), name
@@ -264,6 +267,38 @@ def test_values_survive_being_messages(ros: Any) -> None:
     header = Message(stamp=Message(secs=3, nsecs=4), frame_id="camera")  # as rospy calls them
     value = value_of(image("rgb8", RGB, header=header), "sensor_msgs/Image", "/i")
     assert value.stamp_ns == 3_000_000_004
+
+
+def fix(**changes: Any) -> Fix:
+    values = {"position": np.array([49.0, 8.4, 110.0]), "covariance": np.diag([1.0, 1.0, 4.0])}
+    return Fix(stamp_ns=STAMP, frame_id="gps", **values | changes)
+
+
+@rows(
+    "changes, code, field",
+    [
+        ({"latitude": 5_427_000.0}, "no-wgs84", "latitude"),
+        ({"longitude": 181.0}, "no-wgs84", "longitude"),
+        ({"altitude": np.nan}, "data", None),
+        ({"position_covariance": np.zeros(9)}, "not-positive-definite", "position_covariance"),
+        ({"position_covariance": np.full(9, np.inf)}, "data", None),
+    ],
+)
+def test_fixes_that_cannot_be_are_named(
+    changes: dict[str, Any], code: str, field: str | None
+) -> None:
+    message = MessageBuilder(lambda name, /, **fields: Message(**fields), 2).build(fix())
+    vars(message).update(changes)
+    with pytest.raises(DataError, match=r"/gps at 1700000000\.000000005 s: ") as error:
+        value_of(message, "sensor_msgs/NavSatFix", "/gps")
+    assert error.value.code == code and error.value.fields == (() if field is None else (field,))
+
+
+def test_a_receiver_without_a_fix_has_no_position_whatever_it_writes() -> None:
+    message = MessageBuilder(lambda name, /, **fields: Message(**fields), 2).build(fix())
+    message.status.status = -1
+    value = value_of(message, "sensor_msgs/NavSatFix", "/gps")
+    assert isinstance(value, Fix) and value.position is None and value.covariance is None
 
 
 def test_a_quaternion_need_not_be_of_unit_length_but_has_to_be_a_rotation() -> None:

@@ -14,9 +14,10 @@ from PIL import Image
 
 from fusionslam import Cloud, ConfigError, DataError
 from fusionslam.base.arrays import Matrix
+from fusionslam.geometry.globe import MapOrigin, geographic
 from fusionslam.loop_closure import local_maps
 from fusionslam.loop_closure.local_maps import join_clouds
-from fusionslam.mapping.geojson import MapOrigin, geographic, write_geojson
+from fusionslam.mapping.geojson import write_geojson
 from fusionslam.mapping.grids import (
     GridConfig,
     OccupancyGrid,
