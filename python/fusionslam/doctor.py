@@ -64,6 +64,7 @@ EXTRAS = {
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (
             *("map build", "map show", "map localize", "map merge", "map forget"),
+            *("map link", "map unlink", "map fix", "map undo"),
             *("map export", "map check", "fleet merge", "fleet report", "fleet demo"),
             *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
         ),

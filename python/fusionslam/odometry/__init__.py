@@ -5,7 +5,6 @@
 from fusionslam.odometry.inertial_matcher import Felt
 from fusionslam.odometry.lidar_odometry import Deviation, LidarOdometry, LidarOdometryConfig
 from fusionslam.odometry.live_odometry import LiveOdometry
-from fusionslam.odometry.tracking import scan_odometry
 
 __all__ = [
     "Deviation",
@@ -13,5 +12,4 @@ __all__ = [
     "LidarOdometry",
     "LidarOdometryConfig",
     "LiveOdometry",
-    "scan_odometry",
 ]

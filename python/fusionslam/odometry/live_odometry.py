@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Matrix
 from fusionslam.errors import ClockError, DataError, FusionSlamError
 from fusionslam.odometry.lidar_odometry import LidarOdometry, LidarOdometryConfig
@@ -28,6 +29,7 @@ _AGAIN_NS = NANOSECONDS
 """Tracking that fails soon after it began does not begin anew before this time."""
 
 
+@checked
 class LiveOdometry:
     """Tracks scans once all that belongs to them has arrived; bad messages never stop it.
 

@@ -14,7 +14,8 @@ from fusionslam.config import explain_choice
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.odometry_noise import DRIFT, OdometryConfig, simulate_odometry
 from fusionslam.geometry.trajectory import Trajectory
-from fusionslam.odometry import LidarOdometryConfig, scan_odometry
+from fusionslam.odometry import LidarOdometryConfig
+from fusionslam.odometry.tracking import scan_odometry
 from fusionslam.pipelines.drive_images import estimate_motions, image_stamps_ns, template_views
 from fusionslam.pipelines.drives import Drive
 from fusionslam.pipelines.lidar_odometry import lidar_motions, track_lidar

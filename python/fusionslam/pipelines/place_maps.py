@@ -31,7 +31,8 @@ from fusionslam.mapping.clouds import unpack_cloud
 from fusionslam.mapping.fixes import add_fixes
 from fusionslam.mapping.geojson import write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
-from fusionslam.odometry import LidarOdometryConfig, scan_odometry
+from fusionslam.odometry import LidarOdometryConfig
+from fusionslam.odometry.tracking import scan_odometry
 from fusionslam.pipelines.lidar_odometry import track_lidar
 from fusionslam.pipelines.odometry_check import warn_of_wrong_odometry
 from fusionslam.pipelines.recording import name_frame

@@ -13,7 +13,8 @@ from pydantic import field_validator
 from fusionslam.config import option
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError, cause_of
 from fusionslam.fusion import SENSORS_OF, Source
-from fusionslam.odometry import LidarOdometryConfig, LiveOdometry, scan_odometry
+from fusionslam.odometry import LidarOdometryConfig, LiveOdometry
+from fusionslam.odometry.tracking import scan_odometry
 from fusionslam.ros.messages.library import build
 from fusionslam.ros.messages.types import CAMERA_INFO, CLOUD, IMAGES, IMU, ODOMETRY, TRANSFORMS
 from fusionslam.ros.runtime.config import CommonConfig
