@@ -53,7 +53,7 @@ class Edge:
     @property
     def is_by_hand(self) -> bool:
         """Whether a person decided if it is believed: no solution asks again."""
-        return self.reason is not None and self.reason.code in BY_HAND
+        return isinstance(self.reason, Refusal) and self.reason.code in BY_HAND
 
 
 def reverse(edge: Edge) -> Edge:
