@@ -140,7 +140,7 @@ def merged(
             for name in () if new_names else value:
                 if name not in current:
                     raise ConfigError(
-                        f"{path}: unknown {key.removesuffix('s')} {name!r}; "
+                        f"{path}: unknown name {name!r}; "
                         f"{_hint(name, current)}known: {', '.join(current) or 'none'}",
                         code="unknown-name",
                         fields=(path, name),
