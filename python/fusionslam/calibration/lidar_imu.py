@@ -1,0 +1,440 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where an IMU is in the frame of a LiDAR, and how late its stamps are, by how both move.
+
+Turns are compared with integrated turn rates from the first scan of a piece on, positions with
+doubly integrated accelerations over about a second, in which positions and velocities at the
+beginning are eliminated (Forster et al., "On-Manifold Preintegration", T-RO 2017, eqs. 33 to 38).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, null_space
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
+
+from fusionslam.base.arrays import Floats, Matrix
+from fusionslam.calibration.estimate import Estimate
+from fusionslam.calibration.scan_path import PathPiece, ScanPath
+from fusionslam.errors import DataError
+from fusionslam.sensors.messages import NANOSECONDS, Imu
+
+LATEST_S = 1.0
+"""Of the IMU's stamps: further offsets are mistakes, not delays."""
+_GRID_S = 0.01
+_WINDOW = 10
+"""Scans, over which accelerations are integrated."""
+_CLUSTER = 10
+"""Scans whose errors may be alike, one after the other."""
+_WIDEST_DEG, _WIDEST_M, _WIDEST_S = 0.5, 0.05, 0.01
+"""Half widths of intervals beyond which nothing is said."""
+_FASTEST_RAD_S = 40.0
+_IN_G = 2.0
+_WIDEST_GAP_S = 0.05
+_AXES = "xyz"
+
+
+class ImuRows(NamedTuple):
+    """What an IMU said at N times.
+
+    Attributes:
+        seconds: float64 (N), increasing, since the path's begin.
+        angular: float64 (N, 3), rad/s.
+        linear: float64 (N, 3), m/s^2.
+    """
+
+    seconds: Floats
+    angular: Floats
+    linear: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ImuCalibration:
+    """Where the IMU is.
+
+    Attributes:
+        lidar_from_imu: float64 (4, 4), the best guess: parts that cannot be said are as stated.
+        estimates: turn of the stated pose about the LiDAR's axes, place, delay, and biases.
+        unit: factor that makes m/s^2 of its accelerations, 1 unless they are in g.
+    """
+
+    lidar_from_imu: Matrix
+    estimates: list[Estimate]
+    unit: float
+
+
+class Fit(NamedTuple):
+    """Values (P), and half widths of their 95 % intervals."""
+
+    values: Floats
+    half_widths: Floats
+
+
+def read_imu(messages: Iterable[Imu], path: ScanPath) -> ImuRows:
+    """Collect messages, by stamp.
+
+    Raises:
+        DataError: there are none (code "no-imu"), one is not finite ("not-finite"), rates are in
+            degrees ("imu-unit"), or they are of another time than the scans ("clock").
+    """
+    found = [(imu.stamp_ns, *imu.angular, *imu.linear) for imu in messages]
+    if not found:
+        raise DataError("there are no messages of an IMU", code="no-imu")
+    stamps, rows = np.array([row[0] for row in found]), np.array([row[1:] for row in found], float)
+    stamps, first = np.unique(stamps, return_index=True)
+    rows = rows[first]
+    if not np.isfinite(rows).all():
+        bad = int(stamps[~np.isfinite(rows).all(axis=1)][0])
+        raise DataError(
+            f"the IMU's message at {bad} ns is not finite", code="not-finite", fields=(str(bad),)
+        )
+    fastest = float(np.abs(rows[:, :3]).max())
+    if fastest > _FASTEST_RAD_S:
+        raise DataError(
+            f"the IMU turns by {fastest:.3g} rad/s, expected at most {_FASTEST_RAD_S:g}: are its "
+            "rates in degrees?",
+            code="imu-unit",
+            fields=("angular_velocity", f"{fastest:.3g}"),
+        )
+    seconds = (stamps - path.begin_ns) / NANOSECONDS
+    begin, end = path.pieces[0].seconds[0], path.pieces[-1].seconds[-1]
+    if seconds[-1] < begin or seconds[0] > end:
+        raise DataError(
+            f"the IMU's stamps are from {seconds[0]:.3f} to {seconds[-1]:.3f} s after the first "
+            f"scan, the scans from {begin:.3f} to {end:.3f}: their clocks are apart",
+            code="clock",
+            fields=(f"{seconds[0]:.3f}", f"{begin:.3f}"),
+        )
+    return ImuRows(seconds, rows[:, :3], rows[:, 3:])
+
+
+def calibrate_imu(path: ScanPath, imu: ImuRows, stated: Matrix | None) -> ImuCalibration:
+    """Estimate where an IMU is.
+
+    Args:
+        path: of the LiDAR.
+        imu: its messages.
+        stated: float64 (4, 4), lidar_from_imu as the recording says; None if it does not.
+
+    Raises:
+        DataError: accelerations do not show gravity (code "imu-unit"), turns do not fit at any
+            delay up to a second ("clock"), or rates are too far apart ("gap").
+    """
+    unit = _unit(imu.linear)
+    delay, turn = _first_guess(path, imu)
+    pieces = [_cover(piece, imu) for piece in path.pieces]
+    pieces = [piece for piece in pieces if piece is not None]
+    if not pieces:
+        raise DataError("the IMU says too little while scans were taken", code="gap")
+    bias = np.zeros(3)
+    for _ in range(3):
+        # Each time anew where the last one ended: rates are integrated with its bias.
+        fit, starts = _fit_turns(pieces, imu, turn, bias, delay)
+        turn = Rotation.from_rotvec(fit.values[:3]).as_matrix() @ turn
+        bias, delay = bias + fit.values[3:6], delay + float(fit.values[6])
+    places = _fit_places(pieces, imu._replace(linear=imu.linear * unit), turn, bias, delay, starts)
+    spread = _spread(pieces)
+    estimates, pose = [], np.eye(4) if stated is None else stated.copy()
+    now = Rotation.from_matrix(turn @ pose[:3, :3].T).as_rotvec(degrees=True)
+    widths = np.degrees(fit.half_widths[:3])
+    for row, axis in enumerate(_AXES):
+        others = [other for other in _AXES if other != axis]
+        most = max(spread[_AXES.index(other)] for other in others)
+        lacking = (
+            f"the drive turns by {most:.2g} degrees (standard deviation) about {others[0]} or "
+            f"{others[1]}; some {most * widths[row] / _WIDEST_DEG:.2g} are needed"
+        )
+        estimates.append(
+            state(
+                f"IMU turned about {axis}",
+                now[row],
+                widths[row],
+                "deg",
+                _WIDEST_DEG,
+                lacking,
+                None if stated is None else 0.0,
+            )
+        )
+    if all(each.value is not None for each in estimates):
+        pose[:3, :3] = turn
+    turning = float(np.linalg.norm(spread))
+    for row, axis in enumerate(_AXES):
+        width = places.half_widths[row]
+        others = [other for other in _AXES if other != axis]
+        most = max(spread[_AXES.index(other)] for other in others)
+        lacking = (
+            f"the drive turns by {most:.2g} degrees (standard deviation) about {others[0]} or "
+            f"{others[1]}; some {most * width / _WIDEST_M:.2g} within a second are needed"
+        )
+        estimates.append(
+            state(
+                f"IMU at {axis}",
+                places.values[row],
+                width,
+                "m",
+                _WIDEST_M,
+                lacking,
+                None if stated is None else float(stated[row, 3]),
+            )
+        )
+        if estimates[-1].value is not None:
+            pose[row, 3] = places.values[row]
+    lacking = (
+        f"the drive turns by {turning:.2g} degrees (standard deviation); some "
+        f"{turning * fit.half_widths[6] / _WIDEST_S:.2g} are needed"
+    )
+    delay_ms, width_ms = 1000 * delay, 1000 * fit.half_widths[6]
+    estimates.append(state("IMU late by", delay_ms, width_ms, "ms", 1000 * _WIDEST_S, lacking, 0.0))
+    for row, axis in enumerate(_AXES):
+        width = np.degrees(fit.half_widths[3 + row])
+        estimates.append(
+            Estimate(f"gyroscope bias {axis}", float(np.degrees(bias[row])), "deg/s", float(width))
+        )
+    return ImuCalibration(pose, estimates, unit)
+
+
+def state(
+    name: str, value: float, width: float, unit: str, widest: float, lacking: str, now: float | None
+) -> Estimate:
+    if not np.isfinite(width) or width > widest:
+        return Estimate(name, None, unit, None, lacking, now)
+    return Estimate(name, float(value), unit, float(width), None, now)
+
+
+def _unit(linear: Floats) -> float:
+    size = float(np.median(np.linalg.norm(linear, axis=1)))
+    if 0.5 < size < _IN_G:
+        return 9.80665
+    if not 7.0 < size < 13.0:
+        raise DataError(
+            f"the IMU's accelerations are {size:.3g} in the median, expected gravity, about 9.8 "
+            "m/s^2",
+            code="imu-unit",
+            fields=("linear_acceleration", f"{size:.3g}"),
+        )
+    return 1.0
+
+
+def _first_guess(path: ScanPath, imu: ImuRows) -> tuple[float, Matrix]:
+    """Delay of the IMU in seconds and lidar_from_imu turn, by mean rates between scans."""
+    middles, gaps, rates = [], [], []
+    for piece in path.pieces:
+        turns = Rotation.from_matrix(piece.poses[:, :3, :3])
+        gap = np.diff(piece.seconds)
+        rates.append((turns[:-1].inv() * turns[1:]).as_rotvec() / gap[:, None])
+        middles.append(piece.seconds[:-1])
+        gaps.append(gap)
+    begin, gap, rate = (np.concatenate(rows) for rows in (middles, gaps, rates))
+    steps = np.diff(imu.seconds)[:, None]
+    summed = np.r_[
+        np.zeros((1, 3)), np.cumsum((imu.angular[1:] + imu.angular[:-1]) / 2 * steps, axis=0)
+    ]
+
+    def mean_rates(delay: float) -> Floats:
+        ends = (
+            np.stack([np.interp(at + delay, imu.seconds, axis) for axis in summed.T], axis=1)
+            for at in (begin, begin + gap)
+        )
+        first, last = ends
+        return np.asarray((last - first) / gap[:, None])
+
+    delays = np.arange(-LATEST_S - 0.5, LATEST_S + 0.5 + _GRID_S / 2, _GRID_S)
+    sizes = np.linalg.norm(rate, axis=1)
+    fits = []
+    for delay in delays:
+        others = np.linalg.norm(mean_rates(float(delay)), axis=1)
+        both = np.corrcoef(sizes, others)[0, 1] if others.std() > 0 < sizes.std() else 0.0
+        fits.append(both)
+    best = float(delays[int(np.argmax(fits))])
+    moves = float(np.degrees(sizes.std())) > 0.5
+    if moves and max(fits) > 0.5 and abs(best) > LATEST_S:
+        raise DataError(
+            f"turns of the IMU fit those of the scans best if it is {best:+.2f} s late, expected "
+            f"at most {LATEST_S:g} s: are the clocks apart?",
+            code="clock",
+            fields=(f"{best:.2f}",),
+        )
+    if max(fits) < 0.5:
+        best = 0.0  # too little turns to tell: the intervals will say so
+    turn, _ = Rotation.align_vectors(rate, mean_rates(best))
+    return best, turn.as_matrix()
+
+
+def _cover(piece: PathPiece, imu: ImuRows) -> PathPiece | None:
+    """The scans of a piece while the IMU speaks without gaps, whatever the delay; or None."""
+    gaps = np.flatnonzero(np.diff(imu.seconds) > _WIDEST_GAP_S)
+    begins = np.r_[imu.seconds[0], imu.seconds[gaps + 1]]
+    ends = np.r_[imu.seconds[gaps], imu.seconds[-1]]
+    longest: NDArray[np.intp] = np.zeros(0, np.intp)
+    for begin, end in zip(begins, ends, strict=True):
+        inside = np.flatnonzero(
+            (piece.seconds > begin + LATEST_S) & (piece.seconds < end - LATEST_S)
+        )
+        longest = inside if len(inside) > len(longest) else longest
+    if len(longest) < 2 * _WINDOW:
+        return None
+    return PathPiece(piece.seconds[longest], piece.poses[longest])
+
+
+class _Integral(NamedTuple):
+    """What rates and accelerations add up to at the K scans of a piece, from its first one on.
+
+    Attributes:
+        turns: float64 (K, 3, 3), first_from_then, of the IMU's axes.
+        sums: float64 (K, 3, 3), the integral of the turns.
+        rates: float64 (K, 3), rad/s.
+        places: float64 (K, 3), of accelerations, twice integrated, in the first axes.
+        twice: float64 (K, 3, 3), the turns, twice integrated.
+    """
+
+    turns: Floats
+    sums: Floats
+    rates: Floats
+    places: Floats
+    twice: Floats
+
+
+def _integrate(piece: PathPiece, imu: ImuRows, bias: Floats, delay: float) -> _Integral:
+    wanted = piece.seconds + delay
+    inside = imu.seconds[(imu.seconds > wanted[0]) & (imu.seconds < wanted[-1])]
+    every = np.union1d(wanted, inside)
+    rates, felt = (
+        np.stack([np.interp(every, imu.seconds, axis) for axis in rows.T], axis=1)
+        for rows in (imu.angular, imu.linear)
+    )
+    rates = rates - bias
+    gaps = np.diff(every)
+    steps = Rotation.from_rotvec((rates[:-1] + rates[1:]) / 2 * gaps[:, None]).as_matrix()
+    turns = np.empty((len(every), 3, 3))
+    turns[0] = np.eye(3)
+    for row, step in enumerate(steps):
+        turns[row + 1] = turns[row] @ step
+    gap = gaps[:, None, None]
+
+    def summed(values: Floats) -> Floats:
+        return np.asarray(np.r_[0 * values[:1], np.cumsum((values[1:] + values[:-1]) / 2 * gap, 0)])
+
+    forces = np.einsum("nij,nj->ni", turns, felt)[:, :, None]
+    sums = summed(turns)
+    rows = np.searchsorted(every, wanted)
+    return _Integral(
+        turns[rows],
+        sums[rows],
+        rates[rows],
+        summed(summed(forces))[rows, :, 0],
+        summed(sums)[rows],
+    )
+
+
+def _fit_turns(
+    pieces: list[PathPiece], imu: ImuRows, turn: Matrix, bias: Floats, delay: float
+) -> tuple[Fit, list[Matrix]]:
+    """Corrections of turn (3, about the LiDAR's axes), bias (3), delay; and turns of the first.
+
+    A measured turn M of scan k from the first one is exp(c) P, P = R G R^T, with the integrated G:
+    a small turn of R by a adds (1 - P) a, one of the bias by b takes off R (int G) b, and a later
+    delay by d adds R (G w_k - w_0) d.
+    """
+    blocks, residuals, labels, clusters = [], [], [], 0
+    for piece in pieces:
+        whole = _integrate(piece, imu, bias, delay)
+        predicted = turn @ whole.turns @ turn.T
+        measured = piece.poses[0, :3, :3].T @ piece.poses[:, :3, :3]
+        off = Rotation.from_matrix(measured @ predicted.transpose(0, 2, 1))
+        moved = np.einsum("nij,nj->ni", turn @ whole.turns, whole.rates) - turn @ whole.rates[0]
+        blocks.append(
+            np.concatenate([np.eye(3) - predicted, -turn @ whole.sums, moved[:, :, None]], axis=2)
+        )
+        residuals.append(off.as_rotvec().ravel())
+        labels.append(np.repeat(np.arange(len(piece.seconds)) // _CLUSTER + clusters, 3))
+        clusters = labels[-1].max() + 1
+    shared = np.concatenate([block.reshape(-1, 7) for block in blocks])
+    own = block_diag(*(np.tile(np.eye(3), (len(block), 1)) for block in blocks))
+    fit = solve(np.c_[shared, own], np.concatenate(residuals), np.concatenate(labels))
+    starts = [
+        Rotation.from_rotvec(fit.values[7 + 3 * row : 10 + 3 * row]).as_matrix()
+        for row in range(len(pieces))
+    ]
+    return fit, starts
+
+
+def _fit_places(
+    pieces: list[PathPiece],
+    imu: ImuRows,
+    turn: Matrix,
+    bias: Floats,
+    delay: float,
+    starts: list[Matrix],
+) -> Fit:
+    """Place of the IMU (3, in the LiDAR's frame), bias of accelerations (3), gravity of pieces."""
+    rows, residuals, labels = [], [], []
+    for number, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
+        first = piece.poses[0, :3, :3] @ start @ turn  # piece_from_imu at its first scan
+        turned = _integrate(piece, imu, bias, delay).turns
+        for begin in range(0, len(piece.seconds) - _WINDOW + 1, _WINDOW):
+            part = PathPiece(
+                piece.seconds[begin : begin + _WINDOW], piece.poses[begin : begin + _WINDOW]
+            )
+            axes = first @ turned[begin]
+            whole = _integrate(part, imu, bias, delay)
+            since = part.seconds - part.seconds[0]
+            free = null_space(np.stack([np.ones(_WINDOW), since]))  # eliminates place and velocity
+            lever = axes @ whole.turns @ turn.T
+            gravity = np.zeros((_WINDOW, 3, 3 * len(pieces)))
+            gravity[:, :, 3 * number : 3 * number + 3] = since[:, None, None] ** 2 / 2 * np.eye(3)
+            known = part.poses[:, :3, 3] - whole.places @ axes.T
+            model = np.concatenate([-lever, -axes @ whole.twice, gravity], axis=2)
+            rows.append(np.einsum("kf,kip->fip", free, model).reshape(-1, model.shape[2]))
+            residuals.append((free.T @ known).ravel())
+            labels.append(np.full(len(residuals[-1]), len(labels)))
+    return solve(np.concatenate(rows), np.concatenate(residuals), np.concatenate(labels))
+
+
+def solve(model: Floats, found: Floats, labels: NDArray[np.intp]) -> Fit:
+    """Robust least squares, with intervals that allow for errors that are alike within labels.
+
+    Half widths are infinite where columns cannot be told apart. They are by the sandwich of
+    clusters (Liang and Zeger 1986), or if that is wider by independent errors.
+    """
+    scale = np.linalg.norm(model, axis=0)
+    scale[scale == 0] = 1.0
+    scaled = model / scale
+    guess = np.linalg.lstsq(scaled, found, rcond=1e-9)[0]
+    spread = 1.4826 * float(np.median(np.abs(found - scaled @ guess))) or 1e-12
+    fit = least_squares(
+        lambda x: (scaled @ x - found) / spread,
+        guess,
+        jac=lambda x: scaled / spread,
+        loss="soft_l1",
+        f_scale=2.0,
+    )
+    rest = (scaled @ fit.x - found) / spread
+    weights = 1 / np.sqrt(1 + (rest / 2) ** 2)
+    information = (scaled * weights[:, None]).T @ scaled / spread**2
+    values, vectors = np.linalg.eigh(information)
+    inverted = (vectors / np.maximum(values, 1e-12 * values[-1])) @ vectors.T
+    gradients = scaled / spread * (weights * rest)[:, None]
+    count = int(labels.max()) + 1
+    sums = np.zeros((count, scaled.shape[1]))
+    np.add.at(sums, labels, gradients)
+    clustered = inverted @ (sums.T @ sums) @ inverted * count / (count - 1)
+    independent = inverted * float((weights * rest**2).mean())
+    variances = np.maximum(np.diag(clustered), np.diag(independent))
+    half_widths = student.ppf(0.975, count - 1) * np.sqrt(variances) / scale
+    return Fit(fit.x / scale, half_widths)
+
+
+def _spread(pieces: list[PathPiece]) -> Floats:
+    """Standard deviation of the turns within pieces about the LiDAR's axes, degrees (3)."""
+    turns = [
+        Rotation.from_matrix(piece.poses[0, :3, :3].T @ piece.poses[:, :3, :3]).as_rotvec(
+            degrees=True
+        )
+        for piece in pieces
+    ]
+    return np.asarray(np.sqrt(np.mean([each.var(axis=0) for each in turns], axis=0)))
