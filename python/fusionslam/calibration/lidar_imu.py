@@ -127,8 +127,8 @@ def calibrate_imu(path: ScanPath, imu: ImuRows, stated: Matrix | None) -> ImuCal
     """
     unit = _unit(imu.linear)
     delay, turn = _first_guess(path, imu)
-    pieces = [_cover(piece, imu) for piece in path.pieces]
-    pieces = [piece for piece in pieces if piece is not None]
+    covered = [_cover(piece, imu) for piece in path.pieces]
+    pieces = [piece for piece in covered if piece is not None]
     if not pieces:
         raise DataError("the IMU says too little while scans were taken", code="gap")
     bias = np.zeros(3)
@@ -372,7 +372,8 @@ def _fit_places(
     starts: list[Matrix],
 ) -> Fit:
     """Place of the IMU (3, in the LiDAR's frame), bias of accelerations (3), gravity of pieces."""
-    rows, residuals, labels = [], [], []
+    rows: list[Floats] = []
+    residuals: list[Floats] = []
     for number, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
         first = piece.poses[0, :3, :3] @ start @ turn  # piece_from_imu at its first scan
         turned = _integrate(piece, imu, bias, delay).turns
@@ -391,8 +392,8 @@ def _fit_places(
             model = np.concatenate([-lever, -axes @ whole.twice, gravity], axis=2)
             rows.append(np.einsum("kf,kip->fip", free, model).reshape(-1, model.shape[2]))
             residuals.append((free.T @ known).ravel())
-            labels.append(np.full(len(residuals[-1]), len(labels)))
-    return solve(np.concatenate(rows), np.concatenate(residuals), np.concatenate(labels))
+    labels = np.repeat(np.arange(len(rows)), [len(each) for each in rows])
+    return solve(np.concatenate(rows), np.concatenate(residuals), labels)
 
 
 def solve(model: Floats, found: Floats, labels: NDArray[np.intp]) -> Fit:

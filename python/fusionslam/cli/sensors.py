@@ -230,7 +230,7 @@ def calibrate(
     """
     needs_extra("odometry")
     needs_extra("map")
-    from fusionslam.calibration.calibrate import calibrate as estimate
+    from fusionslam.pipelines.sensor_calibration import calibrate as estimate
 
     opt.check_output(output, build_recording, read_config)
     with progress() as step:

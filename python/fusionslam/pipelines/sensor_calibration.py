@@ -14,10 +14,10 @@ from fusionslam.base.arrays import Matrix
 from fusionslam.base.progress import Progress
 from fusionslam.calibration.estimate import Estimate
 from fusionslam.calibration.lidar_imu import calibrate_imu, read_imu
-from fusionslam.calibration.scan_path import follow_scans
 from fusionslam.calibration.wheels import calibrate_wheels
 from fusionslam.datasets import Dataset
 from fusionslam.errors import DataError
+from fusionslam.pipelines.scan_paths import follow_scans
 
 logger = logging.getLogger(__name__)
 
@@ -102,4 +102,4 @@ def calibrate(dataset: Dataset, progress: Progress = lambda done, total: None) -
         left_out.append("odometry: the recording does not say where the LiDAR is on the robot")
     elif wheels:
         estimates += calibrate_wheels(path, wheels, np.asarray(robot_from_points))
-    return Calibration(estimates, pose, ("lidar", child), left_out)
+    return Calibration(estimates, pose, (dataset.points_frame, child), left_out)
