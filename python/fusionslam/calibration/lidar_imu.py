@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, null_space
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import t as student
 
 from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.calibration.estimate import Estimate
-from fusionslam.calibration.scan_path import PathPiece, ScanPath
+from fusionslam.calibration.scan_path import PathPiece, ScanPath, Turning
 from fusionslam.errors import DataError
 from fusionslam.sensors.messages import NANOSECONDS, Imu
 
@@ -61,11 +61,17 @@ class ImuCalibration:
         lidar_from_imu: float64 (4, 4), the best guess: parts that cannot be said are as stated.
         estimates: turn of the stated pose about the LiDAR's axes, place, delay, and biases.
         unit: factor that makes m/s^2 of its accelerations, 1 unless they are in g.
+        turning: how the LiDAR turned, by the gyroscope.
+        turn, place, delay: float64 (3, 3), (3,) and seconds, of the best fit, said or not.
     """
 
     lidar_from_imu: Matrix
     estimates: list[Estimate]
     unit: float
+    turning: Turning
+    turn: Matrix
+    place: Floats
+    delay: float
 
 
 class Fit(NamedTuple):
@@ -113,13 +119,17 @@ def read_imu(messages: Iterable[Imu], path: ScanPath) -> ImuRows:
     return ImuRows(seconds, rows[:, :3], rows[:, 3:])
 
 
-def calibrate_imu(path: ScanPath, imu: ImuRows, stated: Matrix | None) -> ImuCalibration:
+def calibrate_imu(
+    path: ScanPath, imu: ImuRows, stated: Matrix | None, before: ImuCalibration | None = None
+) -> ImuCalibration:
     """Estimate where an IMU is.
 
     Args:
         path: of the LiDAR.
         imu: its messages.
         stated: float64 (4, 4), lidar_from_imu as the recording says; None if it does not.
+        before: what the path began with, which it may still lean to: intervals allow for as much
+            as the last change.
 
     Raises:
         DataError: accelerations do not show gravity (code "imu-unit"), turns do not fit at any
@@ -138,6 +148,11 @@ def calibrate_imu(path: ScanPath, imu: ImuRows, stated: Matrix | None) -> ImuCal
         turn = Rotation.from_rotvec(fit.values[:3]).as_matrix() @ turn
         bias, delay = bias + fit.values[3:6], delay + float(fit.values[6])
     places = _fit_places(pieces, imu._replace(linear=imu.linear * unit), turn, bias, delay, starts)
+    width, place_widths = fit.half_widths, places.half_widths
+    if before is not None:
+        change = Rotation.from_matrix(turn @ before.turn.T).as_rotvec()
+        width[[0, 1, 2, 6]] = np.hypot(width[[0, 1, 2, 6]], [*change, delay - before.delay])
+        place_widths[:3] = np.hypot(place_widths[:3], places.values[:3] - before.place)
     spread = _spread(pieces)
     estimates, pose = [], np.eye(4) if stated is None else stated.copy()
     now = Rotation.from_matrix(turn @ pose[:3, :3].T).as_rotvec(degrees=True)
@@ -195,7 +210,24 @@ def calibrate_imu(path: ScanPath, imu: ImuRows, stated: Matrix | None) -> ImuCal
         estimates.append(
             Estimate(f"gyroscope bias {axis}", float(np.degrees(bias[row])), "deg/s", float(width))
         )
-    return ImuCalibration(pose, estimates, unit)
+    told = _turning(imu, turn, bias, delay)
+    return ImuCalibration(pose, estimates, unit, told, turn, places.values[:3], delay)
+
+
+def _turning(imu: ImuRows, turn: Matrix, bias: Floats, delay: float) -> Turning:
+    rates = (imu.angular[1:] + imu.angular[:-1]) / 2 - bias
+    turns = _add_up(Rotation.from_rotvec(rates * np.diff(imu.seconds)[:, None]))
+    seconds = imu.seconds - delay
+    known = Slerp(seconds, Rotation.from_matrix(turn @ turns @ turn.T))
+    return lambda at: known(np.clip(at, seconds[0], seconds[-1]))
+
+
+def _add_up(steps: Rotation) -> Floats:
+    """Turns (N + 1, 3, 3) from the first time on, by those of N steps."""
+    turns = [np.eye(3)]
+    for step in steps.as_matrix():
+        turns.append(turns[-1] @ step)
+    return np.array(turns)
 
 
 def state(
@@ -309,11 +341,7 @@ def _integrate(piece: PathPiece, imu: ImuRows, bias: Floats, delay: float) -> _I
     )
     rates = rates - bias
     gaps = np.diff(every)
-    steps = Rotation.from_rotvec((rates[:-1] + rates[1:]) / 2 * gaps[:, None]).as_matrix()
-    turns = np.empty((len(every), 3, 3))
-    turns[0] = np.eye(3)
-    for row, step in enumerate(steps):
-        turns[row + 1] = turns[row] @ step
+    turns = _add_up(Rotation.from_rotvec((rates[:-1] + rates[1:]) / 2 * gaps[:, None]))
     gap = gaps[:, None, None]
 
     def summed(values: Floats) -> Floats:

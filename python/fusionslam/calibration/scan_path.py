@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The path of a LiDAR, with which other sensors are compared."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from fusionslam.base.arrays import Floats
 
@@ -35,19 +38,36 @@ class ScanPath:
     pieces: list[PathPiece]
 
 
+Turning = Callable[[Floats], Rotation]
+"""Orientations at times (M,), in a frame of their own: what a gyroscope knows of turns."""
+
+
 class PoseSpline:
-    """A smooth path through poses (K, 4, 4) at times (K,)."""
+    """A smooth path through poses (K, 4, 4) at times (K,); between them it turns as told."""
 
-    def __init__(self, seconds: Floats, poses: Floats) -> None:
-        from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
-
+    def __init__(self, seconds: Floats, poses: Floats, turning: Turning | None = None) -> None:
+        turns = Rotation.from_matrix(poses[:, :3, :3])
         self._places = CubicSpline(seconds, poses[:, :3, 3])
-        self._turns = RotationSpline(seconds, Rotation.from_matrix(poses[:, :3, :3]))
+        self._told = turning
+        self._turns = RotationSpline(seconds, turns * turning(seconds).inv() if turning else turns)
 
     def at(self, seconds: Floats) -> Floats:
         """Poses (M, 4, 4) at times (M,)."""
         poses = np.tile(np.eye(4), (len(seconds), 1, 1))
-        poses[:, :3, :3] = self._turns(seconds).as_matrix()
+        turns = self._turns(seconds)
+        poses[:, :3, :3] = (turns * self._told(seconds) if self._told else turns).as_matrix()
         poses[:, :3, 3] = self._places(seconds)
         return poses
+
+
+def turn_as_told(seconds: Floats, poses: Floats, turning: Turning) -> Floats:
+    """Poses (K, 4, 4) at times (K,), with turns as told but for a constant turn and drift."""
+    told = turning(seconds)
+    off = Rotation.from_matrix(poses[:, :3, :3]) * told.inv()
+    mean = off.mean()
+    drift = (off * mean.inv()).as_rotvec()
+    line = np.stack([np.ones(len(seconds)), seconds - seconds.mean()], axis=1)
+    fitted = line @ np.linalg.lstsq(line, drift, rcond=None)[0]
+    found = poses.copy()
+    found[:, :3, :3] = (Rotation.from_rotvec(fitted) * mean * told).as_matrix()
+    return found

@@ -13,15 +13,17 @@ from fusionslam.base.archive import save_json
 from fusionslam.base.arrays import Matrix
 from fusionslam.base.progress import Progress
 from fusionslam.calibration.estimate import Estimate
-from fusionslam.calibration.lidar_imu import calibrate_imu, read_imu
+from fusionslam.calibration.lidar_imu import ImuCalibration, ImuRows, calibrate_imu, read_imu
 from fusionslam.calibration.wheels import calibrate_wheels
 from fusionslam.datasets import Dataset
 from fusionslam.errors import DataError
-from fusionslam.pipelines.scan_paths import follow_scans
+from fusionslam.pipelines.scan_paths import ScanFollower
 
 logger = logging.getLogger(__name__)
 
 FORMAT = "fusionslam.calibration.1"
+REFINEMENTS = 2
+"""With an IMU: the path leans to what the IMU told with a wrong calibration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ def calibrate(dataset: Dataset, progress: Progress = lambda done, total: None) -
     """Estimate where the IMU is, how late IMU and odometry are, and odometry's factors.
 
     Raises:
-        DataError: as ``follow_scans`` and ``read_imu`` say; or there is neither IMU nor odometry.
+        DataError: as ``ScanFollower`` and ``read_imu`` say; or there is neither IMU nor odometry.
         FusionSlamError: KISS-ICP or small_gicp is missing.
     """
     first = next(dataset.imu_messages(), None)
@@ -89,10 +91,14 @@ def calibrate(dataset: Dataset, progress: Progress = lambda done, total: None) -
         raise DataError(
             f"{dataset.name} has neither an IMU nor odometry to calibrate", code="no-messages"
         )
-    path = follow_scans(dataset, progress)
-    pose, child = None, ""
-    if first is not None:
-        imu = calibrate_imu(path, read_imu(dataset.imu_messages(), path), dataset.points_from_imu())
+    follower = ScanFollower(dataset, progress, 1 if first is None else REFINEMENTS)
+    pose, child, path = None, "", follower.path
+    if first is None:
+        path = follower.refine(None)
+    else:
+        rows, stated = read_imu(dataset.imu_messages(), path), dataset.points_from_imu()
+        imu = settle_imu(follower, rows, stated)
+        path = follower.path
         pose, child = imu.lidar_from_imu, first.frame_id
         estimates += imu.estimates
         if imu.unit != 1:
@@ -103,3 +109,15 @@ def calibrate(dataset: Dataset, progress: Progress = lambda done, total: None) -
     elif wheels:
         estimates += calibrate_wheels(path, wheels, np.asarray(robot_from_points))
     return Calibration(estimates, pose, (dataset.points_frame, child), left_out)
+
+
+def settle_imu(follower: ScanFollower, imu: ImuRows, stated: Matrix | None) -> ImuCalibration:
+    """Calibrate an IMU and refine the LiDAR's path by it, in turns.
+
+    Raises:
+        DataError: as ``calibrate_imu``.
+    """
+    found = calibrate_imu(follower.path, imu, stated)
+    for _ in range(REFINEMENTS):
+        found = calibrate_imu(follower.refine(found.turning), imu, stated, found)
+    return found

@@ -1,0 +1,219 @@
+# SPDX-FileCopyrightText: 2026 The fusionslam authors
+# SPDX-License-Identifier: Apache-2.0
+"""Does ``fusionslam calibrate`` find where an IMU is, how late it is, and odometry's factors?
+
+    python -m benchmarks.accuracy.sensor_calibration [--write] [--drives N] [--imus N] [KIND ...]
+
+Prints a Markdown table. A VLP-16 is carried or driven through made houses, each with IMUs whose
+stated poses are turned by 0.1 to 5 degrees and moved by 1 to 20 cm, and whose stamps are late by 5
+to 200 ms, either way. Some two minutes of processor time an IMU.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.accuracy.data import ROOT
+from benchmarks.accuracy.markdown import table, write_between
+from fusionslam.base.arrays import Floats
+from fusionslam.calibration.estimate import Estimate
+from fusionslam.calibration.lidar_imu import read_imu
+from fusionslam.calibration.wheels import calibrate_wheels
+from fusionslam.config import merged
+from fusionslam.datasets import Dataset, open_dataset
+from fusionslam.geometry.odometry_noise import OdometryConfig
+from fusionslam.geometry.se3 import exp
+from fusionslam.geometry.trajectory import Trajectory
+from fusionslam.pipelines.scan_paths import ScanFollower
+from fusionslam.pipelines.sensor_calibration import REFINEMENTS, settle_imu
+from fusionslam.sensors.messages import NANOSECONDS
+from fusionslam.sim.catalogue import MADE, drive_through
+from fusionslam.sim.recordings import recording_config, write_recording
+from fusionslam.sim.robot import ImuMount
+
+PAGE = ROOT / "docs" / "guides" / "calibration.md"
+HAND = {"roll_deg": 6.0, "pitch_deg": 6.0, "yaw_deg": 8.0, "rate_hz": 0.7}
+HAND |= {"along_m": 0.05, "aside_m": 0.05, "heave_m": 0.05}
+SWAYS: dict[str, dict[str, float]] = {"in the hand": HAND, "on wheels": {}, "straight": {}}
+SEEDS = (21, 22, 23, 24, 25, 26, 27, 28, 29, 30)
+SECONDS = 45.0
+HEADER = (
+    "drive", "quantity", "cases", "said", "error: median", "largest", "bound", "within it",
+    "interval: median", "holds the truth",
+)  # fmt: skip
+BOUNDS = {"deg": 0.1, "m": 0.01, "ms": 2.0, "": 0.005}
+
+
+class Result(NamedTuple):
+    """What was found of a quantity."""
+
+    kind: str
+    estimate: Estimate
+    truth: float
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put it into the docs")
+    parser.add_argument("--drives", type=int, default=len(SEEDS), help="of each kind")
+    parser.add_argument("--imus", type=int, default=6, help="on each drive")
+    parser.add_argument("kinds", nargs="*", default=list(SWAYS), metavar="KIND")
+    arguments = parser.parse_args()
+    results = []
+    for kind in arguments.kinds:
+        for seed in SEEDS[: arguments.drives]:
+            for result in judge(kind, seed, arguments.imus):
+                print(*result.estimate.row(), f"truth {result.truth:.4g}", file=sys.stderr)
+                results.append(result)
+    rows = []
+    for kind, name in dict.fromkeys((each.kind, each.estimate.name) for each in results):
+        chosen = [each for each in results if (each.kind, each.estimate.name) == (kind, name)]
+        rows.append(summarise(chosen))
+    text = table(HEADER, rows)
+    print(text)
+    if arguments.write:
+        write_between(PAGE, "sensors", text)
+
+
+def judge(kind: str, seed: int, imus: int) -> Iterator[Result]:
+    """Calibrate all sensors of a drive."""
+    rng = np.random.default_rng([seed, list(SWAYS).index(kind)])
+    mounts = {f"imu{number}": random_mount(f"imu{number}", rng) for number in range(imus)}
+    way, turn = rng.uniform(0.95, 1.05, 2)
+    errors = OdometryConfig(scale=way, rotation_scale=turn, speed_noise=0.002, turn_noise=0.001)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "drive.bag"
+        record(kind, seed, mounts, errors, path)
+        follower = ScanFollower(opened(path, "/imu0"), refinements=imus * REFINEMENTS)
+        for mount in mounts.values():
+            dataset = opened(path, mount.topic)
+            truth = dataset.points_from_imu()
+            assert truth is not None
+            size = np.exp(rng.uniform(*np.log([0.1, 5.0])))
+            moved = rng.uniform(0.01, 0.2)
+            off = np.r_[moved * direction(rng), np.radians(size) * direction(rng)]
+            late_s = rng.choice([-1, 1]) * np.exp(rng.uniform(*np.log([0.005, 0.2])))
+            late_ns = round(late_s * NANOSECONDS)
+            messages = (
+                replace(each, stamp_ns=each.stamp_ns + late_ns) for each in dataset.imu_messages()
+            )
+            own = copy(follower)
+            stated = truth @ exp(off)
+            found = settle_imu(own, read_imu(messages, own.path), stated)
+            turned = truth[:3, :3] @ stated[:3, :3].T
+            turns = np.degrees(exp_inverse(turned))
+            truths = dict(zip([f"IMU turned about {axis}" for axis in "xyz"], turns, strict=True))
+            truths |= {f"IMU at {axis}": truth[row, 3] for row, axis in enumerate("xyz")}
+            truths["IMU late by"] = 1000 * late_s
+            for each in found.estimates:
+                if each.name in truths:
+                    yield Result(kind, each, float(truths[each.name]))
+        if kind == "in the hand":
+            return
+        late_s = rng.uniform(-0.2, 0.2)
+        late_ns = round(late_s * NANOSECONDS)
+        odometry = [
+            replace(each, stamp_ns=each.stamp_ns + late_ns) for each in dataset.motion("odometry")
+        ]
+        robot_from_points = dataset[0].robot_from_points
+        assert robot_from_points is not None
+        found_wheels = calibrate_wheels(own.path, odometry, robot_from_points)
+        for each, true in zip(found_wheels, (1 / way, 1 / turn, 1000 * late_s), strict=True):
+            yield Result(kind, each, float(true))
+
+
+def direction(rng: np.random.Generator) -> Floats:
+    """A random unit vector (3)."""
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def exp_inverse(turn: Floats) -> Floats:
+    """The rotation vector (3) of a turn (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(turn).as_rotvec())
+
+
+def random_mount(name: str, rng: np.random.Generator) -> ImuMount:
+    """An IMU near the LiDAR, tilted any way about its axis up, and otherwise little."""
+    x, y, z = rng.uniform([-0.2, -0.2, 0.8], [0.2, 0.2, 1.1])
+    roll, pitch, yaw = rng.uniform([-10, -10, -180], [10, 10, 180])
+    return ImuMount(
+        topic=f"/{name}", frame_id=name, position_m=(x, y, z), tilt_deg=(roll, pitch, yaw)
+    )
+
+
+def record(
+    kind: str, seed: int, imus: dict[str, ImuMount], errors: OdometryConfig, path: Path
+) -> None:
+    """Record a drive through a house."""
+    house = MADE["house"]
+    changes = {
+        "seed": seed,
+        "seconds": SECONDS,
+        "plan": {"seed": seed},
+        "world": {"seed": seed},
+        "robot": {
+            "sway": SWAYS[kind],
+            "lidars": {"velodyne": {"position_m": [0.0, 0.0, 1.0]}},
+            "odometry": {"errors": errors.model_dump(exclude={"seed"})},
+        },
+    }
+    config = merged(recording_config(house, "turtlebot3_vlp16"), changes)
+    robot = config.robot.model_copy(update={"cameras": {}, "imus": imus})
+    config = config.model_copy(update={"robot": robot})
+    world, drive = drive_through(house.make(config.world), robot, config.plan)
+    if kind == "straight":
+        drive = longest_straight(drive)
+    write_recording(world, drive, config, path)
+
+
+def longest_straight(drive: Trajectory) -> Trajectory:
+    """The longest part of a drive without a turn, at one speed, in 15 s."""
+    turns = np.flatnonzero(np.abs(np.diff(drive.yaw)) > 1e-6)
+    edges = np.r_[0, turns + 1, len(drive) - 1]
+    begins, ends = edges[:-1], np.r_[turns, len(drive) - 1]
+    lengths = np.hypot(drive.x[ends] - drive.x[begins], drive.y[ends] - drive.y[begins])
+    best = int(np.argmax(lengths))
+    rows = [begins[best], ends[best]]
+    return Trajectory(np.array([0.0, 15.0]), drive.x[rows], drive.y[rows], drive.yaw[rows])
+
+
+def opened(path: Path, imu: str) -> Dataset:
+    """The recording with one of its IMUs."""
+    return open_dataset(path, sensors=["points"], topics={"imu": imu}, deskew=False)
+
+
+def summarise(results: list[Result]) -> list[object]:
+    """A row of the table."""
+    first = results[0].estimate
+    name, unit = first.name, first.unit
+    said = [each for each in results if each.estimate.value is not None]
+    heads: list[object] = [results[0].kind, name, len(results), len(said)]
+    bound = BOUNDS[unit]
+    if not said:
+        return [*heads, "", "", f"{bound:g} {unit}", "", "", ""]
+    errors = np.array([abs((each.estimate.value or 0) - each.truth) for each in said])
+    widths = np.array([each.estimate.half_width or 0 for each in said])
+    return [
+        *heads,
+        f"{np.median(errors):.2g} {unit}",
+        f"{errors.max():.2g} {unit}",
+        f"{bound:g} {unit}",
+        int((errors <= bound).sum()),
+        f"{np.median(widths):.2g} {unit}",
+        int((errors <= widths).sum()),
+    ]
+
+
+if __name__ == "__main__":
+    main()
