@@ -178,14 +178,14 @@ def record(
 
 
 def longest_straight(drive: Trajectory) -> Trajectory:
-    """The longest part of a drive without a turn, at one speed, in 15 s."""
+    """The longest part of a drive without a turn, at one speed, in 30 s."""
     turns = np.flatnonzero(np.abs(np.diff(drive.yaw)) > 1e-6)
     edges = np.r_[0, turns + 1, len(drive) - 1]
     begins, ends = edges[:-1], np.r_[turns, len(drive) - 1]
     lengths = np.hypot(drive.x[ends] - drive.x[begins], drive.y[ends] - drive.y[begins])
     best = int(np.argmax(lengths))
     rows = [begins[best], ends[best]]
-    return Trajectory(np.array([0.0, 15.0]), drive.x[rows], drive.y[rows], drive.yaw[rows])
+    return Trajectory(np.array([0.0, 30.0]), drive.x[rows], drive.y[rows], drive.yaw[rows])
 
 
 def opened(path: Path, imu: str) -> Dataset:

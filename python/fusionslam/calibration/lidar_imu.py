@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, null_space
 from scipy.optimize import least_squares
@@ -27,10 +28,12 @@ from fusionslam.sensors.messages import NANOSECONDS, Imu
 LATEST_S = 1.0
 """Of the IMU's stamps: further offsets are mistakes, not delays."""
 _GRID_S = 0.01
-_WINDOW = 10
+_WINDOW = 15
 """Scans, over which accelerations are integrated."""
 _CLUSTER = 10
 """Scans whose errors may be alike, one after the other."""
+_DRIFT = 4
+"""Degree of the polynomials by which a path of 10 s may bend: slower than the turns that tell."""
 _WIDEST_DEG, _WIDEST_M, _WIDEST_S = 0.5, 0.05, 0.01
 """Half widths of intervals beyond which nothing is said."""
 _FASTEST_RAD_S = 40.0
@@ -59,7 +62,7 @@ class ImuCalibration:
 
     Attributes:
         lidar_from_imu: float64 (4, 4), the best guess: parts that cannot be said are as stated.
-        estimates: turn of the stated pose about the LiDAR's axes, place, delay, and biases.
+        estimates: turn of the stated pose about the LiDAR's axes, place, and delay.
         unit: factor that makes m/s^2 of its accelerations, 1 unless they are in g.
         turning: how the LiDAR turned, by the gyroscope.
         turn, place, delay: float64 (3, 3), (3,) and seconds, of the best fit, said or not.
@@ -142,16 +145,18 @@ def calibrate_imu(
     if not pieces:
         raise DataError("the IMU says too little while scans were taken", code="gap")
     bias = np.zeros(3)
-    for _ in range(3):
-        # Each time anew where the last one ended: rates are integrated with its bias.
-        fit, starts = _fit_turns(pieces, imu, turn, bias, delay)
+    # Each time anew where the last one ended. The bias is that of a path without drift; then it
+    # stays, and the path may drift.
+    for drift in (0, 0, 0, _DRIFT, _DRIFT):
+        fit, starts = _fit_turns(pieces, imu, turn, bias, delay, drift)
         turn = Rotation.from_rotvec(fit.values[:3]).as_matrix() @ turn
-        bias, delay = bias + fit.values[3:6], delay + float(fit.values[6])
+        delay += float(fit.values[3])
+        bias = bias + (fit.values[4:7] if not drift else 0)
     places = _fit_places(pieces, imu._replace(linear=imu.linear * unit), turn, bias, delay, starts)
     width, place_widths = fit.half_widths, places.half_widths
     if before is not None:
         change = Rotation.from_matrix(turn @ before.turn.T).as_rotvec()
-        width[[0, 1, 2, 6]] = np.hypot(width[[0, 1, 2, 6]], [*change, delay - before.delay])
+        width[:4] = np.hypot(width[:4], [*change, delay - before.delay])
         place_widths[:3] = np.hypot(place_widths[:3], places.values[:3] - before.place)
     spread = _spread(pieces)
     estimates, pose = [], np.eye(4) if stated is None else stated.copy()
@@ -201,15 +206,10 @@ def calibrate_imu(
             pose[row, 3] = places.values[row]
     lacking = (
         f"the drive turns by {turning:.2g} degrees (standard deviation); some "
-        f"{turning * fit.half_widths[6] / _WIDEST_S:.2g} are needed"
+        f"{turning * fit.half_widths[3] / _WIDEST_S:.2g} are needed"
     )
-    delay_ms, width_ms = 1000 * delay, 1000 * fit.half_widths[6]
+    delay_ms, width_ms = 1000 * delay, 1000 * fit.half_widths[3]
     estimates.append(state("IMU late by", delay_ms, width_ms, "ms", 1000 * _WIDEST_S, lacking, 0.0))
-    for row, axis in enumerate(_AXES):
-        width = np.degrees(fit.half_widths[3 + row])
-        estimates.append(
-            Estimate(f"gyroscope bias {axis}", float(np.degrees(bias[row])), "deg/s", float(width))
-        )
     told = _turning(imu, turn, bias, delay)
     return ImuCalibration(pose, estimates, unit, told, turn, places.values[:3], delay)
 
@@ -360,34 +360,41 @@ def _integrate(piece: PathPiece, imu: ImuRows, bias: Floats, delay: float) -> _I
 
 
 def _fit_turns(
-    pieces: list[PathPiece], imu: ImuRows, turn: Matrix, bias: Floats, delay: float
+    pieces: list[PathPiece], imu: ImuRows, turn: Matrix, bias: Floats, delay: float, drift: int
 ) -> tuple[Fit, list[Matrix]]:
-    """Corrections of turn (3, about the LiDAR's axes), bias (3), delay; and turns of the first.
+    """Corrections of turn (3, about the LiDAR's axes), delay, and bias (3) unless the path drifts.
 
     A measured turn M of scan k from the first one is exp(c) P, P = R G R^T, with the integrated G:
     a small turn of R by a adds (1 - P) a, one of the bias by b takes off R (int G) b, and a later
-    delay by d adds R (G w_k - w_0) d.
+    delay by d adds R (G w_k - w_0) d. The path's drift c is a polynomial of this degree.
+
+    Returns:
+        The fit, and the turn of each piece at its first scan.
     """
-    blocks, residuals, labels, clusters = [], [], [], 0
+    blocks, residuals, labels, own, clusters = [], [], [], [], 0
     for piece in pieces:
         whole = _integrate(piece, imu, bias, delay)
         predicted = turn @ whole.turns @ turn.T
         measured = piece.poses[0, :3, :3].T @ piece.poses[:, :3, :3]
         off = Rotation.from_matrix(measured @ predicted.transpose(0, 2, 1))
         moved = np.einsum("nij,nj->ni", turn @ whole.turns, whole.rates) - turn @ whole.rates[0]
-        blocks.append(
-            np.concatenate([np.eye(3) - predicted, -turn @ whole.sums, moved[:, :, None]], axis=2)
-        )
+        columns = [np.eye(3) - predicted, moved[:, :, None]]
+        if not drift:
+            columns.append(-turn @ whole.sums)
+        blocks.append(np.concatenate(columns, axis=2).reshape(3 * len(off), -1))
+        since = np.interp(piece.seconds, piece.seconds[[0, -1]], [-1, 1])
+        own.append(np.kron(legvander(since, drift), np.eye(3)))
         residuals.append(off.as_rotvec().ravel())
         labels.append(np.repeat(np.arange(len(piece.seconds)) // _CLUSTER + clusters, 3))
         clusters = labels[-1].max() + 1
-    shared = np.concatenate([block.reshape(-1, 7) for block in blocks])
-    own = block_diag(*(np.tile(np.eye(3), (len(block), 1)) for block in blocks))
-    fit = solve(np.c_[shared, own], np.concatenate(residuals), np.concatenate(labels))
-    starts = [
-        Rotation.from_rotvec(fit.values[7 + 3 * row : 10 + 3 * row]).as_matrix()
-        for row in range(len(pieces))
-    ]
+    shared = np.concatenate(blocks)
+    model = np.c_[shared, block_diag(*own)]
+    fit = solve(model, np.concatenate(residuals), np.concatenate(labels))
+    starts, column = [], shared.shape[1]
+    for polynomial in own:
+        begin = polynomial[:3] @ fit.values[column : column + polynomial.shape[1]]
+        starts.append(Rotation.from_rotvec(begin).as_matrix())
+        column += polynomial.shape[1]
     return fit, starts
 
 

@@ -33,7 +33,8 @@ def calibrate_wheels(
         robot_from_lidar: float64 (4, 4), the robot being the odometry's child frame.
 
     Raises:
-        DataError: odometry is of another time than the scans (code "clock").
+        DataError: odometry is of another time than the scans (code "clock"), or hardly of the same
+            ("few-scans").
     """
     stamps, first = np.unique([each.stamp_ns for each in messages], return_index=True)
     seconds = (stamps - path.begin_ns) / NANOSECONDS
@@ -52,7 +53,7 @@ def calibrate_wheels(
         raise DataError(
             f"odometry is from {seconds[0]:.3f} to {seconds[-1]:.3f} s after the first scan, which "
             f"covers {len(begins)} seconds of the scans, expected {_WINDOW} or more",
-            code="clock",
+            code="few-scans" if begins else "clock",
             fields=(f"{seconds[0]:.3f}", f"{seconds[-1]:.3f}"),
         )
     begin, length = np.array(begins), np.array(lengths)

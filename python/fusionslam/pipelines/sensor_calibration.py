@@ -107,7 +107,12 @@ def calibrate(dataset: Dataset, progress: Progress = lambda done, total: None) -
     if wheels and robot_from_points is None:
         left_out.append("odometry: the recording does not say where the LiDAR is on the robot")
     elif wheels:
-        estimates += calibrate_wheels(path, wheels, np.asarray(robot_from_points))
+        try:
+            estimates += calibrate_wheels(path, wheels, np.asarray(robot_from_points))
+        except DataError as error:
+            if error.code != "few-scans":
+                raise
+            left_out.append(str(error))
     return Calibration(estimates, pose, (dataset.points_frame, child), left_out)
 
 
