@@ -39,11 +39,11 @@ from fusionslam.sim.recordings import recording_config, write_recording
 from fusionslam.sim.robot import ImuMount
 
 PAGE = ROOT / "docs" / "guides" / "calibration.md"
-HAND = {"roll_deg": 6.0, "pitch_deg": 6.0, "yaw_deg": 8.0, "rate_hz": 0.7}
+HAND = {"roll_deg": 5.0, "pitch_deg": 5.0, "yaw_deg": 5.0, "rate_hz": 0.5}
 HAND |= {"along_m": 0.05, "aside_m": 0.05, "heave_m": 0.05}
 SWAYS: dict[str, dict[str, float]] = {"in the hand": HAND, "on wheels": {}, "straight": {}}
 SEEDS = (21, 22, 23, 24, 25, 26, 27, 28, 29, 30)
-SECONDS = 45.0
+SECONDS = 32.0
 HEADER = (
     "drive", "quantity", "cases", "said", "error: median", "largest", "bound", "within it",
     "interval: median", "holds the truth",

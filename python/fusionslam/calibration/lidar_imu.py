@@ -30,7 +30,7 @@ LATEST_S = 1.0
 _GRID_S = 0.01
 _WINDOW = 15
 """Scans, over which accelerations are integrated."""
-_CLUSTER = 10
+_CLUSTER = 25
 """Scans whose errors may be alike, one after the other."""
 _DRIFT = 4
 """Degree of the polynomials by which a path of 10 s may bend: slower than the turns that tell."""

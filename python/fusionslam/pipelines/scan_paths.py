@@ -6,6 +6,7 @@ Odometry takes velocity for constant within a scan, which delays its turns; here
 corrected by a smooth path through the scans before and after it, and registered to all of them.
 """
 
+import itertools
 import logging
 from collections.abc import Callable
 from typing import NamedTuple
@@ -88,8 +89,8 @@ class ScanFollower:
         self._begin_ns = int(dataset.stamps_ns[0])
         chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
         total = (1 + len(_COARSE_M) + refinements * len(_FINE_M)) * PIECE * len(chosen)
-        ticks = iter(range(1, total + 1))
-        self._step: Callable[[], None] = lambda: progress(next(ticks), total)
+        ticks = itertools.count(1)
+        self._step: Callable[[], None] = lambda: progress(min(next(ticks), total), total)
         self._pieces, problem = [], None
         for start in (PIECE * chosen).tolist():
             try:

@@ -43,7 +43,12 @@ def lidar(turns: bool = True, count: int = 300) -> ScanPath:
 def odometry(turns: bool = True, apart_s: float = 0.0) -> list[Odometry]:
     seconds = np.arange(-60, 1000) / 30
     return [
-        Odometry(round((at + LATE_S + apart_s) * S), "odom", "base", pose)
+        Odometry(
+            stamp_ns=round((at + LATE_S + apart_s) * S),
+            frame_id="odom",
+            child_frame_id="base",
+            pose=pose,
+        )
         for at, pose in zip(seconds.tolist(), drive(seconds, WAY, TURN, turns), strict=True)
     ]
 
