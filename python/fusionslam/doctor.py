@@ -64,11 +64,11 @@ EXTRAS = {
         _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
         (
             *("map build", "map show", "map localize", "map merge", "map forget"),
-            *("map export", "map check", "fleet merge", "fleet report", "fleet demo"),
+            *("map export", "map check", "calibrate", "fleet merge", "fleet report", "fleet demo"),
             *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
         ),
     ),
-    "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
+    "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar", "calibrate")),
     "inertial": Extra({"rko-lio": "rko_lio"}, ("odometry of scans and IMU", "--odometry inertial")),
     "fleet": Extra(
         _RAY
