@@ -34,7 +34,9 @@ _CLUSTER = 25
 """Scans whose errors may be alike, one after the other."""
 _DRIFT = 4
 """Degree of the polynomials by which a path of 10 s may bend: slower than the turns that tell."""
-_WIDEST_DEG, _WIDEST_M, _WIDEST_S = 0.5, 0.05, 0.01
+_FINEST = 1e-4
+"""Radians: no path is better."""
+_WIDEST_DEG, _WIDEST_M, _WIDEST_MS = 0.5, 0.05, 10.0
 """Half widths of intervals beyond which nothing is said."""
 _FASTEST_RAD_S = 40.0
 _IN_G = 2.0
@@ -153,65 +155,49 @@ def calibrate_imu(
         delay += float(fit.values[3])
         bias = bias + (fit.values[4:7] if not drift else 0)
     places = _fit_places(pieces, imu._replace(linear=imu.linear * unit), turn, bias, delay, starts)
-    width, place_widths = fit.half_widths, places.half_widths
+    widths, place_widths = fit.half_widths[:4], places.half_widths[:3]
     if before is not None:
         change = Rotation.from_matrix(turn @ before.turn.T).as_rotvec()
-        width[:4] = np.hypot(width[:4], [*change, delay - before.delay])
-        place_widths[:3] = np.hypot(place_widths[:3], places.values[:3] - before.place)
+        widths = np.hypot(widths, [*change, delay - before.delay])
+        place_widths = np.hypot(place_widths, places.values[:3] - before.place)
+    told = _turning(imu, turn, bias, delay)
+    pose = np.eye(4) if stated is None else stated.copy()
+    widths = np.r_[np.degrees(widths[:3]), 1000 * widths[3]]
+    unknown = np.flatnonzero(~(widths[:3] <= _WIDEST_DEG))
+    nearest = turn
+    for axis in np.repeat(unknown, 3):
+        # Turned by any angle it fits as well; parts of the others' turns would seem to be of these.
+        off = Rotation.from_matrix(nearest @ pose[:3, :3].T).as_rotvec()
+        nearest = Rotation.from_rotvec(-off[axis] * np.eye(3)[axis]).as_matrix() @ nearest
+    found = Rotation.from_matrix(nearest @ pose[:3, :3].T).as_rotvec(degrees=True)
     spread = _spread(pieces)
-    estimates, pose = [], np.eye(4) if stated is None else stated.copy()
-    now = Rotation.from_matrix(turn @ pose[:3, :3].T).as_rotvec(degrees=True)
-    widths = np.degrees(fit.half_widths[:3])
-    for row, axis in enumerate(_AXES):
-        others = [other for other in _AXES if other != axis]
-        most = max(spread[_AXES.index(other)] for other in others)
-        lacking = (
-            f"the drive turns by {most:.2g} degrees (standard deviation) about {others[0]} or "
-            f"{others[1]}; some {most * widths[row] / _WIDEST_DEG:.2g} are needed"
-        )
-        estimates.append(
-            state(
-                f"IMU turned about {axis}",
-                now[row],
-                widths[row],
-                "deg",
-                _WIDEST_DEG,
-                lacking,
-                None if stated is None else 0.0,
-            )
-        )
-    if all(each.value is not None for each in estimates):
+    turns, at = [], []
+    for row, letter in enumerate(_AXES):
+        others = [other for other in range(3) if other != row]
+        about = " or ".join(_AXES[other] for other in others)
+        most = float(spread[others].max())
+        drive = f"the drive turns by {most:.2g} degrees (standard deviation) about {about}; some"
+        lacking = f"{drive} {most * widths[row] / _WIDEST_DEG:.2g} are needed"
+        now = None if stated is None else 0.0
+        name = f"IMU turned about {letter}"
+        turns.append(state(name, found[row], widths[row], "deg", _WIDEST_DEG, lacking, now))
+        lacking = f"{drive} {most * place_widths[row] / _WIDEST_M:.2g} within a second are needed"
+        width, name = place_widths[row], f"IMU at {letter}"
+        if len(unknown):
+            width, lacking = np.inf, "its turns about all axes are needed first"
+        now = None if stated is None else float(stated[row, 3])
+        at.append(state(name, places.values[row], width, "m", _WIDEST_M, lacking, now))
+        if at[-1].value is not None:
+            pose[row, 3] = places.values[row]
+    if not len(unknown):
         pose[:3, :3] = turn
     turning = float(np.linalg.norm(spread))
-    for row, axis in enumerate(_AXES):
-        width = places.half_widths[row]
-        others = [other for other in _AXES if other != axis]
-        most = max(spread[_AXES.index(other)] for other in others)
-        lacking = (
-            f"the drive turns by {most:.2g} degrees (standard deviation) about {others[0]} or "
-            f"{others[1]}; some {most * width / _WIDEST_M:.2g} within a second are needed"
-        )
-        estimates.append(
-            state(
-                f"IMU at {axis}",
-                places.values[row],
-                width,
-                "m",
-                _WIDEST_M,
-                lacking,
-                None if stated is None else float(stated[row, 3]),
-            )
-        )
-        if estimates[-1].value is not None:
-            pose[row, 3] = places.values[row]
     lacking = (
         f"the drive turns by {turning:.2g} degrees (standard deviation); some "
-        f"{turning * fit.half_widths[3] / _WIDEST_S:.2g} are needed"
+        f"{turning * widths[3] / _WIDEST_MS:.2g} are needed"
     )
-    delay_ms, width_ms = 1000 * delay, 1000 * fit.half_widths[3]
-    estimates.append(state("IMU late by", delay_ms, width_ms, "ms", 1000 * _WIDEST_S, lacking, 0.0))
-    told = _turning(imu, turn, bias, delay)
-    return ImuCalibration(pose, estimates, unit, told, turn, places.values[:3], delay)
+    late = state("IMU late by", 1000 * delay, widths[3], "ms", _WIDEST_MS, lacking, 0.0)
+    return ImuCalibration(pose, [*turns, *at, late], unit, told, turn, places.values[:3], delay)
 
 
 def _turning(imu: ImuRows, turn: Matrix, bias: Floats, delay: float) -> Turning:
@@ -388,8 +374,13 @@ def _fit_turns(
         labels.append(np.repeat(np.arange(len(piece.seconds)) // _CLUSTER + clusters, 3))
         clusters = labels[-1].max() + 1
     shared = np.concatenate(blocks)
-    model = np.c_[shared, block_diag(*own)]
-    fit = solve(model, np.concatenate(residuals), np.concatenate(labels))
+    model, found = np.c_[shared, block_diag(*own)], np.concatenate(residuals)
+    fit = solve(model, found, np.concatenate(labels))
+    # Odometry may do badly in one piece and well in another one.
+    sizes = [len(residual) for residual in residuals]
+    rest = np.split((found - model @ fit.values) ** 2, np.cumsum(sizes)[:-1])
+    weights = np.repeat([1 / max(float(np.sqrt(each.mean())), _FINEST) for each in rest], sizes)
+    fit = solve(model * weights[:, None], found * weights, np.concatenate(labels))
     starts, column = [], shared.shape[1]
     for polynomial in own:
         begin = polynomial[:3] @ fit.values[column : column + polynomial.shape[1]]

@@ -61,13 +61,8 @@ class PoseSpline:
 
 
 def turn_as_told(seconds: Floats, poses: Floats, turning: Turning) -> Floats:
-    """Poses (K, 4, 4) at times (K,), with turns as told but for a constant turn and drift."""
-    told = turning(seconds)
-    off = Rotation.from_matrix(poses[:, :3, :3]) * told.inv()
-    mean = off.mean()
-    drift = (off * mean.inv()).as_rotvec()
-    line = np.stack([np.ones(len(seconds)), seconds - seconds.mean()], axis=1)
-    fitted = line @ np.linalg.lstsq(line, drift, rcond=None)[0]
-    found = poses.copy()
-    found[:, :3, :3] = (Rotation.from_rotvec(fitted) * mean * told).as_matrix()
+    """Poses (K, 4, 4) at times (K,), with turns as told but for one turn of them all."""
+    told, found = turning(seconds), poses.copy()
+    mean = (Rotation.from_matrix(poses[:, :3, :3]) * told.inv()).mean()
+    found[:, :3, :3] = (mean * told).as_matrix()
     return found
