@@ -58,11 +58,3 @@ class PoseSpline:
         poses[:, :3, :3] = (turns * self._told(seconds) if self._told else turns).as_matrix()
         poses[:, :3, 3] = self._places(seconds)
         return poses
-
-
-def turn_as_told(seconds: Floats, poses: Floats, turning: Turning) -> Floats:
-    """Poses (K, 4, 4) at times (K,), with turns as told but for one turn of them all."""
-    told, found = turning(seconds), poses.copy()
-    mean = (Rotation.from_matrix(poses[:, :3, :3]) * told.inv()).mean()
-    found[:, :3, :3] = (mean * told).as_matrix()
-    return found

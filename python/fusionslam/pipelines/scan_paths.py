@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fusionslam._core import deskew
 from fusionslam.base.arrays import Floats, Points
@@ -21,7 +22,6 @@ from fusionslam.calibration.scan_path import (
     PoseSpline,
     ScanPath,
     Turning,
-    turn_as_told,
 )
 from fusionslam.datasets import Dataset
 from fusionslam.errors import DataError, needing
@@ -118,8 +118,10 @@ class ScanFollower:
         refined = []
         for sweeps, path in self._pieces:
             if turning is not None:
-                told = turn_as_told(path.seconds, path.poses, turning)
-                path = PathPiece(path.seconds, told)
+                told, poses = turning(path.seconds), path.poses.copy()
+                mean = (Rotation.from_matrix(poses[:, :3, :3]) * told.inv()).mean()
+                poses[:, :3, :3] = (mean * told).as_matrix()
+                path = PathPiece(path.seconds, poses)
             for cell in _FINE_M:
                 path = _register(sweeps, path, turning, cell, self._step)
             refined.append(_Piece(sweeps, path))

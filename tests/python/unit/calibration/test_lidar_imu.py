@@ -13,7 +13,7 @@ from error_codes import has_code
 from fusionslam.base.arrays import Floats
 from fusionslam.calibration.estimate import Estimate
 from fusionslam.calibration.lidar_imu import ImuRows, calibrate_imu, read_imu, solve
-from fusionslam.calibration.scan_path import PathPiece, PoseSpline, ScanPath, turn_as_told
+from fusionslam.calibration.scan_path import PathPiece, PoseSpline, ScanPath
 from fusionslam.errors import DataError
 from fusionslam.geometry.se3 import exp
 from fusionslam.sensors.messages import Imu
@@ -199,10 +199,3 @@ def test_a_path_turns_as_told_between_its_poses() -> None:
 
     spline = PoseSpline(at, poses(at), told)
     np.testing.assert_allclose(spline.at(between)[:, :3, :3], poses(between)[:, :3, :3], atol=1e-9)
-    noise = Rotation.from_rotvec(0.02 * np.random.default_rng(1).standard_normal((20, 3)))
-    noisy = poses(at)
-    noisy[:, :3, :3] = noise.as_matrix() @ noisy[:, :3, :3]
-    smooth = Rotation.from_matrix(
-        turn_as_told(at, noisy, told)[:, :3, :3] @ poses(at)[:, :3, :3].transpose(0, 2, 1)
-    )
-    assert smooth.magnitude().mean() < noise.magnitude().mean() / 2
