@@ -41,6 +41,8 @@ _CAUTION = 2.0
 which their spread does not show (measured on made drives, docs/guides/calibration.md)."""
 _WIDEST_DEG, _WIDEST_M, _WIDEST_MS = 0.5, 0.05, 10.0
 """Half widths of intervals beyond which nothing is said."""
+_LOOSE_DEG = 2.0
+"""Half width of a turn beyond which accelerations cannot tell the place."""
 _FASTEST_RAD_S = 40.0
 _IN_G = 2.0
 _WIDEST_GAP_S = 0.05
@@ -167,7 +169,7 @@ def calibrate_imu(
     told = _turning(imu, turn, bias, delay)
     pose = np.eye(4) if stated is None else stated.copy()
     widths = np.r_[np.degrees(widths[:3]), 1000 * widths[3]]
-    unknown = np.flatnonzero(~(widths[:3] <= _WIDEST_DEG))
+    unknown = np.flatnonzero(~(widths[:3] <= _LOOSE_DEG))
     nearest = turn
     for axis in np.repeat(unknown, 3):
         # Turned by any angle it fits as well; parts of the others' turns would seem to be of these.
@@ -193,7 +195,7 @@ def calibrate_imu(
         at.append(state(name, places.values[row], width, "m", _WIDEST_M, lacking, now))
         if at[-1].value is not None:
             pose[row, 3] = places.values[row]
-    if not len(unknown):
+    if all(each.value is not None for each in turns):
         pose[:3, :3] = turn
     turning = float(np.linalg.norm(spread))
     lacking = (
