@@ -18,6 +18,8 @@ from fusionslam.sensors.messages import NANOSECONDS, Odometry
 _WINDOW = 10
 """Scans, over which motions are compared."""
 _STEP_S = 0.01
+_CLEAR = 10.0
+"""Motions are that much larger than misfits, or nothing is said of them."""
 _WIDEST_SHARE, _WIDEST_S = 0.05, 0.05
 """Half widths of intervals beyond which nothing is said."""
 
@@ -86,7 +88,10 @@ def calibrate_wheels(
     )
     fit = solve(model, (found / spread).T.ravel(), np.tile(np.arange(len(said)), 2))
     way, turn = np.abs(said).sum(axis=0)
-    values, widths = fit.values, fit.half_widths
+    values, widths = fit.values, fit.half_widths.copy()
+    # Where odometry tells little more than its noise, factors of the noise come out near zero.
+    noise = _CLEAR * spread / np.maximum(np.sqrt((said**2).mean(axis=0)), 1e-12)
+    widths[:2] = np.maximum(widths[:2], np.where(noise > 1, _WIDEST_SHARE * noise, 0))
     needed = widths / (_WIDEST_SHARE, _WIDEST_SHARE, _WIDEST_S)
     return [
         state(

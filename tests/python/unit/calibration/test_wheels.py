@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Odometry's factors and delay are found by the path of a LiDAR, or the motion that is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,16 @@ def test_a_straight_drive_says_nothing_of_turns() -> None:
     way, turn, _ = calibrate_wheels(lidar(False), odometry(False), ROBOT_FROM_LIDAR)
     assert way.value == pytest.approx(1 / WAY, abs=0.005)
     assert turn.value is None and turn.missing is not None and "turns by" in turn.missing
+
+
+def test_noise_on_a_straight_drive_is_no_turn() -> None:
+    rng = np.random.default_rng(55)
+    noisy = [
+        replace(each, pose=each.pose @ exp(np.r_[np.zeros(5), 0.001 * rng.standard_normal()]))
+        for each in odometry(False)
+    ]
+    way, turn, _ = calibrate_wheels(lidar(False), noisy, ROBOT_FROM_LIDAR)
+    assert way.value is not None and turn.value is None
 
 
 def test_odometry_of_another_time_is_refused() -> None:
