@@ -41,6 +41,7 @@ _CAUTION = 2.0
 which their spread does not show (measured on made drives, docs/guides/calibration.md)."""
 _WIDEST_DEG, _WIDEST_M, _WIDEST_MS = 0.5, 0.05, 10.0
 """Half widths of intervals beyond which nothing is said."""
+_STEP_RAD = 0.05
 _LOOSE_DEG = 2.0
 """Half width of a turn beyond which accelerations cannot tell the place."""
 _FASTEST_RAD_S = 40.0
@@ -71,14 +72,14 @@ class ImuCalibration:
         lidar_from_imu: float64 (4, 4), the best guess: parts that cannot be said are as stated.
         estimates: turn of the stated pose about the LiDAR's axes, place, and delay.
         unit: factor that makes m/s^2 of its accelerations, 1 unless they are in g.
-        turning: how the LiDAR turned, by the gyroscope.
+        turning: how the LiDAR turned, by the gyroscope; None where its axes are not known.
         turn, place, delay: float64 (3, 3), (3,) and seconds, of the best fit, said or not.
     """
 
     lidar_from_imu: Matrix
     estimates: list[Estimate]
     unit: float
-    turning: Turning
+    turning: Turning | None
     turn: Matrix
     place: Floats
     delay: float
@@ -156,7 +157,9 @@ def calibrate_imu(
     # stays, and the path may drift.
     for drift in (0, 0, 0, _DRIFT, _DRIFT):
         fit, starts = _fit_turns(pieces, imu, turn, bias, delay, drift)
-        turn = Rotation.from_rotvec(fit.values[:3]).as_matrix() @ turn
+        # Steps about an axis that nothing tells would be wild, and turn the others with them.
+        step = np.clip(fit.values[:3], -_STEP_RAD, _STEP_RAD)
+        turn = Rotation.from_rotvec(step).as_matrix() @ turn
         delay += float(fit.values[3])
         bias = bias + (fit.values[4:7] if not drift else 0)
     places = _fit_places(pieces, imu._replace(linear=imu.linear * unit), turn, bias, delay, starts)
@@ -166,7 +169,6 @@ def calibrate_imu(
         widths = np.hypot(widths, [*change, delay - before.delay])
         place_widths = np.hypot(place_widths, places.values[:3] - before.place)
     widths[:3] *= _CAUTION
-    told = _turning(imu, turn, bias, delay)
     pose = np.eye(4) if stated is None else stated.copy()
     widths = np.r_[np.degrees(widths[:3]), 1000 * widths[3]]
     unknown = np.flatnonzero(~(widths[:3] <= _LOOSE_DEG))
@@ -175,6 +177,7 @@ def calibrate_imu(
         # Turned by any angle it fits as well; parts of the others' turns would seem to be of these.
         off = Rotation.from_matrix(nearest @ pose[:3, :3].T).as_rotvec()
         nearest = Rotation.from_rotvec(-off[axis] * np.eye(3)[axis]).as_matrix() @ nearest
+    told = None if len(unknown) else _turning(imu, turn, bias, delay)
     found = Rotation.from_matrix(nearest @ pose[:3, :3].T).as_rotvec(degrees=True)
     spread = _spread(pieces)
     turns, at = [], []

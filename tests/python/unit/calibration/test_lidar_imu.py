@@ -85,7 +85,9 @@ def test_the_pose_that_is_given_back_is_the_true_one() -> None:
 def test_the_turning_that_is_given_back_is_that_of_the_lidar() -> None:
     path, imu = moved()
     at = np.linspace(0.5, 11, 50)
-    turned = calibrate_imu(path, imu, None).turning(at)
+    turning = calibrate_imu(path, imu, None).turning
+    assert turning is not None
+    turned = turning(at)
     true = Rotation.from_matrix(poses(at)[:, :3, :3])
     off = (true[0].inv() * true).inv() * (turned[0].inv() * turned)
     assert np.degrees(off.magnitude()).max() < 0.3  # the bias is known so well
@@ -111,6 +113,7 @@ def test_a_drive_on_a_plane_cannot_say_what_its_turns_do_not_show() -> None:
     assert estimates["IMU turned about y"].value == pytest.approx(-1, abs=0.1)
     missing = estimates["IMU turned about z"].missing
     assert missing is not None and "about x or y" in missing
+    assert found.turning is None
     # Nothing replaces what is stated where a part of the turn is unknown.
     np.testing.assert_array_equal(found.lidar_from_imu, stated)
 
