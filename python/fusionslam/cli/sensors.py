@@ -224,9 +224,9 @@ def calibrate(
     build_recording: BuildRecording,
     read_config: opt.ReadConfig,
 ) -> None:
-    """Estimate where the IMU of DATA is, how late it and odometry are, and odometry's factors.
+    """Estimate where the IMU of DATA is, and how late its stamps are.
 
-    All by the LiDAR's own path, with 95 % intervals, or the motion that is missing.
+    Both by the LiDAR's own path, with 95 % intervals, or the motion that is missing.
     """
     needs_extra("odometry")
     needs_extra("map")
@@ -238,7 +238,7 @@ def calibrate(
             dataset = replace(build_recording(), deskew=False).open("cloud")
         found = estimate(dataset, label_progress(step, "registering scans"))
     print_table(["quantity", "now", "found", ""], [each.row() for each in found.estimates])
-    for line in (*found.left_out, *found.transform_lines()):
+    for line in found.transform_lines():
         print(line)
     output.parent.mkdir(parents=True, exist_ok=True)
     found.save(output)
