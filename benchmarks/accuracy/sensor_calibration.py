@@ -27,6 +27,7 @@ from fusionslam.calibration.estimate import Estimate
 from fusionslam.calibration.lidar_imu import read_imu
 from fusionslam.config import merged
 from fusionslam.datasets import Dataset, open_dataset
+from fusionslam.errors import DataError
 from fusionslam.geometry.se3 import exp
 from fusionslam.geometry.trajectory import Trajectory
 from fusionslam.pipelines.scan_paths import ScanFollower
@@ -42,6 +43,7 @@ HAND |= {"along_m": 0.05, "aside_m": 0.05, "heave_m": 0.05}
 SWAYS: dict[str, dict[str, float]] = {"in the hand": HAND, "on wheels": {}, "straight": {}}
 SEEDS = (21, 22, 23, 24, 25, 26, 27, 28, 29, 30)
 SECONDS = 32.0
+STRAIGHT_RAD = np.radians(3.0)
 HEADER = (
     "drive", "quantity", "cases", "said", "error: median", "largest", "bound", "within it",
     "interval: median", "holds the truth",
@@ -103,7 +105,13 @@ def judge(kind: str, seed: int, imus: int) -> Iterator[Result]:
             )
             own = copy(follower)
             stated = truth @ exp(off)
-            found = settle_imu(own, read_imu(messages, own.path), stated)
+            try:
+                found = settle_imu(own, read_imu(messages, own.path), stated)
+            except DataError as error:
+                if error.code != "path":
+                    raise
+                print(seed, error, file=sys.stderr)
+                continue
             turned = truth[:3, :3] @ stated[:3, :3].T
             turns = np.degrees(exp_inverse(turned))
             truths = dict(zip([f"IMU turned about {axis}" for axis in "xyz"], turns, strict=True))
@@ -159,14 +167,17 @@ def record(kind: str, seed: int, imus: dict[str, ImuMount], path: Path) -> None:
 
 
 def longest_straight(drive: Trajectory) -> Trajectory:
-    """The longest part of a drive without a turn, at one speed, in 30 s."""
-    turns = np.flatnonzero(np.abs(np.diff(drive.yaw)) > 1e-6)
-    edges = np.r_[0, turns + 1, len(drive) - 1]
-    begins, ends = edges[:-1], np.r_[turns, len(drive) - 1]
-    lengths = np.hypot(drive.x[ends] - drive.x[begins], drive.y[ends] - drive.y[begins])
-    best = int(np.argmax(lengths))
-    rows = [begins[best], ends[best]]
-    return Trajectory(np.array([0.0, 30.0]), drive.x[rows], drive.y[rows], drive.yaw[rows])
+    """The longest part of a drive that turns by less than 3 degrees, made straight, in 30 s."""
+    best, longest = (0, 1), 0.0
+    for begin in range(len(drive)):
+        turned = np.abs(drive.yaw[begin:] - drive.yaw[begin]) > STRAIGHT_RAD
+        end = begin + int(np.argmax(turned)) - 1 if turned.any() else len(drive) - 1
+        length = float(np.hypot(drive.x[end] - drive.x[begin], drive.y[end] - drive.y[begin]))
+        if length > longest:
+            best, longest = (begin, end), length
+    x, y = drive.x[[*best]], drive.y[[*best]]
+    yaw = np.full(2, np.arctan2(y[1] - y[0], x[1] - x[0]))
+    return Trajectory(np.array([0.0, 30.0]), x, y, yaw)
 
 
 def opened(path: Path, imu: str) -> Dataset:

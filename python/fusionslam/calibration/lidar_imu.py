@@ -41,6 +41,9 @@ _CAUTION = 2.0
 which their spread does not show (measured on made drives, docs/guides/calibration.md)."""
 _WIDEST_DEG, _WIDEST_M, _WIDEST_MS = 0.5, 0.05, 10.0
 """Half widths of intervals beyond which nothing is said."""
+_MISFIT_DEG = 0.5
+"""Root mean square by which a path turns otherwise than the gyroscope, slow drift apart, beyond
+which scans were registered wrongly: good paths are at 0.02 to 0.15 degrees."""
 _STEP_RAD = 0.05
 _LOOSE_DEG = 2.0
 """Half width of a turn beyond which accelerations cannot tell the place."""
@@ -144,7 +147,8 @@ def calibrate_imu(
 
     Raises:
         DataError: accelerations do not show gravity (code "imu-unit"), turns do not fit at any
-            delay up to a second ("clock"), or rates are too far apart ("gap").
+            delay up to a second ("clock"), rates are too far apart ("gap"), or all pieces of the
+            path turn otherwise than the gyroscope ("path").
     """
     unit = _unit(imu.linear)
     delay, turn = _first_guess(path, imu)
@@ -154,9 +158,13 @@ def calibrate_imu(
         raise DataError("the IMU says too little while scans were taken", code="gap")
     bias = np.zeros(3)
     # Each time anew where the last one ended. The bias is that of a path without drift; then it
-    # stays, and the path may drift.
-    for drift in (0, 0, 0, _DRIFT, _DRIFT):
-        fit, starts = _fit_turns(pieces, imu, turn, bias, delay, drift)
+    # stays, and the path may drift. The last time only pieces count that turn as the gyroscope.
+    misfits = np.zeros(len(pieces))
+    drifts = (0, 0, 0, _DRIFT, _DRIFT, _DRIFT)
+    for number, drift in enumerate(drifts, start=1):
+        if number == len(drifts):
+            pieces = _trusted(pieces, misfits)
+        fit, starts, misfits = _fit_turns(pieces, imu, turn, bias, delay, drift)
         # Steps about an axis that nothing tells would be wild, and turn the others with them.
         step = np.clip(fit.values[:3], -_STEP_RAD, _STEP_RAD)
         turn = Rotation.from_rotvec(step).as_matrix() @ turn
@@ -207,6 +215,22 @@ def calibrate_imu(
     )
     late = state("IMU late by", 1000 * delay, widths[3], "ms", _WIDEST_MS, lacking, 0.0)
     return ImuCalibration(pose, [*turns, *at, late], unit, told, turn, places.values[:3], delay)
+
+
+def _trusted(pieces: list[PathPiece], misfits: Floats) -> list[PathPiece]:
+    """Those that turn as the gyroscope does."""
+    trusted = [
+        piece for piece, misfit in zip(pieces, misfits, strict=True) if misfit <= _MISFIT_DEG
+    ]
+    if not trusted:
+        raise DataError(
+            "the path by scans turns otherwise than the gyroscope, by "
+            f"{misfits.min():.2g} degrees (root mean square), expected at most {_MISFIT_DEG:g}: "
+            "move slower, near walls and furniture; or the axes of the IMU are left-handed",
+            code="path",
+            fields=(f"{misfits.min():.2g}",),
+        )
+    return trusted
 
 
 def _turning(imu: ImuRows, turn: Matrix, bias: Floats, delay: float) -> Turning:
@@ -356,7 +380,7 @@ def _integrate(piece: PathPiece, imu: ImuRows, bias: Floats, delay: float) -> _I
 
 def _fit_turns(
     pieces: list[PathPiece], imu: ImuRows, turn: Matrix, bias: Floats, delay: float, drift: int
-) -> tuple[Fit, list[Matrix]]:
+) -> tuple[Fit, list[Matrix], Floats]:
     """Corrections of turn (3, about the LiDAR's axes), delay, and bias (3) unless the path drifts.
 
     A measured turn M of scan k from the first one is exp(c) P, P = R G R^T, with the integrated G:
@@ -364,7 +388,7 @@ def _fit_turns(
     delay by d adds R (G w_k - w_0) d. The path's drift c is a polynomial of this degree.
 
     Returns:
-        The fit, and the turn of each piece at its first scan.
+        The fit, the turn of each piece at its first scan, and its misfit in degrees.
     """
     blocks, residuals, labels, own, clusters = [], [], [], [], 0
     for piece in pieces:
@@ -388,14 +412,15 @@ def _fit_turns(
     # Odometry may do badly in one piece and well in another one.
     sizes = [len(residual) for residual in residuals]
     rest = np.split((found - model @ fit.values) ** 2, np.cumsum(sizes)[:-1])
-    weights = np.repeat([1 / max(float(np.sqrt(each.mean())), _FINEST) for each in rest], sizes)
+    misfits = np.sqrt([3 * each.mean() for each in rest])
+    weights = np.repeat(1 / np.maximum(misfits, _FINEST), sizes)
     fit = solve(model * weights[:, None], found * weights, np.concatenate(labels))
     starts, column = [], shared.shape[1]
     for polynomial in own:
         begin = polynomial[:3] @ fit.values[column : column + polynomial.shape[1]]
         starts.append(Rotation.from_rotvec(begin).as_matrix())
         column += polynomial.shape[1]
-    return fit, starts
+    return fit, starts, np.degrees(misfits)
 
 
 def _fit_places(
