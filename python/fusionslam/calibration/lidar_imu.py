@@ -159,17 +159,16 @@ def calibrate_imu(
     bias = np.zeros(3)
     # Each time anew where the last one ended. The bias is that of a path without drift; then it
     # stays, and the path may drift. The last time only pieces count that turn as the gyroscope.
-    misfits = np.zeros(len(pieces))
     drifts = (0, 0, 0, _DRIFT, _DRIFT, _DRIFT)
     for number, drift in enumerate(drifts, start=1):
-        if number == len(drifts):
-            pieces = _trusted(pieces, misfits)
         fit, starts, misfits = _fit_turns(pieces, imu, turn, bias, delay, drift)
         # Steps about an axis that nothing tells would be wild, and turn the others with them.
         step = np.clip(fit.values[:3], -_STEP_RAD, _STEP_RAD)
         turn = Rotation.from_rotvec(step).as_matrix() @ turn
         delay += float(fit.values[3])
         bias = bias + (fit.values[4:7] if not drift else 0)
+        if number == len(drifts) - 1:
+            pieces = _trusted(pieces, misfits)
     places = _fit_places(pieces, imu._replace(linear=imu.linear * unit), turn, bias, delay, starts)
     widths, place_widths = fit.half_widths[:4], places.half_widths[:3]
     if before is not None:

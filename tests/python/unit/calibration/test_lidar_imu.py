@@ -118,6 +118,31 @@ def test_a_drive_on_a_plane_cannot_say_what_its_turns_do_not_show() -> None:
     np.testing.assert_array_equal(found.lidar_from_imu, stated)
 
 
+def lost(piece: PathPiece) -> PathPiece:
+    """The piece, whose scans were registered wrongly: pitch sways by 3 degrees."""
+    wrong = piece.poses.copy()
+    sway = np.outer(np.radians(3) * np.sin(5 * piece.seconds), [0, 1, 0])
+    wrong[:, :3, :3] = Rotation.from_rotvec(sway).as_matrix() @ wrong[:, :3, :3]
+    return PathPiece(piece.seconds, wrong)
+
+
+def test_a_path_that_turns_otherwise_than_the_gyroscope_is_refused() -> None:
+    path, imu = moved()
+    wrong = ScanPath(0, [lost(path.pieces[0])])
+    with pytest.raises(DataError, match="otherwise", check=has_code("path")):
+        calibrate_imu(wrong, imu, MOUNT)
+
+
+def test_a_piece_of_a_path_that_is_wrong_does_not_count() -> None:
+    path, imu = moved(count=200)
+    whole = path.pieces[0]
+    good, bad = (PathPiece(whole.seconds[k], whole.poses[k]) for k in np.split(np.arange(200), 2))
+    alone = calibrate_imu(ScanPath(0, [good]), imu, MOUNT)
+    both = calibrate_imu(ScanPath(0, [good, lost(bad)]), imu, MOUNT)
+    for one, other in zip(alone.estimates, both.estimates, strict=True):
+        assert other.value == pytest.approx(one.value, abs=0.1 * (one.half_width or 0))
+
+
 def test_intervals_allow_for_what_the_last_round_changed() -> None:
     path, imu = moved()
     first = calibrate_imu(path, imu, MOUNT)
