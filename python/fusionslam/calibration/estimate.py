@@ -12,7 +12,7 @@ class Estimate:
     Attributes:
         name: of the quantity, such as "lidar_from_imu.roll".
         value: the number found; None if it cannot be said.
-        unit: of the value, the half width and ``now``: "deg", "m", "ms", "" for a ratio.
+        unit: of the value, the half width and ``now``: "deg", "m" or "ms".
         half_width: the interval is value - half_width to value + half_width; None if it cannot
             be said.
         missing: the motion that is missing, in words with numbers; None if there is a value.
@@ -35,7 +35,7 @@ class Estimate:
 
     def row(self) -> tuple[str, str, str, str]:
         """Cells of a table: quantity, value now, value found, and what that says."""
-        label = f"{self.name} [{self.unit}]" if self.unit else self.name
+        label = f"{self.name} [{self.unit}]"
         now = "" if self.now is None else f"{self.now:.4g}"
         if self.value is None:
             return label, now, "cannot say", self.missing or ""

@@ -196,13 +196,13 @@ def calibrate_imu(
         lacking = f"{drive} {most * widths[row] / _WIDEST_DEG:.2g} are needed"
         now = None if stated is None else 0.0
         name = f"IMU turned about {letter}"
-        turns.append(state(name, found[row], widths[row], "deg", _WIDEST_DEG, lacking, now))
+        turns.append(_state(name, found[row], widths[row], "deg", _WIDEST_DEG, lacking, now))
         lacking = f"{drive} {most * place_widths[row] / _WIDEST_M:.2g} within a second are needed"
         width, name = place_widths[row], f"IMU at {letter}"
         if len(unknown):
             width, lacking = np.inf, "its turns about all axes are needed first"
         now = None if stated is None else float(stated[row, 3])
-        at.append(state(name, places.values[row], width, "m", _WIDEST_M, lacking, now))
+        at.append(_state(name, places.values[row], width, "m", _WIDEST_M, lacking, now))
         if at[-1].value is not None:
             pose[row, 3] = places.values[row]
     if all(each.value is not None for each in turns):
@@ -212,7 +212,7 @@ def calibrate_imu(
         f"the drive turns by {turning:.2g} degrees (standard deviation); some "
         f"{turning * widths[3] / _WIDEST_MS:.2g} are needed"
     )
-    late = state("IMU late by", 1000 * delay, widths[3], "ms", _WIDEST_MS, lacking, 0.0)
+    late = _state("IMU late by", 1000 * delay, widths[3], "ms", _WIDEST_MS, lacking, 0.0)
     return ImuCalibration(pose, [*turns, *at, late], unit, told, turn, places.values[:3], delay)
 
 
@@ -248,7 +248,7 @@ def _add_up(steps: Rotation) -> Floats:
     return np.array(turns)
 
 
-def state(
+def _state(
     name: str, value: float, width: float, unit: str, widest: float, lacking: str, now: float | None
 ) -> Estimate:
     if not np.isfinite(width) or width > widest:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The path of a LiDAR, with which other sensors are compared."""
+"""The path of a LiDAR, with which an IMU is compared."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The LiDAR's path by its scans, so exact that other sensors can be compared with it.
+"""The LiDAR's path by its scans, so exact that an IMU can be compared with it.
 
 Odometry takes velocity for constant within a scan, which delays its turns; here each scan is
 corrected by a smooth path through the scans before and after it, and registered to all of them.
