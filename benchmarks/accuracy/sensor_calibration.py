@@ -6,8 +6,8 @@
 
 Prints a Markdown table. A VLP-16 is carried or driven through made houses, each with IMUs whose
 stated poses are turned by 0.1 to 5 degrees and moved by 1 to 20 cm, and whose stamps are late by 5
-to 200 ms, either way. Some half a minute of processor time a drive, and as much an IMU. Messages go to the standard
-error output.
+to 200 ms, either way. Takes half a minute of processor time
+a drive, and as much an IMU.
 """
 
 import argparse

@@ -41,12 +41,12 @@ _CAUTION = 2.0
 which their spread does not show (measured on made drives, docs/guides/calibration.md)."""
 _WIDEST_DEG, _WIDEST_M, _WIDEST_MS = 0.5, 0.05, 10.0
 """Half widths of intervals beyond which nothing is said."""
-_MISFIT_DEG = 0.5
+_MISFIT_DEG = 1.0
 """Root mean square by which a path turns otherwise than the gyroscope, slow drift apart, beyond
-which scans were registered wrongly: good paths are at 0.02 to 0.15 degrees."""
+which scans were registered wrongly: good paths are at 0.02 to 0.6."""
 _STEP_RAD = 0.05
 _LOOSE_DEG = 2.0
-"""Half width of a turn beyond which accelerations cannot tell the place."""
+"""Half width of a turn beyond which the others, too, and the place cannot be told: they mix."""
 _FASTEST_RAD_S = 40.0
 _IN_G = 2.0
 _WIDEST_GAP_S = 0.05
@@ -178,14 +178,9 @@ def calibrate_imu(
     widths[:3] *= _CAUTION
     pose = np.eye(4) if stated is None else stated.copy()
     widths = np.r_[np.degrees(widths[:3]), 1000 * widths[3]]
-    unknown = np.flatnonzero(~(widths[:3] <= _LOOSE_DEG))
-    nearest = turn
-    for axis in np.repeat(unknown, 3):
-        # Turned by any angle it fits as well; parts of the others' turns would seem to be of these.
-        off = Rotation.from_matrix(nearest @ pose[:3, :3].T).as_rotvec()
-        nearest = Rotation.from_rotvec(-off[axis] * np.eye(3)[axis]).as_matrix() @ nearest
-    told = None if len(unknown) else _turning(imu, turn, bias, delay)
-    found = Rotation.from_matrix(nearest @ pose[:3, :3].T).as_rotvec(degrees=True)
+    unknown = ~(widths[:3] <= _LOOSE_DEG)
+    told = None if unknown.any() else _turning(imu, turn, bias, delay)
+    found = Rotation.from_matrix(turn @ pose[:3, :3].T).as_rotvec(degrees=True)
     spread = _spread(pieces)
     turns, at = [], []
     for row, letter in enumerate(_AXES):
@@ -195,11 +190,13 @@ def calibrate_imu(
         drive = f"the drive turns by {most:.2g} degrees (standard deviation) about {about}; some"
         lacking = f"{drive} {most * widths[row] / _WIDEST_DEG:.2g} are needed"
         now = None if stated is None else 0.0
-        name = f"IMU turned about {letter}"
-        turns.append(_state(name, found[row], widths[row], "deg", _WIDEST_DEG, lacking, now))
+        width, name = widths[row], f"IMU turned about {letter}"
+        if unknown.any() and not unknown[row]:
+            width, lacking = np.inf, "its turns about all axes are needed together"
+        turns.append(_state(name, found[row], width, "deg", _WIDEST_DEG, lacking, now))
         lacking = f"{drive} {most * place_widths[row] / _WIDEST_M:.2g} within a second are needed"
         width, name = place_widths[row], f"IMU at {letter}"
-        if len(unknown):
+        if unknown.any():
             width, lacking = np.inf, "its turns about all axes are needed first"
         now = None if stated is None else float(stated[row, 3])
         at.append(_state(name, places.values[row], width, "m", _WIDEST_M, lacking, now))
