@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does ``fusionslam calibrate`` find where an IMU is, and how late it is?
 
-    python -m benchmarks.accuracy.sensor_calibration [--write] [--drives N] [--imus N] [KIND ...]
+    python -m benchmarks.accuracy.sensor_calibration [--drives N] [--imus N] [KIND ...]
 
 Prints a Markdown table. A VLP-16 is carried or driven through made houses, each with IMUs whose
 stated poses are turned by 0.1 to 5 degrees and moved by 1 to 20 cm, and whose stamps are late by 5
@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy.data import ROOT
-from benchmarks.accuracy.markdown import table, write_between
+from benchmarks.accuracy.markdown import table
 from fusionslam.base.arrays import Floats
 from fusionslam.calibration.estimate import Estimate
 from fusionslam.calibration.lidar_imu import read_imu
@@ -39,7 +38,6 @@ from fusionslam.sim.catalogue import MADE, drive_through
 from fusionslam.sim.recordings import recording_config, write_recording
 from fusionslam.sim.robot import ImuMount
 
-PAGE = ROOT / "docs" / "guides" / "calibration.md"
 HAND = {"roll_deg": 5.0, "pitch_deg": 5.0, "yaw_deg": 5.0, "rate_hz": 0.5}
 HAND |= {"along_m": 0.05, "aside_m": 0.05, "heave_m": 0.05}
 SWAYS: dict[str, dict[str, float]] = {"in the hand": HAND, "on wheels": {}, "straight": {}}
@@ -64,7 +62,6 @@ class Result(NamedTuple):
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put it into the docs")
     parser.add_argument("--drives", type=int, default=len(SEEDS), help="of each kind")
     parser.add_argument("--imus", type=int, default=6, help="on each drive")
     parser.add_argument("kinds", nargs="*", default=list(SWAYS), metavar="KIND")
@@ -79,10 +76,7 @@ def main() -> None:
     for kind, name in dict.fromkeys((each.kind, each.estimate.name) for each in results):
         chosen = [each for each in results if (each.kind, each.estimate.name) == (kind, name)]
         rows.append(summarise(chosen, cases=arguments.drives * arguments.imus))
-    text = table(HEADER, rows)
-    print(text)
-    if arguments.write:
-        write_between(PAGE, "sensors", text)
+    print(table(HEADER, rows))
 
 
 def judge(kind: str, seed: int, imus: int) -> Iterator[Result]:

@@ -41,7 +41,7 @@ _CAUTION = 2.0
 which their spread does not show (measured on made drives, docs/guides/calibration.md)."""
 _WIDEST_DEG, _WIDEST_M, _WIDEST_MS = 0.5, 0.05, 10.0
 """Half widths of intervals beyond which nothing is said."""
-_MISFIT_DEG = 1.0
+_MISFIT_DEG = 0.8
 """Root mean square by which a path turns otherwise than the gyroscope, slow drift apart, beyond
 which scans were registered wrongly: good paths are at 0.02 to 0.6."""
 _STEP_RAD = 0.05
