@@ -65,11 +65,11 @@ EXTRAS = {
         (
             *("map build", "map show", "map localize", "map merge", "map forget"),
             *("map link", "map unlink", "map fix", "map undo"),
-            *("map export", "map check", "fleet merge", "fleet report", "fleet demo"),
+            *("map export", "map check", "calibrate", "fleet merge", "fleet report", "fleet demo"),
             *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
         ),
     ),
-    "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar")),
+    "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar", "calibrate")),
     "inertial": Extra({"rko-lio": "rko_lio"}, ("odometry of scans and IMU", "--odometry inertial")),
     "fleet": Extra(
         _RAY

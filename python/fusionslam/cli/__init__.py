@@ -81,6 +81,7 @@ app.command(context_settings={"token_normalize_func": lambda name: _FORMER.get(n
 )
 app.command()(sensors.odometry)
 app.command()(sensors.calib_check)
+app.command()(sensors.calibrate)
 app.command("eval")(results.evaluate)
 app.command()(bench.bench)
 app.command("bench views")(bench.bench_views)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The commands fuse, odometry and calib-check: clouds, path and calibration of a recording."""
+"""The commands fuse, odometry, calib-check and calibrate: clouds, path, calibration."""
 
 import logging
 from dataclasses import replace
@@ -213,3 +213,33 @@ def calib_check(
     print(f"{len(check.frames)} frames, {check.points} depth edges: {check.verdict}")
     for path in (*paths, output / "calib_check.json"):
         print(path)
+
+
+@opt.command
+def calibrate(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="File for the result, JSON.")
+    ] = Path("out/calibration.json"),
+    *,
+    build_recording: BuildRecording,
+    read_config: opt.ReadConfig,
+) -> None:
+    """Estimate where the IMU of DATA is, and how late its stamps are.
+
+    Both by the LiDAR's own path, with 95 % intervals, or the motion that is missing.
+    """
+    needs_extra("odometry")
+    needs_extra("map")
+    from fusionslam.pipelines.sensor_calibration import calibrate as estimate
+
+    opt.check_output(output, build_recording, read_config)
+    with progress() as step:
+        with during(step):
+            dataset = replace(build_recording(), deskew=False).open("cloud")
+        found = estimate(dataset, label_progress(step, "registering scans"))
+    print_table(["quantity", "now", "found", ""], [each.row() for each in found.estimates])
+    for line in found.transform_lines():
+        print(line)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    found.save(output)
+    print(output)

@@ -150,6 +150,11 @@ class Dataset(ABC):
         """float64 (4, 4): where the IMU is in the frame of the scans; None if that is unknown."""
         return None
 
+    @property
+    def points_frame(self) -> str:
+        """Name of the scans' frame; "" where the data do not name it."""
+        return ""
+
     def as_measured(self) -> Self:
         """The dataset with scans in which the motion of the scanner is not undone."""
         return self

@@ -136,8 +136,12 @@ class BagDataset(Dataset):
         first = next(self.imu_messages(), None)
         if first is None or not self.has_points:
             return None
-        scanner, stamp_ns = self.matched.points_frame, int(self.stamps_ns[0])
-        return self.source.find_transform(scanner, first.frame_id, stamp_ns)
+        stamp_ns = int(self.stamps_ns[0])
+        return self.source.find_transform(self.points_frame, first.frame_id, stamp_ns)
+
+    @property
+    def points_frame(self) -> str:
+        return self.matched.points_frame
 
     def as_measured(self) -> Self:
         return replace(self, deskews=False)
@@ -174,7 +178,7 @@ class BagDataset(Dataset):
             cameras=_cameras(self.source, self.matched, index) | self._surround_cameras(index),
             pose=None if self.poses is None else self.poses[index],
             odometry=self.source.odometry_at(stamp_ns),
-            robot_from_points=self.source.find_transform(robot, self.matched.points_frame, stamp_ns)
+            robot_from_points=self.source.find_transform(robot, self.points_frame, stamp_ns)
             if robot and (has_points or places is not None)
             else None,
         )
