@@ -87,16 +87,8 @@ BACK_SEED = 100
 """Added to the seed, for the noise and the people of a second drive."""
 PEOPLE_LOOPS = ["points on people", "scans that revisit", "recall without people", "with them"]
 PEOPLE_LOOPS += ["false without", "with", "right poses refused with them"]
-PEOPLE_FOUND = [
-    "map",
-    "drive",
-    "points on people",
-    "scans near a keyframe",
-    "found",
-    "good",
-    "wrong",
-    "ATE of the map, m",
-]
+PEOPLE_FOUND = ["map", "drive", "points on people", "scans near a keyframe"]
+PEOPLE_FOUND += ["found", "good", "wrong", "ATE of the map, m"]
 BACKWARDS = ["scans a second", "patches of", "patches", "thinner", "thicker by 5 mm", "most, m"]
 BACKWARDS += ["thickness: mean of the truth, m", "before", "after", "95 % of the truth", "before"]
 BACKWARDS += ["after"]
