@@ -252,8 +252,8 @@ class Corrections:
     def undo(self, *, why: str = "") -> Correction:
         """Take back the last correction that counts; return it.
 
-        If no keyframes came or went since, the file has the solution that it had before, to the
-        bit. Else the graph is solved anew without the correction.
+        If no keyframes and no fixes of satellites came or went since, the file has the solution
+        that it had before, to the bit. Else the graph is solved anew without the correction.
 
         Raises:
             DataError, ConfigError: see the class; there is none (code "no-correction").
@@ -273,7 +273,9 @@ class Corrections:
             record = file.numbered_settings(_NAME)[last.number]
             before = record.pop("before", None)
             with file.decoding():
-                is_same = before is not None and before["keyframes"] == len(file.keyframes())
+                is_same = before is not None and all(
+                    before[name] == count for name, count in _counts(file).items()
+                )
             edges = {edge.number: edge for edge in file.edges()}
             with file.transaction():
                 with file.decoding():
@@ -286,6 +288,7 @@ class Corrections:
                             file.store_edge(edges[number])
                     if is_same:
                         file.restore_solution(_unpack(before["solution"]))
+                        file.store_setting("origin", before["origin"])
                 if not is_same:
                     self._solved(edges).save(file)
                 file.store_setting(f"{_NAME} {last.number}", record)
@@ -323,7 +326,10 @@ class Corrections:
 
     def _content(self, edges: dict[int, Edge]) -> MapContent:
         file = self._site.file
-        return MapContent(file.sessions(), file.keyframes(), edges.values(), file.solution())
+        placed = file.positions(), file.origin()
+        return MapContent(
+            file.sessions(), file.keyframes(), edges.values(), file.solution(), *placed
+        )
 
     def _solved(self, edges: dict[int, Edge]) -> MapContent:
         content = self._content(edges)
@@ -393,8 +399,9 @@ class Corrections:
         touched = sorted(content.unsaved.keys() | changed.keys())
         values = {
             "edges": [_state_of(number, before.get(number)) for number in changed],
-            "before": {
-                "keyframes": len(content),
+            "before": _counts(file)
+            | {
+                "origin": file.setting("origin"),
                 "edges": [_state_of(number, before.get(number)) for number in touched],
                 "solution": _pack(file.solution_row()),
             },
@@ -520,6 +527,11 @@ def _with_state(edge: Edge, stored: Sequence[Any]) -> Edge:
         raise ValueError(f"the former state of edge {edge.number} is {state!r}")
     reason = None if code is None else Refusal(str(code), float(value), str(text))
     return replace(edge, state=state, reason=reason)
+
+
+def _counts(file: MapFile) -> dict[str, int]:
+    """Of what a former solution depends on, beside edges."""
+    return {"keyframes": len(file.keyframes()), "fixes": len(file.positions())}
 
 
 def _pack(row: tuple[Any, ...] | None) -> list[str] | None:

@@ -17,10 +17,13 @@ import pytest
 from fusionslam import ConfigError, PoseGraph
 from fusionslam.base.arrays import Floats
 from fusionslam.errors import FusionSlamError
+from fusionslam.geometry.globe import MapOrigin, geographic
 from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.fixes import add_fixes
 from fusionslam.mapping.map_file import MapFile
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.registration.result import Refusal
+from fusionslam.sensors.messages import Fix
 from map_fixtures import STORED, build
 from refusals import refuses
 from rows import rows
@@ -85,6 +88,27 @@ def test_a_loop_that_was_taken_out_is_put_in_again_by_its_clouds(path: Path) -> 
         off = edge.pose - np.linalg.inv(TRUTH[6]) @ TRUTH[10]
         assert np.linalg.norm(off[:3, 3]) < 0.05
         assert {each.state for each in site.edges if each.number == gone.number} == {"refused"}
+
+
+def test_corrections_leave_a_map_where_satellites_have_it(path: Path) -> None:
+    """Fixes are those of the true way from a place that is known."""
+    pytest.importorskip("pyproj", reason="positions on the globe are an extra")
+    true = MapOrigin(latitude=49, longitude=8.4, altitude=100, heading=30)
+    places = geographic(np.array(TRUTH)[:, :3, 3], true)[:, [1, 0, 2]]
+    with PlaceMap.open(path) as site:
+        stamps = site.trajectory("monday")[0].tolist()
+        fixes = [
+            Fix(stamp_ns=stamp_ns, frame_id="gps", position=place, covariance=np.eye(3) * 1e-2)
+            for stamp_ns, place in zip(stamps, places, strict=True)
+        ]
+        add_fixes(site, "monday", fixes, np.eye(4))
+        placed, before = site.content.origin, stored(path, "edge", "solution")
+        assert placed is not None and abs(placed.latitude - 49) < 1e-6
+        site.corrections.unlink(10, 6)
+        moved = site.content.origin
+        assert moved is not None and abs(moved.latitude - 49) < 1e-6
+        site.corrections.undo()
+        assert site.content.origin == placed and stored(path, "edge", "solution") == before
 
 
 @pytest.mark.slow
