@@ -42,7 +42,7 @@ from fusionslam.datasets import open_dataset
 from fusionslam.datasets.range_recording import RangeRecording
 from fusionslam.descriptors import find_descriptor
 from fusionslam.loop_closure import Observation
-from fusionslam.loop_closure.local_maps import RecentPieces
+from fusionslam.loop_closure.local_maps import RecentFrames
 from fusionslam.loop_closure.memory import FrameMemory
 from fusionslam.loop_closure.observation import FrameObserver
 from fusionslam.registration import RegistrationConfig, register, search_poses
@@ -194,7 +194,7 @@ def observe_real(name: str) -> tuple[list[Observation], list[Matrix], LoopConfig
     recording = read_real(data_folder(), name)
     if recording is None:
         raise SystemExit(f"{name} is not in {data_folder()}: FUSIONSLAM_TEST_DATA names the data")
-    detector, recent = recording.detector(), RecentPieces()
+    detector, recent = recording.detector(), RecentFrames()
     observer = FrameObserver(
         {recording.descriptor: recording.descriptor},
         detector.describe_config,
@@ -206,12 +206,11 @@ def observe_real(name: str) -> tuple[list[Observation], list[Matrix], LoopConfig
     rows = zip(recording.clouds, recording.stamps_ns.tolist(), recording.odometry, strict=True)
     for number, (cloud, stamp, odometry) in enumerate(rows):
         found = observer.observe(
-            cloud, stamp_ns=stamp, odometry=odometry, is_first=not seen, before=recent.pieces
+            cloud, stamp_ns=stamp, odometry=odometry, is_first=not seen, before=recent
         )
         seen.append(found)
         observer = observer.fixed_by(seen[0])
-        if found.piece is not None and found.cloud is not None:
-            recent.add(number, found.piece, found.cloud.config.local_map or 0.0)
+        recent.add(number, found)
     return seen, list(recording.poses), detector.config
 
 

@@ -22,7 +22,8 @@ from fusionslam.base.arrays import Floats, Integers
 from fusionslam.datasets.calibration import homogeneous, read_calibration
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.loop_closure import LoopConfig
-from fusionslam.loop_closure.observation import level
+from fusionslam.loop_closure.local_maps import RecentFrames
+from fusionslam.loop_closure.observation import Observation, level
 from fusionslam.registration import RegistrationConfig
 from fusionslam.registration.leveling import find_level
 from fusionslam.sensors.frame import Frame
@@ -92,10 +93,12 @@ class Recording:
         """The clouds, levelled as a detector levels them."""
         if self.registration.gravity != "auto":
             return self.clouds
-        return [
-            level(cloud, find_level(cloud.points, odometry))
-            for cloud, odometry in zip(self.clouds, self.odometry, strict=True)
-        ]
+        recent, leveled = RecentFrames(), []
+        for cloud, odometry in zip(self.clouds, self.odometry, strict=True):
+            found = find_level(cloud.points, odometry, up=recent.up)
+            recent.add(0, Observation({}, None, odometry=odometry, level=found))
+            leveled.append(level(cloud, found))
+        return leveled
 
     def tilted(self, degrees: float) -> "Recording":
         """The recording by a sensor that is pitched down, or up by negative degrees."""

@@ -32,7 +32,7 @@ from fusionslam.descriptors import (
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure.config import LoopConfig, default_threshold, fitted_threshold
-from fusionslam.loop_closure.local_maps import Piece, RecentPieces
+from fusionslam.loop_closure.local_maps import RecentFrames
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.memory import FrameMemory, Kept
 from fusionslam.loop_closure.observation import (
@@ -154,7 +154,7 @@ class LoopDetector:
         self._kept: MutableMapping[int, Kept] | None = None
         self._memory = self._new_memory()
         self._gate = SequenceGate(self.config)
-        self._recent = RecentPieces()
+        self._recent = RecentFrames()
         self._motion = ScanMotion()
         self._lock = threading.RLock()
         self._pool: ThreadPoolExecutor | None = None
@@ -277,7 +277,7 @@ class LoopDetector:
         *,
         stamp_ns: int | None = None,
         odometry: Matrix | None = None,
-        before: Sequence[Piece] | None = None,
+        before: RecentFrames | None = None,
     ) -> Observation:
         """Describe a frame for ``add_observation``; other threads and processes may do so.
 
@@ -285,21 +285,18 @@ class LoopDetector:
 
         Args:
             frame_or_cloud, stamp_ns, odometry: of the frame.
-            before: ``Observation.piece`` of the frames before, the newest last, of which its local
-                map is joined; None for those that were added last.
+            before: what the frames before tell; None for those that were added last.
         """
-        if before is None:
-            before = self._recent.pieces
         return self._observer.observe(
             frame_or_cloud,
             stamp_ns=stamp_ns,
             odometry=odometry,
             is_first=not len(self._memory),
-            before=before,
+            before=self._recent if before is None else before,
         )
 
     def break_odometry(self) -> None:
-        """Begin new local maps: odometry of the next frame says nothing of those before."""
+        """Forget what the last frames told: odometry of the next says nothing of them."""
         with self._lock:
             self._recent.clear()
 
@@ -357,10 +354,10 @@ class LoopDetector:
                         f"descriptor: {given}, expected float32 ({length},) of {self.descriptor}"
                     )
             number = self._added
-            if seen.piece is not None and seen.cloud is not None:
+            if seen.piece is not None:
                 # What both local maps show is not seen again.
                 excluded = {*excluded, *self._recent.numbers_since(seen.joined, number)}
-                self._recent.add(number, seen.piece, seen.cloud.config.local_map or 0.0)
+            self._recent.add(number, seen)
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
             if not np.any(own):

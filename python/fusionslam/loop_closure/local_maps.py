@@ -1,21 +1,25 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""Local maps: the clouds of the last frames, joined by odometry in the frame of the newest."""
+"""What the last frames tell of the next: clouds for its local map, and which way is up."""
 
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fusionslam._core import nearest_ranges, voxel_downsample
-from fusionslam.base.arrays import Floats32, Matrix
+from fusionslam.base.arrays import Floats, Floats32, Matrix
 from fusionslam.geometry.keyframes import is_keyframe
 from fusionslam.geometry.se3 import motion_size
 from fusionslam.registration import RegistrationConfig
 from fusionslam.registration.clouds import View
 from fusionslam.sensors.frame import Cloud
+
+if TYPE_CHECKING:
+    from fusionslam.loop_closure.observation import Observation
 
 _MOST = 30
 """Frames of a local map: more take time and show nothing new."""
@@ -28,6 +32,8 @@ _MOST_TURN = 15.0
 that errs by one percent of a turn bends the local map."""
 _VIEWS = 5
 """Of them, those whose free space is remembered, evenly spaced."""
+_GROUNDS = 5
+"""Frames that showed the ground: of fewer, one that took a slope for it tells too much."""
 
 
 @dataclass(frozen=True)
@@ -62,33 +68,47 @@ class Piece:
         return cls(described, thinned, ranges, odometry)
 
 
-class RecentPieces:
-    """Pieces of the last frames: those that moved or turned since the one before."""
+class RecentFrames:
+    """What the last frames tell: pieces of those that moved or turned, and which way is up."""
 
     def __init__(self) -> None:
         self._pieces: deque[tuple[int, Piece]] = deque(maxlen=_MOST)
+        self._grounds: deque[Floats] = deque(maxlen=_GROUNDS)
 
     @property
     def pieces(self) -> list[Piece]:
         """The newest is the last."""
-        return [piece for _, piece in self._pieces]
+        return [piece for _, piece in list(self._pieces)]
+
+    @property
+    def up(self) -> Floats | None:
+        """Unit vector, float64 (3,), in the frame of odometry: up by the grounds seen last."""
+        if not (grounds := list(self._grounds)):
+            return None
+        mean: Floats = np.mean(grounds, axis=0)
+        return mean / np.linalg.norm(mean)
 
     def numbers_since(self, joined: int, number: int) -> range:
         """Return the numbers of the frames before ``number`` from the oldest of ``joined`` on."""
         first = max(len(self._pieces) - joined, 0)
         return range(self._pieces[first][0] if joined and self._pieces else number, number)
 
-    def add(self, number: int, piece: Piece, length: float) -> None:
-        """Take what a frame gives; ``length`` is that of local maps, metres."""
+    def add(self, number: int, seen: "Observation") -> None:
+        """Take what a frame tells."""
+        if seen.odometry is not None and seen.level is not None and seen.level.source == "ground":
+            self._grounds.append(seen.odometry[:3, :3] @ seen.level.up)
+        if seen.piece is None or seen.cloud is None:
+            return
         if self._pieces:
-            step = np.linalg.inv(self._pieces[-1][1].odometry) @ piece.odometry
-            if not is_keyframe(step, length / _MOST, _TURN):
+            step = np.linalg.inv(self._pieces[-1][1].odometry) @ seen.piece.odometry
+            if not is_keyframe(step, seen.cloud.config.local_map / _MOST, _TURN):
                 return
-        self._pieces.append((number, piece))
+        self._pieces.append((number, seen.piece))
 
     def clear(self) -> None:
         """Begin anew: odometry of the next frame says nothing of those before."""
         self._pieces.clear()
+        self._grounds.clear()
 
 
 def pieces_to_join(pieces: Sequence[Piece], odometry: Matrix, length: float) -> list[Piece]:

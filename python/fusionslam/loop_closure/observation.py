@@ -3,7 +3,7 @@
 """What a loop detector, a map or a fleet needs of a frame, computed before the frame is added."""
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -25,7 +25,13 @@ from fusionslam.descriptors import (
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.fusion import FusionConfig, fuse, robot_from_cloud
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.local_maps import Piece, join_clouds, pieces_to_join, views_of
+from fusionslam.loop_closure.local_maps import (
+    Piece,
+    RecentFrames,
+    join_clouds,
+    pieces_to_join,
+    views_of,
+)
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths
 from fusionslam.registration.clouds import check_points
 from fusionslam.registration.leveling import Level, find_level
@@ -140,7 +146,7 @@ class FrameObserver:
         odometry: Matrix | None = None,
         is_first: bool = False,
         fused: Cloud | None = None,
-        before: Sequence[Piece] | None = None,
+        before: RecentFrames | None = None,
     ) -> Observation:
         """Describe a frame; arguments and errors as of ``LoopDetector.add``.
 
@@ -148,8 +154,8 @@ class FrameObserver:
             frame_or_cloud, stamp_ns, odometry: of the frame.
             is_first: whether it fixes lengths of descriptors and of registration.
             fused: the frame's cloud, if it is fused already.
-            before: of the frames before, the newest last, for its local map; None leaves the
-                cloud single.
+            before: what the frames before tell, for its local map and which way is up; None leaves
+                the cloud single.
         """
         if not isinstance(frame_or_cloud, Frame | Cloud):
             raise ShapeError(f"expected a Frame or a Cloud, got {type(frame_or_cloud).__name__}")
@@ -177,13 +183,13 @@ class FrameObserver:
         check_points(whole.points)
         lengths, found = self.registration, None
         if lengths.gravity == "auto" and lengths.method != "planar":
-            found = find_level(whole.points, odometry, mount)
+            found = find_level(whole.points, odometry, mount, None if before is None else before.up)
         if is_first and self.fits_lengths:
             lengths = fit_lengths([level(whole, found)], lengths)
         seen, piece, joined = whole, None, list[Piece]()
         if lengths.local_map and odometry is not None and before is not None:
             piece = Piece.of(cloud, whole, odometry, lengths)
-            joined = pieces_to_join(before, odometry, lengths.local_map)
+            joined = pieces_to_join(before.pieces, odometry, lengths.local_map)
             poses = [np.eye(4), *(np.linalg.inv(odometry) @ each.odometry for each in joined)]
             voxel, is_whole = lengths.voxel / 2, cloud is whole
             wholes = [whole, *(each.whole for each in joined)]

@@ -25,7 +25,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
-from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
+from fusionslam.loop_closure.local_maps import RecentFrames, join_clouds
 from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.corrections import Corrections, forget_corrections
@@ -105,8 +105,8 @@ class PlaceMap:
         self.file, self._session_name, self._given = file, session, settings
         self._sight = ScanMotion()
         """Within scans that are localised."""
-        self._pieces = RecentPieces()
-        """Of those scans."""
+        self._recent = RecentFrames()
+        """Those scans."""
         self.reload()
 
     @classmethod
@@ -357,11 +357,10 @@ class PlaceMap:
             odometry = frame_or_cloud.odometry if odometry is None else odometry
         moved = None if odometry is None else check_pose("odometry", odometry) @ mount
         seen = self.detector.observe(
-            frame_or_cloud, stamp_ns=stamp_ns, odometry=moved, before=self._pieces.pieces
+            frame_or_cloud, stamp_ns=stamp_ns, odometry=moved, before=self._recent
         )
         assert seen.cloud is not None
-        if seen.piece is not None and (length := self.settings.registration.local_map):
-            self._pieces.add(0, seen.piece, length)
+        self._recent.add(0, seen)
         self._sight.follow(stamp_ns, moved)
         seen.cloud.moved = self._sight.within(seen.span)
         found = self._localizer.localize(seen, self.detector.nearest_frames(seen.vectors))
@@ -414,7 +413,7 @@ class PlaceMap:
     def forget_motion(self) -> None:
         """Localise without regard to what was localised before, as after the robot was carried."""
         self._localizer.forget()
-        self._pieces.clear()
+        self._recent.clear()
 
     @_one_at_a_time
     def forget(self, session: str) -> None:

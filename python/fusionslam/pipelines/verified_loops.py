@@ -176,11 +176,16 @@ def _observe_all(
                 raise
 
     pending = iter(range(len(dataset)))
+    looks_back = False
     for index in pending:
-        yield index, observe(index)
-        if len(detector):
+        seen = observe(index)
+        yield index, seen
+        if len(detector) and not isinstance(seen, DataError):
+            first, *_ = seen
+            looks_back = first.level is not None and first.odometry is not None
             break
-    if detector.registration_config.local_map:  # each is joined with those that were added
+    # Each is joined with those that were added, or levelled by the ground that they showed.
+    if looks_back or detector.registration_config.local_map:
         yield from ((index, observe(index)) for index in pending)
         return
     rest = list(pending)

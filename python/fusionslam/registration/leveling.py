@@ -30,44 +30,58 @@ class Level(NamedTuple):
     Attributes:
         level_from_cloud: float64 (3, 3), the smallest rotation that turns up to z; None if the
             cloud is level, or nobody can tell.
+        up: unit vector, float64 (3,), in the frame of the cloud.
         tilt: angle between up and the cloud's z axis, degrees.
         source: what told: "odometry", "mounting", "ground", or "cloud" for z as it is given.
     """
 
     level_from_cloud: Matrix | None
+    up: Floats
     tilt: float
     source: str
 
 
 @checked
 def find_level(
-    points: Points, odometry: Matrix | None = None, mounting: Matrix | None = None
+    points: Points,
+    odometry: Matrix | None = None,
+    mounting: Matrix | None = None,
+    up: Floats | None = None,
 ) -> Level:
     """Find which way is up in a cloud, from whatever knows it.
 
     The ground that the cloud shows is believed first: odometry of scans alone tilts as it drifts.
-    Where none is seen, odometry tells, of which the z axis points up in inertial systems and on
-    robots; without it the robot's frame, and else the cloud's z axis. The ground is looked for
-    within 50 degrees of what they tell.
+    Where none is seen, odometry tells, by the grounds that were seen last if there were any, else
+    by its z axis, which points up in inertial systems and on robots; without it the robot's frame,
+    and else the cloud's z axis. The ground is looked for within 50 degrees of what they tell.
 
     Args:
         points: float32 (N, 3), metres, the sensor at the origin.
         odometry: float64 (4, 4), odom_from_cloud; None if unknown.
         mounting: float64 (4, 4), robot_from_cloud; None if unknown.
+        up: unit vector, float64 (3,), in the frame of odometry, of the grounds that frames before
+            showed (``RecentFrames.up``); None for the z axis.
     """
-    told, source = np.array([0.0, 0.0, 1.0]), "cloud"
+    upright = np.array([0.0, 0.0, 1.0])
+    told, source = upright, "cloud"
     for name, pose in (("mounting", mounting), ("odometry", odometry)):
         if pose is not None:
             told, source = np.array(pose[2, :3], np.float64), name
+    expected = [upright]
+    if odometry is not None and up is not None:
+        told = odometry[:3, :3].T @ up
+        expected.append(told)
     turn = _turn_up(told)
     plane = _largest_plane(points if source == "cloud" else points @ turn.T.astype(np.float32))
     if plane is not None:
         ground = turn.T @ plane.normal
         # Of a plane that holds little, two must say the same: most sensors are mounted level.
-        if plane.is_ground or (plane.may_be_ground and _degrees(ground[2]) < _LEVEL):
+        agrees = any(_degrees(ground @ each) < _LEVEL for each in expected)
+        if plane.is_ground or (plane.may_be_ground and agrees):
             told, source = ground, "ground"
+    told = told / np.linalg.norm(told)
     tilt = _degrees(told[2])
-    return Level(None if tilt < _LEVEL else _turn_up(told), tilt, source)
+    return Level(None if tilt < _LEVEL else _turn_up(told), told, tilt, source)
 
 
 def find_ground(points: Points) -> Floats | None:

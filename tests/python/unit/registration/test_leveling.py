@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from clouds import scan_blocks
 from fusionslam.base.arrays import Matrix, Points
+from fusionslam.loop_closure.local_maps import RecentFrames
+from fusionslam.loop_closure.observation import Observation
 from fusionslam.registration.leveling import find_ground, find_level
 from rows import rows
 from streets import at
@@ -76,6 +78,33 @@ def bushes(pose: Matrix) -> Points:
     """What shows no ground, seen by a sensor that is turned."""
     points = np.random.default_rng(0).normal(0, 5, (3000, 3))
     return (points @ pose[:3, :3]).astype(np.float32)
+
+
+def test_odometry_that_drifts_in_tilt_is_righted_by_the_grounds_seen_last() -> None:
+    """Of a sensor that is pitched down and shows the ground in every other frame."""
+    recent = RecentFrames()
+    for number in range(20):
+        points, pose = tilted((10.0 * number, 15, 0))
+        drifted = turned_by((0, 0, 1.0 * number)) @ pose
+        shown = bushes(pose) if number % 2 else points
+        level = find_level(shown, drifted, up=recent.up)
+        assert level.source == ("odometry" if number % 2 else "ground")
+        assert np.degrees(np.arccos(level.up @ pose[2, :3])) < 6  # they are 1 to 9 frames old
+        recent.add(number, Observation({}, None, odometry=drifted, level=level))
+    recent.clear()
+    assert recent.up is None
+
+
+def test_little_ground_counts_where_the_grounds_seen_last_were_alike() -> None:
+    rng = np.random.default_rng(0)
+    ground = rng.uniform([-20, -20, -2.02], [20, 20, -1.98], (600, 3))
+    things = rng.uniform([-20, -20, -1.9], [20, 20, 8], (2400, 3))
+    pose, drift = turned_by((0, 20, 0)), turned_by((0, 0, 10))
+    points = (np.concatenate([ground, things]) @ pose[:3, :3]).astype(np.float32)
+    assert find_level(points, drift @ pose).source == "odometry"
+    level = find_level(points, drift @ pose, up=drift[:3, 2])
+    assert level.source == "ground"
+    assert np.degrees(np.arccos(level.up @ pose[2, :3])) < 1
 
 
 @rows("angle", [20, 90, 179.99, 180])
