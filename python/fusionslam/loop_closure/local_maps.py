@@ -101,7 +101,7 @@ class RecentFrames:
             return
         if self._pieces:
             step = np.linalg.inv(self._pieces[-1][1].odometry) @ seen.piece.odometry
-            if not is_keyframe(step, seen.cloud.config.local_map / _MOST, _TURN):
+            if not is_keyframe(step, (seen.cloud.config.local_map or 0.0) / _MOST, _TURN):
                 return
         self._pieces.append((number, seen.piece))
 

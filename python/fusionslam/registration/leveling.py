@@ -19,6 +19,8 @@ _SHARE, _BELOW = 0.25, 0.03
 bushes, where a hand-held sensor sees 70 degrees."""
 _LITTLE, _MUCH_BELOW = 0.15, 0.1
 """The same of what may be a ground."""
+_NEAR = 10.0
+"""Degrees."""
 _FEWEST, _POINTS = 50, 1500
 _ITERATIONS = 400
 """Of RANSAC: a plane of a fifth of the points is missed once in 25 times."""
@@ -77,7 +79,8 @@ def find_level(
         ground = turn.T @ plane.normal
         # Of a plane that holds little, two must say the same: most sensors are mounted level.
         agrees = any(_degrees(ground @ each) < _LEVEL for each in expected)
-        if plane.is_ground or (plane.may_be_ground and agrees):
+        near = plane.below <= _BELOW and source != "cloud" and _degrees(ground @ told) < _NEAR
+        if plane.is_ground or (plane.may_be_ground and (agrees or near)):
             told, source = ground, "ground"
     told = told / np.linalg.norm(told)
     tilt = _degrees(told[2])

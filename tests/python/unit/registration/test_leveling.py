@@ -70,8 +70,10 @@ def test_little_ground_counts_where_the_sensor_is_mounted_level() -> None:
     assert find_ground(points) is None
     drifted = turned_by((0, 10, 0))
     assert find_level(points, drifted).level_from_cloud is None
-    tilt = turned_by((0, 20, 0))  # of the sensor: then odometry tells
-    assert find_level((points @ tilt[:3, :3]).astype(np.float32), tilt).source == "odometry"
+    tilt = turned_by((0, 20, 0))  # of the sensor: then it counts near what odometry tells
+    tilted_points = (points @ tilt[:3, :3]).astype(np.float32)
+    for drift, source in ((5, "ground"), (15, "odometry")):
+        assert find_level(tilted_points, turned_by((0, 0, drift)) @ tilt).source == source
 
 
 def bushes(pose: Matrix) -> Points:
@@ -99,7 +101,7 @@ def test_little_ground_counts_where_the_grounds_seen_last_were_alike() -> None:
     rng = np.random.default_rng(0)
     ground = rng.uniform([-20, -20, -2.02], [20, 20, -1.98], (600, 3))
     things = rng.uniform([-20, -20, -1.9], [20, 20, 8], (2400, 3))
-    pose, drift = turned_by((0, 20, 0)), turned_by((0, 0, 10))
+    pose, drift = turned_by((0, 20, 0)), turned_by((0, 0, 15))
     points = (np.concatenate([ground, things]) @ pose[:3, :3]).astype(np.float32)
     assert find_level(points, drift @ pose).source == "odometry"
     level = find_level(points, drift @ pose, up=drift[:3, 2])
