@@ -210,7 +210,7 @@ def observe_real(name: str) -> tuple[list[Observation], list[Matrix], LoopConfig
         )
         seen.append(found)
         observer = observer.fixed_by(seen[0])
-        recent.add(number, found)
+        found.add_to(recent, number)
     return seen, list(recording.poses), detector.config
 
 

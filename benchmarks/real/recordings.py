@@ -96,7 +96,7 @@ class Recording:
         recent, leveled = RecentFrames(), []
         for cloud, odometry in zip(self.clouds, self.odometry, strict=True):
             found = find_level(cloud.points, odometry, up=recent.up)
-            recent.add(0, Observation({}, None, odometry=odometry, level=found))
+            Observation({}, None, odometry=odometry, level=found).add_to(recent, 0)
             leveled.append(level(cloud, found))
         return leveled
 

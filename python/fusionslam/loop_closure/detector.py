@@ -357,7 +357,7 @@ class LoopDetector:
             if seen.piece is not None:
                 # What both local maps show is not seen again.
                 excluded = {*excluded, *self._recent.numbers_since(seen.joined, number)}
-            self._recent.add(number, seen)
+            seen.add_to(self._recent, number)
             k = self.config.candidates if self.verifies else 1
             found = self._memory.query(seen.vectors, k, seen.stamp_ns, excluded)
             if not np.any(own):

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from fusionslam.geometry.se3 import motion_size
 from fusionslam.registration import RegistrationConfig
 from fusionslam.registration.clouds import View
 from fusionslam.sensors.frame import Cloud
-
-if TYPE_CHECKING:
-    from fusionslam.loop_closure.observation import Observation
 
 _MOST = 30
 """Frames of a local map: more take time and show nothing new."""
@@ -93,17 +89,17 @@ class RecentFrames:
         first = max(len(self._pieces) - joined, 0)
         return range(self._pieces[first][0] if joined and self._pieces else number, number)
 
-    def add(self, number: int, seen: "Observation") -> None:
-        """Take what a frame tells."""
-        if seen.odometry is not None and seen.level is not None and seen.level.source == "ground":
-            self._grounds.append(seen.odometry[:3, :3] @ seen.level.up)
-        if seen.piece is None or seen.cloud is None:
-            return
+    def add_piece(self, number: int, piece: Piece, length: float) -> None:
+        """Take what a frame gives; ``length`` is that of local maps, metres."""
         if self._pieces:
-            step = np.linalg.inv(self._pieces[-1][1].odometry) @ seen.piece.odometry
-            if not is_keyframe(step, (seen.cloud.config.local_map or 0.0) / _MOST, _TURN):
+            step = np.linalg.inv(self._pieces[-1][1].odometry) @ piece.odometry
+            if not is_keyframe(step, length / _MOST, _TURN):
                 return
-        self._pieces.append((number, seen.piece))
+        self._pieces.append((number, piece))
+
+    def add_ground(self, up: Floats) -> None:
+        """Take the unit normal, float64 (3,), in the frame of odometry, of a ground."""
+        self._grounds.append(up)
 
     def clear(self) -> None:
         """Begin anew: odometry of the next frame says nothing of those before."""

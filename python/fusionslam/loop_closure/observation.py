@@ -80,6 +80,13 @@ class Observation:
             self.piece.whole, self.cloud.config, colored=self.piece.cloud, level=self.level
         )
 
+    def add_to(self, recent: RecentFrames, number: int) -> None:
+        """Tell the frames that follow; ``number`` is that of the frame."""
+        if self.piece is not None and self.cloud is not None:
+            recent.add_piece(number, self.piece, self.cloud.config.local_map or 0.0)
+        if self.odometry is not None and self.level is not None and self.level.source == "ground":
+            recent.add_ground(self.odometry[:3, :3] @ self.level.up)
+
 
 @checked
 def fusion_of_scans(fusion: FusionConfig, registration: RegistrationConfig) -> FusionConfig:

@@ -360,7 +360,7 @@ class PlaceMap:
             frame_or_cloud, stamp_ns=stamp_ns, odometry=moved, before=self._recent
         )
         assert seen.cloud is not None
-        self._recent.add(0, seen)
+        seen.add_to(self._recent, 0)
         self._sight.follow(stamp_ns, moved)
         seen.cloud.moved = self._sight.within(seen.span)
         found = self._localizer.localize(seen, self.detector.nearest_frames(seen.vectors))

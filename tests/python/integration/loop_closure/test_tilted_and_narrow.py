@@ -15,7 +15,6 @@ from fusionslam import Cloud, DataError, FusionConfig, Loop, LoopDetector, Place
 from fusionslam.base.arrays import Floats, Matrix, Points
 from fusionslam.errors import ShapeError
 from fusionslam.loop_closure.local_maps import Piece, RecentFrames, pieces_to_join
-from fusionslam.loop_closure.observation import Observation
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame
 from fusionslam.mapping.config import MapConfig
 from fusionslam.registration import PreparedCloud, RegistrationConfig, register
@@ -206,9 +205,9 @@ def test_local_maps_end_at_their_length_at_jumps_and_at_a_number_of_frames() -> 
     assert [each.odometry[0, 3] for each in joined] == [51, 52]
     assert len(pieces_to_join(pieces, at(53, 0, 0), 40)) == 3  # the jump is longer
     assert not pieces_to_join(pieces, at(99, 0, 0), 40)
-    near, cloud = RecentFrames(), PreparedCloud(SCANS[0], RegistrationConfig(local_map=6.0))
+    near = RecentFrames()
     for number in range(100):  # 3 m in steps that are too small to show anything new
-        near.add(number, Observation({}, None, cloud=cloud, piece=piece(0.03 * number)))
+        near.add_piece(number, piece(0.03 * number), 6.0)
     places = [each.odometry[0, 3] for each in pieces_to_join(near.pieces, at(3, 0, 0), 6)]
     np.testing.assert_allclose(places, np.arange(0, 2.98, 0.21), atol=1e-9)
     assert near.numbers_since(2, 100) == range(91, 100)

@@ -92,7 +92,7 @@ def test_odometry_that_drifts_in_tilt_is_righted_by_the_grounds_seen_last() -> N
         level = find_level(shown, drifted, up=recent.up)
         assert level.source == ("odometry" if number % 2 else "ground")
         assert np.degrees(np.arccos(level.up @ pose[2, :3])) < 6  # they are 1 to 9 frames old
-        recent.add(number, Observation({}, None, odometry=drifted, level=level))
+        Observation({}, None, odometry=drifted, level=level).add_to(recent, number)
     recent.clear()
     assert recent.up is None
 
