@@ -301,11 +301,8 @@ class MapWriter:
         return Refusal(code, abs(seconds), text)
 
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
-        distance = self.settings.map.keyframe_distance
-        if distance is None:
-            distance = 4 * self._detector.registration_config.voxel
         step = np.linalg.inv(_odom_from_robot(last)) @ robot
-        return is_keyframe(step, distance, self.settings.map.keyframe_turn)
+        return is_keyframe(step, self.settings.keyframe_distance, self.settings.map.keyframe_turn)
 
 
 def resume_detector(
