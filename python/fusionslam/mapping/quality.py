@@ -91,6 +91,11 @@ class Segment:
         """Believed loops that end in it, by its length."""
         return self.loops / self.metres if self.metres else 0.0
 
+    @property
+    def weak_text(self) -> str:
+        """The reasons, separated by commas."""
+        return ", ".join(self.weak)
+
 
 @dataclass(frozen=True, eq=False)
 class MapQuality:
@@ -131,11 +136,11 @@ class MapQuality:
         lines = [
             f"positions: deviation {median:.2g} m in the median, at most "
             f"{self.deviations[worst, 0]:.2g} m (keyframe {self.numbers[worst]})",
-            f"{1000 * self.loops / max(self.metres, 1e-9):.3g} loops a km of way"
+            f"{1000 * self.loops / max(self.metres, 1e-9):,.0f} loops a km of way"
             + (f"; squared residuals {self.fit:.2g} times as stated" if self.fit else ""),
             counted(len(weak), "weak place")
             + "".join(
-                f"{', ' if k else ': '}{each.first} to {each.last} ({', '.join(each.weak)})"
+                f"{', ' if k else ': '}{each.first} to {each.last} ({each.weak_text})"
                 for k, each in enumerate(weak[:3])
             )
             + (", ..." if len(weak) > 3 else ""),
