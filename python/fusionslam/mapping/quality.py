@@ -15,7 +15,7 @@ from fusionslam.base.arrays import Floats, Integers, Points
 from fusionslam.base.texts import counted
 from fusionslam.errors import DataError
 from fusionslam.geometry.se3 import inverse
-from fusionslam.mapping.edge import Edge, chi_squares
+from fusionslam.mapping.edge import Edge, chi_squares, deviations_of
 from fusionslam.mapping.gtsam_extra import Uncertainty
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.place_map import PlaceMap
@@ -199,9 +199,7 @@ def judge_graph(
         if edge.state == "believed" and content.part(edge.a) == content.part(edge.b)
     ]
     errors = Uncertainty(poses, used, np.unique([row[part] for part in content.parts]))
-    variances = np.array([np.diag(errors.covariance(k)) for k in range(len(poses))])
-    deviations = np.sqrt(variances.reshape(-1, 2, 3).sum(axis=2))
-    deviations[:, 1] = np.degrees(deviations[:, 1])
+    deviations = deviations_of(np.array([errors.covariance(k) for k in range(len(poses))]))
     fit, influences = _measure_influences(content, used, errors)
     believed, refused = (
         [edge for edge in content.loops if edge.state == state] for state in ("believed", "refused")

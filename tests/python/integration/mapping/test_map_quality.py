@@ -10,14 +10,15 @@ import pytest
 from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError
 from fusionslam.geometry.se3 import exp
-from fusionslam.mapping import Edge, PlaceMap, judge_map
-from fusionslam.mapping.edge import measurement_errors
+from fusionslam.mapping import Edge, MapConfig, PlaceMap, judge_map
+from fusionslam.mapping.edge import deviations_of, measurement_errors
 from fusionslam.mapping.gtsam_extra import Uncertainty
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.quality import judge_graph
 from fusionslam.mapping.surfaces import doubling
 from laps import LAP, Drive, circle
-from streets import at
+from map_fixtures import FRAMES, build
+from streets import OPTIONS, at, changed
 
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
@@ -127,6 +128,67 @@ def test_loops_along_the_way_are_counted_by_hand() -> None:
     assert weak[:2] == [(0, ("no-loops",)), (37, ("no-loops", "thick-walls"))] and len(weak) == 3
     assert quality.weak_places[1].last in range(42, 45) and weak[2] == (79, ("no-loops",))
     assert quality.weak_places[1].apart_m == 0.07
+
+
+def test_bounds_while_driving_are_those_of_a_chain_and_no_less_than_of_the_graph() -> None:
+    drive, way = Drive(), circle(2 * LAP)
+    for number in range(len(way)):
+        is_loop = number >= LAP and number % 5 == 0
+        drive.add(1, way, number, {number - LAP: way[number - LAP]} if is_loop else {})
+        drive.content.bound(number)  # from now on it grows
+        if number == LAP - 1:
+            alone = judge_graph(drive.content, passes={}, **LIMITS).deviations
+            bounds = [deviations_of(drive.content.bound(k).covariance) for k in range(LAP)]
+            np.testing.assert_allclose(bounds[1:], alone[1:], rtol=2e-3)
+    drive.content.solve()
+    content = drive.content
+    grown = np.array([deviations_of(content.bound(k).covariance) for k in range(2 * LAP)])
+    anew = MapContent(content.sessions, content.keyframes, content.edges.values(), None)
+    best = np.array([deviations_of(anew.bound(k).covariance) for k in range(2 * LAP)])
+    least = judge_graph(content, passes={}, **LIMITS).deviations
+    assert np.all(best[:, 0] <= grown[:, 0] + 1e-9) and np.all(least[1:] <= best[1:] * 1.001)
+    assert best[LAP - 1, 0] < 0.5 * alone[-1, 0]  # the loop after it leads back to the start
+    step = np.linalg.norm(way[1, :3, 3] - way[0, :3, 3]) * 1.01
+    unconfirmed = [content.bound(k).unconfirmed_m / step for k in range(2 * LAP)]
+    np.testing.assert_allclose(unconfirmed[:LAP], range(LAP), rtol=1e-6)
+    np.testing.assert_allclose(unconfirmed[LAP:], [*range(5)] * (LAP // 5), rtol=1e-6, atol=1e-9)
+
+
+def test_a_session_that_was_joined_late_has_bounds_from_its_first_keyframe() -> None:
+    drive, way = Drive(), circle(2 * LAP)
+    for number in range(LAP):
+        drive.add(1, way, number, {})
+    for number in range(LAP):
+        match = {number: way[number]} if number in (20, 22, 24) else {}
+        drive.add(2, way[LAP:], number, match)
+        bound = drive.content.bound(LAP + number)
+    content = drive.content
+    assert content.list_sessions()[1].parts == (0,)
+    ends = [deviations_of(content.bound(k).covariance)[0] for k in (LAP, LAP + 20, 2 * LAP - 1)]
+    assert ends[0] > ends[1] > 0 and ends[2] > ends[1]
+    step = np.linalg.norm(way[1, :3, 3] - way[0, :3, 3]) * 1.01
+    assert bound.unconfirmed_m == pytest.approx(15 * step)
+
+
+@pytest.mark.slow
+def test_a_robot_that_has_odometry_alone_is_lost_until_a_loop_finds_it(tmp_path: Path) -> None:
+    config = MapConfig(lost_after=20.0)
+    steps = build(tmp_path / "site.fsmap", config=config)  # 48 m out, and back 1 m to the side
+    out, back = steps[:9], steps[9:]
+    # Odometry makes each step 2 % too long.
+    assert [each.unconfirmed_m for each in out] == pytest.approx([6.12 * k for k in range(9)])
+    assert [each.is_lost for each in out] == [6.12 * k > 20 for k in range(9)]
+    assert np.all(np.diff([each.deviation_m for each in out]) > 0)
+    assert np.all(np.diff([each.deviation_deg for each in out]) > 0)
+    found = [each for each in back if any(edge.state == "believed" for edge in each.loops)]
+    assert len(found) > 3 and not any(each.is_lost or each.unconfirmed_m for each in found)
+    assert back[-1].deviation_m < 0.6 * out[-1].deviation_m  # it is near the start again
+    with PlaceMap.open(tmp_path / "site.fsmap", "monday", **OPTIONS) as site:
+        last, ahead = FRAMES[-1], at(0.5, 0, 0, 0)
+        on = site.add(changed(last, index=99, odometry=last.odometry @ ahead))
+        assert on.keyframe is None and on.covariance.shape == (6, 6)
+        assert on.unconfirmed_m == pytest.approx(0.5)  # the loop of the last one is believed now
+        assert back[-1].deviation_m < on.deviation_m < back[-1].deviation_m + 0.1
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.06, 0.12])
