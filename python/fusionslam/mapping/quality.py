@@ -134,8 +134,8 @@ class MapQuality:
         median, worst = np.median(self.deviations[:, 0]), int(np.argmax(self.deviations[:, 0]))
         weak = self.weak_places
         lines = [
-            f"positions: deviation {median:.2g} m in the median, at most "
-            f"{self.deviations[worst, 0]:.2g} m (keyframe {self.numbers[worst]})",
+            f"positions: deviation {median:.3g} m in the median, at most "
+            f"{self.deviations[worst, 0]:.3g} m (keyframe {self.numbers[worst]})",
             f"{1000 * self.loops / max(self.metres, 1e-9):,.0f} loops a km of way"
             + (f"; squared residuals {self.fit:.2g} times as stated" if self.fit else ""),
             counted(len(weak), "weak place")
