@@ -42,13 +42,14 @@ def main() -> None:
     path = read_poses_kitti(data_folder() / "kitti" / "poses" / "00.txt")
     path = inverse(path[:1]) @ path
     about = (
-        f"The true path of KITTI 00, with noise as [below](#measured) (good, rough), {len(SEEDS)} drives a row. "
-        "Stated deviations are those of the noise. True error: root mean square over all keyframes, "
-        "against the first one, divided by that of the deviations; all errors of one drive are "
-        "alike, so that it is to be 1 in the mean over drives alone. Bound while driving: that of "
-        "a step, divided by the deviation that the whole graph leaves, in the median. Shifts: of "
-        f"the {LEFT_OUT} loops that change most, beside maps that are really solved without each, in "
-        f"{LEFT_OUT} drives. Seconds of processor time of `judge_graph`, in the median."
+        f"The true path of KITTI 00, with noise as [below](#measured), {len(SEEDS)} drives a row. "
+        "Stated deviations are those of the noise. True error: root mean square over all "
+        "keyframes, against the first one, divided by that of the deviations; all errors of one "
+        "drive are alike, so that it is to be 1 in the mean over drives alone. Bound while "
+        "driving: that of a step, divided by the deviation that the whole graph leaves, in the "
+        f"median. Shifts: of the {LEFT_OUT} loops that change most, beside maps that are really "
+        f"solved without each, in {LEFT_OUT} drives. Seconds of processor time of `judge_graph`, "
+        "in the median."
     )
     rows = [
         row(path, odometry, loops, false)

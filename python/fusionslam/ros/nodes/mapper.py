@@ -5,6 +5,7 @@
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -336,6 +337,9 @@ class PlaceMapper(FrameNode[MapperConfig]):
             found = self._site.localize(frame)
         except DataError as error:
             found = Localization(None, reason=Refusal(error.code, 0, str(error)))
+            if self._last is not None:  # one frame that cannot be used is no sign of being lost
+                driven, is_lost = self._last.unconfirmed_m, self._last.is_lost
+                found = replace(found, unconfirmed_m=driven, is_lost=is_lost)
         self._localizing_s = time.monotonic() - began
         self.counts["localisations"] += 1
         self.counts["found"] += found.map_from_robot is not None
