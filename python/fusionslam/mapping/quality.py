@@ -66,13 +66,13 @@ class Segment:
         metres: its length.
         loops, refused: believed and refused loops that end in it.
         deviation_m: of the keyframe that is least sure.
-        thickness_m, apart_m: how thick surfaces are that another pass shows, too, and half the
-            distance between both passes' surfaces (medians); None where no other pass was compared.
-        weak: why it is weak: "no-loops" (a keyframe of a longer way has none
-            within 50 m), "unsure" (the
-            deviation exceeds the distance between keyframes), "thick-walls" (surfaces of two passes
-            are farther apart than loops' deviations say) or "refused" (more loops are refused than
-            believed); nothing if it is not.
+        thickness_m, apart_m: how thick surfaces are that another pass shows, too (median), and half
+            the distance between both passes' surfaces (90 % of them), in the place where they lie
+            farthest apart; None where no other pass was compared.
+        weak: why it is weak: "no-loops" (a keyframe of a longer way has none within 50 m), "unsure"
+            (the deviation exceeds the distance between keyframes), "thick-walls" (surfaces of two
+            passes are farther apart than loops' deviations say) or "refused" (more loops are
+            refused than believed); nothing if it is not.
     """
 
     session: str

@@ -49,9 +49,10 @@ def doubling(one: Points, other: Points) -> tuple[float, float] | None:
     """Measure how well the surfaces of two placed clouds, float32 (N, 3), cover each other.
 
     Returns:
-        Medians over the flat patches that both show, in metres: the standard deviation of their
-        joint points across the surface, and the part of it that comes from the clouds lying apart,
-        half their distance. None without such a patch.
+        Of the flat patches that both show, in metres: the standard deviation of their joint points
+        across the surface, in the median, and the part of it that comes from the clouds lying
+        apart, half their distance, which nine tenths of the patches do not exceed: floors do not
+        show that walls are apart. None without such a patch.
     """
     sides = len(one), len(other)
     patches, _ = patches_of(np.concatenate([one, other]))
@@ -73,4 +74,4 @@ def doubling(one: Points, other: Points) -> tuple[float, float] | None:
     if not flat.any():
         return None
     apart = np.sqrt((joint**2 - within).clip(0))
-    return float(np.median(joint[flat])), float(np.median(apart[flat]))
+    return float(np.median(joint[flat])), float(np.percentile(apart[flat], 90))
