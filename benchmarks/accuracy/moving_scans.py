@@ -39,6 +39,7 @@ from fusionslam.mapping.clouds import pack_cloud, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.grids import GridConfig
 from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.mapping.surfaces import patches_of
 from fusionslam.mapping.sweeps import SolvedSweeps
 from fusionslam.sensors.messages import NANOSECONDS, Imu, Odometry, Scan
 from fusionslam.sim.catalogue import MADE, drive_through
@@ -325,8 +326,7 @@ def compare_surfaces(drive: Drive, folder: Path) -> Surfaces:
         seconds = np.zeros(len(cloud)) if cloud.seconds is None else cloud.seconds
         world.append(move(drive.true_at(stamp_ns, seconds) @ drive.mount, cloud.points))
     true_points = np.concatenate(world)
-    _, numbers = np.unique(np.floor(true_points / PATCH_M), axis=0, return_inverse=True)
-    numbers = numbers.reshape(-1)
+    numbers, _ = patches_of(true_points, PATCH_M)
     thickness, level = [], []
     for rows in np.split(np.argsort(numbers), np.cumsum(np.bincount(numbers))[:-1]):
         if len(rows) < PATCH_POINTS:

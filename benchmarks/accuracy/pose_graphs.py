@@ -148,9 +148,11 @@ def add_loop(graph: PoseGraph, a: int, b: int, pose: Floats) -> None:
     graph.add_edge(a, b, pose, np.diag(LOOP_SD**2), "loop")
 
 
-def make_drive(path: Floats, odometry: str, false: float, loops_wanted: int = LOOPS) -> Drive:
+def make_drive(
+    path: Floats, odometry: str, false: float, loops_wanted: int = LOOPS, seed: int = 0
+) -> Drive:
     """Add noise to a path, find its loops, and make up ``false`` times as many false ones."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     steps = inverse(path[:-1]) @ path[1:]
     metres = np.maximum(np.linalg.norm(steps[:, :3, 3], axis=1), 0.01)
     sds = np.repeat(ODOMETRY[odometry], 3) * np.sqrt(metres)[:, None]

@@ -174,18 +174,21 @@ def show(
         typer.Option("--output", "-o", help="Also write a page that shows it (X.html)."),
     ] = None,
 ) -> None:
-    """Print sessions, loops, size and corrections of a map, and write a page that shows it.
+    """Print sessions, loops, quality and corrections of a map, and write a page that shows it.
 
-    The page has trajectories, loops and reasons, cloud and grid from above, and a view in 3-D.
+    The page has trajectories, loops and reasons, how good the map is and where it is weak, cloud
+    and grid from above, and a view in 3-D.
     """
     needs_extra("map")
     if output is not None:
         needs_extra("report")
         opt.check_output(output, path)
-    from fusionslam.mapping import PlaceMap
+    from fusionslam.mapping import PlaceMap, judge_map
 
     with PlaceMap.open(path, read_only=True) as site:
         print(site.describe())
+        if len(site):
+            print(judge_map(site, surfaces=False).describe())
         for correction in site.corrections:
             print(correction)
         if output is not None:

@@ -10,6 +10,7 @@ from fusionslam.mapping.localization import Localization
 from fusionslam.mapping.map_writer import MapStep
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.mapping.pose_graph import PoseGraph, Solution, Update
+from fusionslam.mapping.quality import MapQuality, judge_map
 
 __all__ = [
     "Correction",
@@ -18,10 +19,12 @@ __all__ = [
     "Edge",
     "Localization",
     "MapConfig",
+    "MapQuality",
     "MapStep",
     "PlaceMap",
     "PoseGraph",
     "Solution",
     "Update",
     "export_graph",
+    "judge_map",
 ]

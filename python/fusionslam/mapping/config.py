@@ -89,6 +89,13 @@ class MapConfig(Section):
         unit="s",
         gt=0,
     )
+    lost_after: float = option(
+        200.0,
+        "a robot is lost after this way by odometry alone, without a loop or a localisation that "
+        "confirms its position",
+        unit="m",
+        gt=0,
+    )
 
 
 def odometry_covariance(step: Matrix, config: MapConfig) -> Floats:

@@ -137,6 +137,13 @@ def chi_squares(poses: Floats, edges: Sequence[Edge]) -> Floats:
     return weigh_errors(measurement_errors(poses[ends], edges), edges)
 
 
+def deviations_of(covariances: Floats) -> Floats:
+    """Root mean squares of errors of covariances, (..., 6, 6): (..., 2), metres and degrees."""
+    variances = np.diagonal(covariances, axis1=-2, axis2=-1)
+    sums = variances.reshape(*variances.shape[:-1], 2, 3).sum(axis=-1)
+    return np.asarray(np.sqrt(sums.clip(0)) * [1.0, np.degrees(1.0)])
+
+
 def measurement_errors(poses: Floats, edges: Sequence[Edge]) -> Floats:
     """Small motions from where edges have their nodes b to where these are.
 

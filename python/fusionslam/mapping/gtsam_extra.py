@@ -19,6 +19,8 @@ _FIXED = 1e-6  # standard deviation of a fixed pose, m and rad
 _CAUCHY_WIDTH = 2.3
 _ANCHOR_WIDTHS = {"huber": 1.5, "cauchy": 1.5}
 """Of kernels for measured positions: about the median error, three degrees of freedom."""
+_UNCHECKED = 1e-9
+"""Part of an edge's weight that others have, below which it alone connects its ends."""
 _LEVEL = np.array([0.05, 0.05, 1e3, 1e6, 1e6, 1e6])  # tilt, heading in rad, position in m
 
 
@@ -145,6 +147,73 @@ class Solver:
                 estimator = kernels[kernel].Create(_ANCHOR_WIDTHS[kernel])
                 noise = model.Robust.Create(estimator, noise)
             graph.add(self._gtsam.GPSFactorArm(each.row, each.point, each.arm, noise))
+
+
+class Uncertainty:
+    """What errors a solved graph leaves, by its edges' covariances; linear at its poses.
+
+    Args:
+        poses: float64 (n, 4, 4), solved with all edges.
+        edges: between rows of the poses.
+        fixed: int64 (k), rows that stay; at least one of each part that edges connect.
+
+    Raises:
+        FusionSlamError: GTSAM is not installed (code "missing-extra"), or the edges do not
+            determine the poses ("not-solvable").
+    """
+
+    def __init__(self, poses: Floats, edges: Sequence[Edge], fixed: Integers) -> None:
+        self._gtsam = load()
+        solver = Solver(poses, edges, fixed)
+        self._edges, self._before, self._count = edges, len(fixed), len(poses)
+        try:
+            self._marginals = self._gtsam.Marginals(solver._base, solver._values)
+            self._linear = solver._base.linearize(solver._values)
+            self._offset = self._step(self._linear)  # where the poses are not quite solved
+        except RuntimeError as error:
+            raise FusionSlamError(
+                f"the edges do not determine the poses: {error}", code="not-solvable"
+            ) from error
+
+    def covariance(self, row: int) -> Floats:
+        """float64 (6, 6), of a pose's error as a small motion in its own frame, as of ``Edge``."""
+        return np.asarray(self._marginals.marginalCovariance(row)[np.ix_(_THEIRS, _THEIRS)])
+
+    def leverage(self, number: int) -> tuple[float, Floats]:
+        """How far other edges check one, and how far its ends would come apart without it.
+
+        Args:
+            number: of the edge, in the order of the edges.
+
+        Returns:
+            Its redundancy (Baarda 1968): of the six degrees of freedom of its error those that show
+            in its residual, 0 if nothing checks it; and the small motion (6) of b against a without
+            it, infinite if nothing else connects them.
+        """
+        edge, factor = self._edges[number], self._linear.at(self._before + number)
+        joint = self._marginals.jointMarginalCovariance([edge.a, edge.b])
+        ends = (edge.a, edge.b)
+        known = np.block([[joint.at(one, other) for other in ends] for one in ends])
+        jacobian, residual = factor.jacobian()  # in deviations of the edge
+        left = np.eye(6) - jacobian @ known @ jacobian.T
+        redundancy = float(np.clip(np.trace(left), 0, 6))
+        if np.linalg.eigvalsh(left)[0] < _UNCHECKED:
+            return redundancy, np.full(6, np.inf)
+        pull = (np.eye(6) - left) @ np.linalg.solve(left, residual)
+        scale = np.linalg.inv(jacobian[:, 6:])
+        return redundancy, -np.asarray(scale @ pull)[_THEIRS]
+
+    def shift_without(self, number: int) -> Floats:
+        """Small motions of all poses, float64 (n, 6), if the graph were solved without one edge."""
+        graph, left_out = self._gtsam.GaussianFactorGraph(), self._before + number
+        for factor in range(self._linear.size()):
+            if factor != left_out:
+                graph.push_back(self._linear.at(factor))
+        return self._step(graph) - self._offset
+
+    def _step(self, graph: Any) -> Floats:
+        moved: Floats = graph.optimize().vector().reshape(self._count, 6)[:, _THEIRS]
+        return moved
 
 
 def _rows(values: Floats) -> Floats:

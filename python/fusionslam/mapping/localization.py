@@ -4,7 +4,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from fusionslam.config import Section, option
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
+from fusionslam.mapping.edge import deviations_of
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.registration import Refusal, register
 
@@ -50,6 +51,10 @@ class Localization:
         reason: why there is no pose; None if there is one.
         part: of the map, whose frame the pose is in, as ``Session.parts`` numbers them; poses of
             different parts have nothing to do with each other. None without a pose.
+        unconfirmed_m: metres by odometry since the robot was found last, or since it was looked for
+            first: 0 with a pose; None without a pose if odometry does not tell it.
+        is_lost: whether they are more than ``MapConfig.lost_after``, or there is neither a pose nor
+            odometry.
     """
 
     map_from_robot: Matrix | None
@@ -57,6 +62,18 @@ class Localization:
     keyframe: int | None = None
     reason: Refusal | None = None
     part: int | None = None
+    unconfirmed_m: float | None = None
+    is_lost: bool = True
+
+    @property
+    def deviation_m(self) -> float | None:
+        """Root mean square of the error of the position that is to be expected, metres."""
+        return None if self.covariance is None else float(deviations_of(self.covariance)[0])
+
+    @property
+    def deviation_deg(self) -> float | None:
+        """The same of the rotation, degrees."""
+        return None if self.covariance is None else float(deviations_of(self.covariance)[1])
 
     @property
     def pose(self) -> Matrix | None:
@@ -93,6 +110,7 @@ class Localizer:
         content: of the map.
         stored: returns a keyframe by its number.
         loops: which candidates are tried.
+        lost_after: metres by odometry since the robot was found, after which it is lost.
         config: when a pose is believed.
     """
 
@@ -101,6 +119,7 @@ class Localizer:
         content: MapContent,
         stored: Callable[[int], StoredFrame],
         loops: LoopConfig | None = None,
+        lost_after: float = np.inf,
         config: LocalizationConfig | None = None,
     ) -> None:
         self._content, self._stored = content, stored
@@ -108,6 +127,8 @@ class Localizer:
         self._config = config or LocalizationConfig()
         self._past: deque[_Past] = deque(maxlen=100)
         self._fix: _Past | None = None
+        self._lost_after, self._unconfirmed_m = lost_after, 0.0
+        self._odometry: Matrix | None = None  # of the last call
 
     def localize(self, sight: Observation, candidates: Mapping[int, float]) -> Localization:
         """Return map_from_cloud of what the robot sees, or why it is not known.
@@ -116,6 +137,19 @@ class Localizer:
             sight: what it sees, with a cloud.
             candidates: descriptor distances by number of the keyframe, in the order of trust.
         """
+        before, self._odometry = self._odometry, sight.odometry
+        if before is not None and sight.odometry is not None:
+            self._unconfirmed_m += float(np.linalg.norm(sight.odometry[:3, 3] - before[:3, 3]))
+        found = self._find(sight, candidates)
+        if found.map_from_robot is not None:
+            self._unconfirmed_m = 0.0
+            return replace(found, unconfirmed_m=0.0, is_lost=False)
+        if sight.odometry is None:
+            return found
+        driven = self._unconfirmed_m
+        return replace(found, unconfirmed_m=driven, is_lost=driven > self._lost_after)
+
+    def _find(self, sight: Observation, candidates: Mapping[int, float]) -> Localization:
         tracked = self._track(sight)
         if tracked is not None:
             return self._accept(sight, tracked)
@@ -136,7 +170,7 @@ class Localizer:
     def forget(self) -> None:
         """Forget where the robot was, as after it was carried."""
         self._past.clear()
-        self._fix = None
+        self._fix = self._odometry = None
 
     def _track(self, sight: Observation) -> _Guess | None:
         """Return the pose near the one that odometry predicts; None if nothing confirms it."""

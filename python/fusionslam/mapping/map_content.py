@@ -14,6 +14,7 @@ from fusionslam.base.texts import counted
 from fusionslam.errors import ConfigError
 from fusionslam.geometry.globe import MapOrigin
 from fusionslam.mapping.edge import Edge
+from fusionslam.mapping.error_bounds import Bound, ErrorBounds
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.merges import FEWEST_MERGES
 from fusionslam.mapping.pose_graph import PoseGraph
@@ -105,6 +106,7 @@ class MapContent:
         self._has_new_loops = False  # since the last solution
         self._is_solution_saved = True
         self.unsaved: dict[int, Edge] = {}
+        self._bounds: ErrorBounds | None = None
         for keyframe in keyframes:
             if keyframe.session not in sessions.values():
                 raise ValueError(f"keyframe {keyframe.id}: session {keyframe.session} is missing")
@@ -193,6 +195,16 @@ class MapContent:
         row = self.row[keyframe]
         return self._graph.pose(row) if self._poses is None else self._poses[row]
 
+    def bound(self, keyframe: int) -> Bound:
+        """Return how sure the pose of a keyframe is at least."""
+        if self._bounds is None:
+            believed = self._believed(self.edges.values())
+            self._bounds = ErrorBounds(set(self.parts), self.row, believed)
+        return self._bounds[keyframe]
+
+    def _believed(self, edges: Iterable[Edge]) -> list[Edge]:
+        return [each for each in edges if each.state == "believed" and not self._is_across(each)]
+
     def poses_of(self, keyframes: Iterable[int]) -> Floats:
         """Return map_from_cloud, float64 (m, 4, 4), of keyframes."""
         return self.poses[[self.row[number] for number in keyframes]]
@@ -234,6 +246,8 @@ class MapContent:
         self.parts.append(self.part(edges[0].a) if is_led else keyframe.id)
         for edge in self._graph.update().edges:
             self._take_state(edge)
+        if self._bounds is not None:
+            self._bounds.add(keyframe.id, self._believed(self.edges[e.number] for e in edges))
         self._poses = None
         loops = [edge for edge in edges if edge.kind != "odometry" and not self.is_step(edge)]
         self._has_new_loops |= bool(loops)
@@ -248,6 +262,7 @@ class MapContent:
 
     def solve(self) -> None:
         """Solve the graph."""
+        before = self.parts, [edge.state for edge in self.edges.values()]
         solution = self._graph.solve()
         self.origin, self.unplaced = solution.origin, solution.unplaced
         if solution.reason is not None and self.reason is None:
@@ -257,6 +272,8 @@ class MapContent:
         self.parts = [self.keyframes[int(node)].id for node in solution.parts]
         for edge in (*solution.believed, *solution.refused, *solution.pending):
             self._take_state(edge)
+        if before != (self.parts, [edge.state for edge in self.edges.values()]):
+            self._bounds = None
         self.is_live, self._has_new_loops, self._is_solution_saved = True, False, False
         self._solved = len(self)
         self._asked = self._crossing = sum(self._is_across(edge) for edge in self.edges.values())
@@ -265,7 +282,7 @@ class MapContent:
         """Take edges, by their numbers, as they were measured anew, and solve the graph."""
         self.unsaved |= {edge.number: edge for edge in measured}
         positions = self._graph.positions
-        self._graph, self._graph_numbers = PoseGraph(), []
+        self._graph, self._graph_numbers, self._bounds = PoseGraph(), [], None
         for keyframe in self.keyframes:
             self._graph.add_node(keyframe.robot_from_cloud)
         for edge in (self.edges | self.unsaved).values():

@@ -85,6 +85,12 @@ class MapSettings:
         return [each for each in found if not each.startswith(_CHOSEN)]
 
     @property
+    def keyframe_distance(self) -> float:
+        """Metres between keyframes."""
+        distance = self.map.keyframe_distance
+        return 4 * self.registration.voxel if distance is None else distance
+
+    @property
     def comparable(self) -> dict[str, Any]:
         """What maps must have in common for their keyframes to be compared, but for lengths."""
         values = {key: value for key, value in self.dump().items() if key in _COMPARED}

@@ -10,18 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fusionslam.base.arrays import Floats32, Integers, Matrix
+from fusionslam.base.arrays import Floats, Floats32, Integers, Matrix
 from fusionslam.base.machine import release_memory
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse
 from fusionslam.geometry.keyframes import is_keyframe
-from fusionslam.geometry.se3 import inverse, log
+from fusionslam.geometry.se3 import carry_covariance, inverse, log
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.mapping.clouds import NOT_DRIVEN, FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
-from fusionslam.mapping.edge import CHI2_999, Edge, check_pose
+from fusionslam.mapping.edge import CHI2_999, Edge, check_pose, deviations_of
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
 from fusionslam.mapping.map_settings import MapSettings
@@ -49,13 +49,32 @@ class MapStep(NamedTuple):
             metres of odometry since the frame before) or "silence" (seconds since then, and clouds
             do not confirm odometry), both of which begin a part of the map, or "stamp" (seconds
             that the time stamp is before that of the frame before; as "silence" if they are many).
+        covariance: float64 (6, 6) of the pose's error against the first keyframe of its part of the
+            map, as a small motion in the robot's frame: at most that of the best chain of odometry
+            and believed loops from there.
+        unconfirmed_m: metres by odometry since a believed loop confirmed the position, or since the
+            part began.
+        is_lost: whether they are more than ``MapConfig.lost_after``.
     """
 
     keyframe: int | None
     loops: tuple[Edge, ...]
     refused: tuple[Rejected, ...]
     pose: Matrix
-    why: Refusal | None = None
+    why: Refusal | None
+    covariance: Floats
+    unconfirmed_m: float
+    is_lost: bool
+
+    @property
+    def deviation_m(self) -> float:
+        """Root mean square of the error of the position that is to be expected, metres."""
+        return float(deviations_of(self.covariance)[0])
+
+    @property
+    def deviation_deg(self) -> float:
+        """The same of the rotation, degrees."""
+        return float(deviations_of(self.covariance)[1])
 
 
 class MapWriter:
@@ -132,9 +151,10 @@ class MapWriter:
         if self._last is not None and self._doubt is None and not self._is_far(robot, self._last):
             last = self._last  # by which, and by odometry since, the robot's pose is known
             pose = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
+            moved = inverse(_odom_from_robot(last)) @ robot
             self._driven.append((frame.stamp_ns, robot @ mount))
             del self._driven[_ABOUT:-_ABOUT]
-            return MapStep(None, (), (), pose, back)
+            return MapStep(None, (), (), pose, back, *self._judge(last, moved))
         if self._doubt is not None:
             self._detector.break_odometry()
         seen = self._detector.observe(frame, stamp_ns=frame.stamp_ns, odometry=robot @ mount)
@@ -206,7 +226,20 @@ class MapWriter:
         self.last_frame = max(frame.number, self.last_frame or 0)
         closed = (content.edges[edges[-1].number],) if loop is not None else ()
         pose = content.pose(number) @ np.linalg.inv(mount)
-        return MapStep(number, closed, tuple(self._detector.rejected), pose, reason)
+        refused = tuple(self._detector.rejected)
+        return MapStep(number, closed, refused, pose, reason, *self._judge(keyframe))
+
+    def _judge(
+        self, keyframe: StoredKeyframe, moved: Matrix | None = None
+    ) -> tuple[Floats, float, bool]:
+        """How sure the robot's pose is at a keyframe, or after a motion since: as of a step."""
+        covariance, unconfirmed_m = self._content.bound(keyframe.id)
+        covariance = carry_covariance(keyframe.robot_from_cloud, covariance)
+        if moved is not None:
+            drift = odometry_covariance(moved, self.settings.map)
+            covariance = carry_covariance(inverse(moved), covariance) + drift
+            unconfirmed_m += float(np.linalg.norm(moved[:3, 3]))
+        return covariance, unconfirmed_m, unconfirmed_m > self.settings.map.lost_after
 
     def _lead_on(self, keyframe: StoredKeyframe, cloud: PreparedCloud) -> list[Edge]:
         """Return the step from the last keyframe; nothing if odometry does not tell it."""
@@ -301,11 +334,8 @@ class MapWriter:
         return Refusal(code, abs(seconds), text)
 
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
-        distance = self.settings.map.keyframe_distance
-        if distance is None:
-            distance = 4 * self._detector.registration_config.voxel
         step = np.linalg.inv(_odom_from_robot(last)) @ robot
-        return is_keyframe(step, distance, self.settings.map.keyframe_turn)
+        return is_keyframe(step, self.settings.keyframe_distance, self.settings.map.keyframe_turn)
 
 
 def resume_detector(

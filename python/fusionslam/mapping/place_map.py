@@ -537,7 +537,8 @@ class PlaceMap:
             self.detector = resume_detector(settings, file, self.content, self._kept, vectors)
         parts = file, self.content, self.detector, self._kept
         self._writer = MapWriter(self._session_name, settings, *parts)
-        self._localizer = Localizer(self.content, self.detector.stored_frame, settings.loops)
+        find, lost_after = self.detector.stored_frame, settings.map.lost_after
+        self._localizer = Localizer(self.content, find, settings.loops, lost_after)
 
     @_one_at_a_time
     def solve(self) -> None:

@@ -9,7 +9,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from fusionslam._core import deskew
-from fusionslam.base.arrays import Floats, Integers, Mask
+from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.loop_closure.observation import fusion_of_scans
 from fusionslam.mapping.clouds import unpack_cloud, unpack_driven
@@ -18,6 +18,7 @@ from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import StoredCloud
 from fusionslam.mapping.map_settings import MapSettings
+from fusionslam.mapping.surfaces import thickening
 from fusionslam.registration import PreparedCloud, register
 from fusionslam.sensors.frame import Cloud
 
@@ -31,11 +32,6 @@ _LEAST_M = 1 / 256
 """Half a step of the stored coordinates: motions that move no point farther are left."""
 _ASKED = 20
 """Keyframes of a stretch, at most, that tell whether its surfaces get thinner."""
-_PATCH_M = 0.4
-_FEWEST = 10
-"""Points of a patch."""
-_FLAT = 0.1
-"""Variance across a surface, of the lesser one along it."""
 _READY = 64
 """Clouds that are kept prepared for registration."""
 
@@ -225,35 +221,3 @@ def measure_anew(
             covariance = step_covariance(covariance, registration, settings.map)
         anew.append(replace(edge, pose=found.target_from_source, covariance=covariance))
     return anew
-
-
-def thickening(before: Floats, after: Floats) -> float:
-    """How much thicker surfaces of points, float64 (N, 3), get as these move elsewhere.
-
-    The sum over points of what their patches gain in standard deviation, metres. Points that were
-    in one cube before stay together; cubes with a flat surface, before or after, count.
-    """
-    patches, counts = patches_of(before)
-    thick, is_flat = zip(*(thickness(points, patches) for points in (before, after)), strict=True)
-    counted = (is_flat[0] | is_flat[1]) & (counts >= _FEWEST)
-    return float((thick[1] - thick[0])[counted] @ counts[counted])
-
-
-def patches_of(points: Floats) -> tuple[Integers, Integers]:
-    """Number the cubes that points, (N, 3), are in: int64 (N,), and how many are in each."""
-    cells = np.floor(points / _PATCH_M).astype(np.int64)
-    spans = np.ptp(cells, axis=0) + 1
-    keys = np.ravel_multi_index(tuple((cells - cells.min(axis=0)).T), tuple(spans))
-    _, patches, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    return patches.reshape(-1), counts
-
-
-def thickness(points: Floats, patches: Integers) -> tuple[Floats, Mask]:
-    """Standard deviations of points, (N, 3), across the plane of each patch, and which are flat."""
-    count = np.bincount(patches)
-    mean = np.stack([np.bincount(patches, axis) for axis in points.T], axis=1) / count[:, None]
-    off = points - mean[patches]
-    products = [[np.bincount(patches, a * b) / count for b in off.T] for a in off.T]
-    variances = np.linalg.eigvalsh(np.moveaxis(np.array(products), -1, 0))
-    is_flat = variances[:, 0] < _FLAT * variances[:, 1]
-    return np.sqrt(variances[:, 0].clip(0)), is_flat

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from fusionslam.base.arrays import Floats
 from fusionslam.base.texts import counted
-from fusionslam.mapping import Edge
+from fusionslam.mapping import Edge, MapQuality
 from fusionslam.mapping.grids import OccupancyGrid
 from fusionslam.report.page.figures import (
     CURVE_COLORS,
+    FALSE,
     INK,
     LOOP_COLORS,
     PATH,
@@ -95,6 +96,47 @@ def _draw_loops(axis: "Axes", loops: Sequence[Edge], places: dict[int, Floats]) 
         alpha = 0.9 if state == "refused" else float(np.clip(60 / len(ends), 0.3, 0.9))
         axis.add_collection(LineCollection(ends, colors=color, lw=1.1, alpha=alpha, zorder=order))
         axis.plot([], [], color=color, label=f"{counted(len(ends), 'loop')} {state}")
+
+
+def draw_quality(drives: Sequence[Drive], quality: MapQuality, part: int) -> "Figure":
+    """Draw how sure the keyframes of one part of a map are, its weak places, and vital loops.
+
+    Args:
+        drives, quality: of the map.
+        part: number of the part.
+    """
+    from matplotlib.collections import LineCollection
+
+    shown = {
+        number: pose[:2, 3]
+        for drive in drives
+        for number, pose, own in zip(drive.numbers.tolist(), drive.poses, drive.parts, strict=True)
+        if own == part
+    }
+    places, inside = np.array([*shown.values()]), np.isin(quality.numbers, [*shown])
+    wide, tall = np.ptp(places, axis=0).clip(1e-6)
+    figure = new_figure(9.0, 1.0 + 8.0 * float(np.clip(tall / wide, 0.3, 1.0)))
+    axis = figure.add_subplot()
+    for k, weak in enumerate(quality.weak_places):
+        way = [shown[each] for each in range(weak.first, weak.last + 1) if each in shown]
+        if way:
+            label = None if k else "weak places"
+            axis.plot(*np.array(way).T, color=FALSE, lw=9, alpha=0.25, label=label, zorder=1)
+    ends = [
+        (shown[e.a], shown[e.b]) for e, *_ in quality.influences if e.a in shown and e.b in shown
+    ]
+    axis.add_collection(LineCollection(ends, colors=CURVE_COLORS[1], lw=1.6, zorder=2))
+    dots = axis.scatter(
+        places[:, 0], places[:, 1], c=quality.deviations[inside, 0], s=9, cmap="viridis", zorder=3
+    )
+    axis.plot(*places[0], "D", mfc="white", mec=INK, ms=6, zorder=4, label="first keyframe")
+    if ends:
+        axis.plot([], [], color=CURVE_COLORS[1], label="loops that change most")
+    figure.colorbar(dots, ax=axis, label="standard deviation of the position (m)", shrink=0.8)
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set(xlabel="x (m)", ylabel="y (m)")
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
 
 
 def draw_drift(fits: Sequence[LoopFit]) -> "Figure | None":

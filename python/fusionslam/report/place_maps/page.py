@@ -12,7 +12,7 @@ import numpy as np
 from fusionslam.base.arrays import Floats
 from fusionslam.base.files import PathLike
 from fusionslam.errors import DataError
-from fusionslam.mapping import Edge, PlaceMap
+from fusionslam.mapping import Edge, MapQuality, PlaceMap, judge_map
 from fusionslam.report.page.figures import LOOP_COLORS, TRACK_COLORS, use_style
 from fusionslam.report.page.html import about_report, check_extra, group_by, write_page
 from fusionslam.report.page.images import Picture, draw_picture
@@ -22,6 +22,7 @@ from fusionslam.report.place_maps.figures import (
     draw_cloud,
     draw_drift,
     draw_grid,
+    draw_quality,
     draw_trajectories,
 )
 from fusionslam.report.place_maps.view_3d import draw_view_3d
@@ -63,6 +64,20 @@ def refused_table(loops: Sequence[Edge]) -> Table | None:
     return build_table(columns_of("place_map.refused"), refused, labels) if refused else None
 
 
+def weak_table(quality: MapQuality) -> Table | None:
+    """List weak places with their reasons, at most ``MOST``; None without one."""
+    weak = quality.weak_places[:MOST]
+    labels = [f"{each.first} to {each.last}" for each in weak]
+    return build_table(columns_of("place_map.weak"), weak, labels) if weak else None
+
+
+def influence_table(quality: MapQuality) -> Table | None:
+    """List the loops that change most; None without loops."""
+    labels = [f"{each.edge.a} and {each.edge.b}" for each in quality.influences]
+    columns = columns_of("place_map.influences")
+    return build_table(columns, quality.influences, labels) if labels else None
+
+
 def write_map_page(
     path: PathLike,
     site: PlaceMap,
@@ -74,8 +89,8 @@ def write_map_page(
     """Write a page that shows a map; it opens offline.
 
     It has the trajectories by odometry alone and as corrected, loops by their state with the
-    reasons of those refused, what loops say of the drift model, the cloud and the occupancy grid
-    from above, and a view in three dimensions.
+    reasons of those refused, how good the map is and where it is weak, what loops say of the drift
+    model, the cloud and the occupancy grid from above, and a view in three dimensions.
 
     Args:
         path: of the page.
@@ -101,7 +116,7 @@ def write_map_page(
     if not len(site):
         raise DataError(f"{site.path}: the map has no keyframes to show", code="empty")
     drives, loops = read_drives(site, truth), site.loops
-    fits = fit_loops(site.edges, loops)
+    fits, quality = fit_loops(site.edges, loops), judge_map(site)
     first = site.content.parts[0]
     places = np.concatenate([drive.poses[drive.parts == first, :3, 3] for drive in drives])
     extent = float(np.ptp(places[:, :2], axis=0).max()) + 60.0
@@ -112,6 +127,7 @@ def write_map_page(
         drift = draw_drift(fits)
         above = draw_cloud(cloud, places)
         pictures = {
+            "quality": draw_picture("quality", draw_quality(drives, quality, first)),
             "drift": drift and draw_picture("drift", drift),
             "cloud": above and draw_picture("cloud", above, photo=True),
             "grid": draw_picture("grid", draw_grid(site.grid(max(0.1, extent / _CELLS_ACROSS)))),
@@ -130,6 +146,9 @@ def write_map_page(
         sessions=session_table(drives),
         states=state_table(loops),
         refused=refused_table(loops),
+        quality=quality,
+        weak=weak_table(quality),
+        influences=influence_table(quality),
         most=MOST,
         drift=drift_factor(fits),
         trajectories=trajectories,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.base.arrays import Floats
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.mapping import Localization
 from fusionslam.mapping.grids import OccupancyGrid
 from fusionslam.ratslam.map_export import link_offsets
@@ -144,20 +144,20 @@ def trajectory_message(top: Any, stamps_ns: NDArray[Any], poses: Floats) -> Any:
     return make(PATH, header=top, poses=placed)
 
 
-def located_pose(top: Any, found: Localization) -> Any:
-    """Return the PoseWithCovarianceStamped of a robot that was found."""
-    assert found.map_from_robot is not None and found.covariance is not None
-    pose = pose_with_covariance(found.map_from_robot, found.covariance)
-    return make(LOCATED_POSE, header=top, pose=pose)
+def located_pose(top: Any, pose: Matrix, covariance: Matrix) -> Any:
+    """Return the PoseWithCovarianceStamped of a robot; arguments as of ``pose_with_covariance``."""
+    return make(LOCATED_POSE, header=top, pose=pose_with_covariance(pose, covariance))
 
 
 def localize_response(top: Any, found: Localization) -> Any:
     """Return the response of Localize."""
-    is_found = found.map_from_robot is not None
+    pose = make(LOCATED_POSE, header=top)
+    if found.map_from_robot is not None and found.covariance is not None:
+        pose = located_pose(top, found.map_from_robot, found.covariance)
     return respond(
         LOCALIZE,
-        found=is_found,
-        pose=located_pose(top, found) if is_found else make(LOCATED_POSE, header=top),
+        found=found.map_from_robot is not None,
+        pose=pose,
         keyframe=-1 if found.keyframe is None else found.keyframe,
         code="" if found.reason is None else found.reason.code,
         reason="" if found.reason is None else found.reason.text,

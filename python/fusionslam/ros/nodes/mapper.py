@@ -5,6 +5,7 @@
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,7 +17,7 @@ from fusionslam.descriptors import DescriptorConfig
 from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure import LoopConfig
-from fusionslam.mapping import Localization, MapConfig, PlaceMap
+from fusionslam.mapping import Localization, MapConfig, MapStep, PlaceMap
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.ros.messages.library import build, respond
 from fusionslam.ros.messages.maps import (
@@ -35,7 +36,7 @@ from fusionslam.ros.messages.types import (
     header,
 )
 from fusionslam.ros.nodes.frame_node import TF, FrameNode, FramesConfig
-from fusionslam.ros.runtime.node import Outlet, Service, Timer
+from fusionslam.ros.runtime.node import Health, Outlet, Service, Timer
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Scan
 
@@ -140,6 +141,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
         self._newest: Frame | None = None
         self._map_from_odometry: Matrix | None = None
         self._state, self._reason = "waiting", ""
+        self._last: MapStep | Localization | None = None
         self._is_solved = True
         self._tried_ns: int | None = None
         self._localizing_s = 0.0
@@ -186,7 +188,11 @@ class PlaceMapper(FrameNode[MapperConfig]):
             self.counts["refused"] += len(step.refused)
             reasons = [*step.refused, *(edge.reason for edge in step.loops), step.why]
             self._reason = next((each.text for each in reasons[::-1] if each), self._reason)
+        self._last = step
         self._place(step.pose, frame.odometry)
+        if self._map_from_odometry is not None:
+            top = header(frame.stamp_ns, self.config.map_frame)
+            self.outlet.publish(POSE, located_pose(top, step.pose, step.covariance))
 
     def explain(self, error: DataError | ShapeError) -> str:
         """Say why a frame is not on the map, and what to do."""
@@ -219,7 +225,29 @@ class PlaceMapper(FrameNode[MapperConfig]):
     def report(self) -> Mapping[str, int | str]:
         """Say what state the map is in, and count keyframes, loops and refused candidates."""
         known = {"state": self._state, "last reason": self._reason}
+        if self._last is not None:
+            values = {
+                "deviation [m]": self._last.deviation_m,
+                "deviation [degrees]": self._last.deviation_deg,
+                "unconfirmed [m]": self._last.unconfirmed_m,
+            }
+            known |= {k: "unknown" if v is None else f"{v:.3f}" for k, v in values.items()}
         return {**known, "keyframes": len(self._site), **super().report()}
+
+    def health(self) -> Health:
+        """Say whether the robot is lost, or may soon be: half the way on which it gets lost."""
+        last, limit = self._last, self._site.settings.map.lost_after
+        if last is None:
+            return Health()
+        driven = "odometry does not tell how far it drove"
+        if last.unconfirmed_m is not None:
+            driven = f"{last.unconfirmed_m:.0f} m since its position was confirmed"
+        if last.is_lost:
+            return Health("lost", f"the robot is lost ({self._state}): {driven}")
+        is_known = self._state in ("mapping", "localised")
+        if is_known and last.unconfirmed_m is not None and last.unconfirmed_m <= limit / 2:
+            return Health()
+        return Health("unsure", f"where the robot is is not sure ({self._state}): {driven}")
 
     def publish_frame(self, now_ns: int) -> None:
         """Publish map_from_odometry, stamped a little ahead of now. Called in any thread."""
@@ -309,6 +337,9 @@ class PlaceMapper(FrameNode[MapperConfig]):
             found = self._site.localize(frame)
         except DataError as error:
             found = Localization(None, reason=Refusal(error.code, 0, str(error)))
+            if self._last is not None:  # one frame that cannot be used is no sign of being lost
+                driven, is_lost = self._last.unconfirmed_m, self._last.is_lost
+                found = replace(found, unconfirmed_m=driven, is_lost=is_lost)
         self._localizing_s = time.monotonic() - began
         self.counts["localisations"] += 1
         self.counts["found"] += found.map_from_robot is not None
@@ -320,12 +351,16 @@ class PlaceMapper(FrameNode[MapperConfig]):
     def _take_place(self, frame: Frame, found: Localization) -> None:
         """Publish where the robot is; where it is not found, odometry carries on."""
         pose = found.map_from_robot
-        self._state = "searching" if pose is None else "localised"
-        if pose is None or found.keyframe is None or not _is_joined(self._site, found.keyframe):
+        self._state, self._last = "searching" if pose is None else "localised", found
+        if (
+            pose is None
+            or found.covariance is None
+            or found.keyframe is None
+            or not _is_joined(self._site, found.keyframe)
+        ):
             return
-        self.outlet.publish(
-            POSE, located_pose(header(frame.stamp_ns, self.config.map_frame), found)
-        )
+        top = header(frame.stamp_ns, self.config.map_frame)
+        self.outlet.publish(POSE, located_pose(top, pose, found.covariance))
         if frame.odometry is not None:
             self._map_from_odometry = pose @ np.linalg.inv(frame.odometry)
 

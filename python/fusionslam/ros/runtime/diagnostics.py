@@ -39,10 +39,12 @@ def diagnostics(worker: "Worker", node: str, now_ns: int, reached: Mapping[str, 
     values |= {f"{_REACHES}{topic}": str(count) for topic, count in reached.items()}
     problems = [f"nothing has arrived on {entry.topic}" for entry in worker.silent]
     problems += [f"{t}: {cause}" for (t, cause), _ in worker.problems.counts.most_common(1)]
-    level = message_class("diagnostic_msgs/DiagnosticStatus")
+    health, level = worker.node.health(), message_class("diagnostic_msgs/DiagnosticStatus")
+    if health.level != "sure":
+        problems.insert(0, health.text)
     status = make(
         "diagnostic_msgs/DiagnosticStatus",
-        level=level.WARN if problems else level.OK,
+        level=level.ERROR if health.level == "lost" else level.WARN if problems else level.OK,
         name=f"fusionslam: {worker.node.name}",
         message=problems[0] if problems else "fine",
         hardware_id=node,

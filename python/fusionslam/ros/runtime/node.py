@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 from fusionslam.ros.runtime.checkpoints import Saver, SavingConfig
 from fusionslam.ros.runtime.config import CommonConfig
@@ -66,6 +66,18 @@ class Timer:
     name: str
     period: float
     fire: Callable[[int], None]
+
+
+class Health(NamedTuple):
+    """How sure a node is of where its robot is.
+
+    Attributes:
+        level: "sure", "unsure" or "lost".
+        text: why it is not sure; empty if it is.
+    """
+
+    level: Literal["sure", "unsure", "lost"] = "sure"
+    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -168,6 +180,10 @@ class Node(ABC, Generic[C]):
     def report(self) -> Mapping[str, int | str]:
         """Return counts, and states in words, for /diagnostics."""
         return self.counts
+
+    def health(self) -> Health:
+        """Return how sure the node is of where its robot is, for the level on /diagnostics."""
+        return Health()
 
 
 class Publisher(Protocol):

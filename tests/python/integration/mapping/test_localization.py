@@ -169,6 +169,24 @@ def test_a_tracked_robot_needs_no_candidates() -> None:
     assert_at(found, WAY[1])
 
 
+def test_a_robot_is_lost_after_metres_in_which_it_was_not_found() -> None:
+    street = Street()
+    localizer = Localizer(street, street.stored, lost_after=10.0)
+    elsewhere = PreparedCloud(scan_blocks(at(0, 0, 0), 60, place=13))
+    ways = [at(4.0 * step, 3.0, 0) for step in range(5)]  # of odometry
+    lost = [localizer.localize(*sight(elsewhere, EVERY, way, 0)) for way in ways]
+    assert [each.unconfirmed_m for each in lost] == pytest.approx([0, 4, 8, 12, 16])
+    assert [each.is_lost for each in lost] == [False, False, False, True, True]
+    assert lost[0].deviation_m is None
+    found = localizer.localize(*sight(seen_at(WAY[3], 61), EVERY, ways[-1], 0))
+    assert found.unconfirmed_m == 0 and not found.is_lost and found.covariance is not None
+    assert found.deviation_m == pytest.approx(np.sqrt(np.trace(found.covariance[:3, :3])))
+    again = localizer.localize(*sight(elsewhere, EVERY, ways[-1] @ at(3.0, 0, 0, 4.0), 0))
+    assert again.unconfirmed_m == pytest.approx(5.0) and not again.is_lost
+    blind = localizer.localize(*sight(elsewhere, EVERY))  # without odometry
+    assert blind.is_lost and blind.unconfirmed_m is None
+
+
 def test_a_robot_that_was_carried_is_found_again() -> None:
     localizer = localizer_of(Street())
     assert_at(localizer.localize(*sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])

@@ -17,12 +17,17 @@ from error_codes import has_code
 from fusionslam import Cloud, DataError
 from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp
-from fusionslam.mapping import DriftModel, Edge, PlaceMap
+from fusionslam.mapping import DriftModel, Edge, PlaceMap, judge_map
 from fusionslam.registration import Refusal
 from fusionslam.report.place_maps import read_drives, write_map_page
 from fusionslam.report.place_maps.contents import drift_factor, fit_loops
-from fusionslam.report.place_maps.figures import draw_cloud, draw_trajectories
-from fusionslam.report.place_maps.page import refused_table, state_table
+from fusionslam.report.place_maps.figures import draw_cloud, draw_quality, draw_trajectories
+from fusionslam.report.place_maps.page import (
+    influence_table,
+    refused_table,
+    state_table,
+    weak_table,
+)
 from map_fixtures import FRAMES, build
 from pages import Page
 from project import PROJECT
@@ -68,10 +73,31 @@ def test_the_page_says_what_is_in_the_map(path: Path, tmp_path: Path, unrendered
     assert f"ATE of monday: {monday.error:.2f} m" in shown.text
     assert "made by hand" in shown.text and "few-merges" in shown.text
     pictures = [uri for uri in shown.addresses if uri.startswith("data:image/")]
-    assert len(pictures) == 5  # trajectories of both parts, drift, cloud, grid
+    assert len(pictures) == 6  # trajectories of both parts, quality, drift, cloud, grid
+    assert "positions: deviation" in shown.text and "Loops that change most" in shown.text
     assert elsewhere.error is None
     assert monday.error is not None and monday.odometry_error is not None
     assert monday.error < 0.25 < 1 < monday.odometry_error
+
+
+def test_weak_places_and_vital_loops_are_listed_and_drawn(path: Path) -> None:
+    with PlaceMap.open(path, read_only=True) as site:
+        quality, drives = judge_map(site), read_drives(site)
+    assert weak_table(quality) is None
+    first, second = quality.segments[:2]
+    segments = (replace(first, weak=("unsure", "refused")), replace(second, weak=("thick-walls",)))
+    weak = replace(quality, segments=segments)
+    table = weak_table(weak)
+    assert [label for label, _ in table.rows] == [
+        f"{each.first} to {each.last}" for each in (first, second)
+    ]
+    assert [cells[1].text for _, cells in table.rows] == ["unsure, refused", "thick-walls"]
+    (most, *_), believed = quality.influences, quality.loops
+    labels = [label for label, _ in influence_table(quality).rows]
+    assert labels[0] == f"{most.edge.a} and {most.edge.b}" and len(labels) == min(believed, 10)
+    for judged, is_weak in ((quality, False), (weak, True)):
+        (legend,) = draw_quality(drives, judged, 0).legends
+        assert ("weak places" in [each.get_text() for each in legend.get_texts()]) == is_weak
 
 
 def test_the_view_in_3d_is_inside(path: Path, tmp_path: Path, unrendered: None) -> None:

@@ -17,6 +17,7 @@ from bags import static
 from error_codes import has_code
 from fusionslam.errors import ConfigError, DataError
 from fusionslam.mapping import PlaceMap
+from fusionslam.ros.runtime.diagnostics import diagnostics
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.messages import FrameTransforms, Odometry, Scan
 from place_maps import assert_same_map
@@ -178,6 +179,45 @@ def test_a_robot_is_found_on_a_map_that_another_node_may_extend(
 
 def _matrix(message: Any) -> np.ndarray:
     return np.reshape(message.pose.covariance, (6, 6))
+
+
+def level(desk: Desk) -> str:
+    """The level that the node reports on /diagnostics, by its name."""
+    (status,) = diagnostics(desk.worker, "/mapper", START, {}).status
+    names = ("OK", "WARN", "ERROR")
+    (found,) = [name for name in names if getattr(status, name) == status.level]
+    assert (status.message == "fine") == (found == "OK")
+    return found
+
+
+def test_a_robot_that_maps_says_how_sure_it_is(tmp_path: Path) -> None:
+    desk, levels = start(tmp_path / "site.fsmap", mapping={"lost_after": 15.0}), []
+    for count in range(4):  # a keyframe each 6.12 m by odometry, and no loop yet
+        drive(desk, MONDAY[count : count + 1])
+        levels.append(level(desk))
+    assert levels == ["OK", "OK", "WARN", "ERROR"]
+    report, poses = desk.node.report(), desk.outlet.of("~pose")
+    assert float(report["unconfirmed [m]"]) == pytest.approx(3 * 6.12, abs=0.01)
+    variances = np.array([np.diag(_matrix(each)) for each in poses])
+    deviations = np.sqrt(variances[:, :3].sum(axis=1))
+    assert len(poses) == 4 and np.all(np.diff(deviations) > 0)
+    assert float(report["deviation [m]"]) == pytest.approx(deviations[-1], abs=1e-3)
+    desk.node.close()
+    with PlaceMap.open(tmp_path / "site.fsmap", read_only=True) as site:
+        last, place = site.trajectory("monday")[1][-1], poses[-1].pose.pose.position
+    np.testing.assert_allclose([place.x, place.y, place.z], last[:3, 3], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_robot_that_is_looked_for_is_lost_without_odometry(built: Path) -> None:
+    desk = localizer(built)
+    elsewhere = frames(WAY[:1], 400, place=13)
+    drive(desk, elsewhere)
+    assert level(desk) == "WARN" and not desk.outlet.of("~pose")
+    drive(desk, [changed(elsewhere[0], odometry=None)], START + 100 * SECOND)
+    assert level(desk) == "ERROR"
+    drive(desk, [frames(WAY)[4]], START + 200 * SECOND)
+    assert level(desk) == "OK" and len(desk.outlet.of("~pose")) == 1
 
 
 def test_a_robot_without_odometry_is_found_but_not_mapped(built: Path, tmp_path: Path) -> None:
