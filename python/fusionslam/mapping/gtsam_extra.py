@@ -125,6 +125,22 @@ class Solver:
             ) from error
         return _rows(self._gtsam.utilities.extractPose3(self._values))
 
+    def covariances(self) -> Floats:
+        """Marginal covariances of the poses where they are, float64 (n, 6, 6), as of ``Edge``.
+
+        Raises:
+            FusionSlamError: the edges do not determine the poses (code "not-solvable").
+        """
+        try:
+            marginals = self._gtsam.Marginals(self._base, self._values)
+            found = [marginals.marginalCovariance(row) for row in range(self._values.size())]
+        except RuntimeError as error:
+            raise FusionSlamError(
+                f"the pose graph has no covariances: {error}", code="not-solvable"
+            ) from error
+        covariances = np.array(found).reshape(-1, 6, 6)
+        return covariances[:, _THEIRS[:, None], _THEIRS]
+
     def _add(
         self, graph: Any, edges: Sequence[Edge], scale: float = 1.0, *, robust: bool = False
     ) -> None:

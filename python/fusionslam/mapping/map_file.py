@@ -50,6 +50,21 @@ class StoredKeyframe(NamedTuple):
     robot_from_cloud: Matrix
 
 
+class StoredFrames(NamedTuple):
+    """Frames that are no keyframes, between a keyframe and the next one of its session.
+
+    Attributes:
+        numbers: int64 (n), of the recording's frames.
+        stamps_ns: int64 (n), time stamps; 0 if unknown.
+        motions: float64 (n, 6), poses of the robot by odometry, seen from the robot at the
+            keyframe, as small motions.
+    """
+
+    numbers: Integers
+    stamps_ns: Integers
+    motions: Floats
+
+
 class StoredCloud(NamedTuple):
     """The clouds of a keyframe, packed.
 
@@ -143,7 +158,8 @@ class MapFile(MapDatabase):
         own = "IN (SELECT id FROM keyframe WHERE session = ?)"
         self._delete("solution", "TRUE")
         self._delete("edge", f"a {own} OR b {own}", number, number)
-        self._delete("cloud", f"keyframe {own}", number)
+        for table in ("cloud", "frame"):
+            self._delete(table, f"keyframe {own}", number)
         self._delete("keyframe", "session = ?", number)
         self._delete("session", "id = ?", number)
         self.store_setting(_FORGOTTEN, (self.setting(_FORGOTTEN) or 0) + 1)
@@ -174,6 +190,26 @@ class MapFile(MapDatabase):
         self._store("cloud", keyframe.id, *cloud)
         for descriptor, vector in vectors.items():
             self._append_vector(descriptor, keyframe.id, vector)
+
+    def add_frames(self, keyframe: int, first: int, frames: StoredFrames) -> None:
+        """Add frames after a keyframe, of which the file has so many already (``first``)."""
+        columns = zip(frames, (np.int64, np.int64, np.float64), strict=True)
+        self._store("frame", keyframe, first, *(v.astype(kind).tobytes() for v, kind in columns))
+
+    def frames_after(self, keyframe: int) -> StoredFrames:
+        """Return the frames between a keyframe and the next one of its session."""
+        rows = self._rows("frame", "WHERE keyframe = ? ORDER BY first", keyframe)
+        self._check_forgotten()
+        with self.decoding():
+            numbers, stamps, motions = (b"".join(row[k] for row in rows) for k in (2, 3, 4))
+            frames = StoredFrames(
+                np.frombuffer(numbers, np.int64),
+                np.frombuffer(stamps, np.int64),
+                np.frombuffer(motions).reshape(-1, 6).copy(),
+            )
+            if len({len(each) for each in frames}) > 1 or not np.isfinite(frames.motions).all():
+                raise ValueError(f"frames after keyframe {keyframe}: expected as many finite poses")
+            return frames
 
     def cloud(self, keyframe: int) -> StoredCloud:
         """Return the clouds of a keyframe."""

@@ -26,7 +26,7 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.local_maps import RecentPieces, join_clouds
-from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
+from fusionslam.mapping.clouds import FileClouds, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.corrections import Corrections, forget_corrections
 from fusionslam.mapping.edge import Edge, check_pose
@@ -103,11 +103,8 @@ class PlaceMap:
     def __init__(self, file: MapFile, session: str | None, settings: MapSettings) -> None:
         self._lock = threading.RLock()
         self.file, self._session_name, self._given = file, session, settings
-        self._sight = ScanMotion()
-        """Within scans that are localised."""
-        self._pieces = RecentPieces()
-        """Of those scans."""
-        self.reload()
+        self._sight, self._pieces = ScanMotion(), RecentPieces()  # of scans that are localised
+        self._load()
 
     @classmethod
     def open(
@@ -217,7 +214,10 @@ class PlaceMap:
         """Close the file, after a warning if the robot turned within scans since it was opened."""
         for motion in (self._writer.motion, self._sight):
             motion.warn(str(self.file.path))
-        self.file.close()
+        try:
+            self._writer.save_frames()
+        finally:
+            self.file.close()
 
     @property
     @_one_at_a_time
@@ -287,7 +287,7 @@ class PlaceMap:
     @property
     @_one_at_a_time
     def last_frame(self) -> int | None:
-        """Number of the session's last frame that is a keyframe; None if it has none."""
+        """Number of the session's last frame that the file has; None if it has none."""
         return self._writer.last_frame
 
     @_one_at_a_time
@@ -508,9 +508,8 @@ class PlaceMap:
         problems = self.file.check()
         for keyframe in self.content.keyframes:
             try:
-                stored = self.file.cloud(keyframe.id).points
-                unpack_cloud(stored)
-                unpack_driven(stored)
+                unpack_cloud(self.file.cloud(keyframe.id).points)
+                self.file.frames_after(keyframe.id)
                 self._kept[keyframe.id].packed()
             except DataError as error:
                 if error.code == "changed":
@@ -522,7 +521,12 @@ class PlaceMap:
 
     @_one_at_a_time
     def reload(self) -> None:
-        """Take everything from the file."""
+        """Take everything from the file but frames that wait for the next keyframe."""
+        former = self._writer
+        self._load()
+        self._writer.keep_frames(former)
+
+    def _load(self) -> None:
         file = self.file
         with file.reading():
             stored = file.setting("config")
@@ -549,9 +553,10 @@ class PlaceMap:
         solved path, loops and steps are measured anew by these clouds, and it is solved once more.
         """
         self.file.check_writable()
+        self._writer.save_frames()
         self.content.is_live = False
         self._settle()
-        anew = measure_anew(self.content, self.settings, self.file.cloud)
+        anew = measure_anew(self.content, self.settings, self.file)
         if anew:
             self.content.take(anew)
             self._settle()
@@ -573,7 +578,7 @@ class PlaceMap:
         """Poses, clouds and ground levels of the part of the map that began first."""
         numbers = self.content.first_part()
         read = lru_cache(4)(self.file.cloud)
-        sweeps = SolvedSweeps(self.content, read)
+        sweeps = SolvedSweeps(self.content, read, self.file.frames_after)
         for number, pose in zip(numbers, self.content.poses_of(numbers), strict=True):
             yield pose, sweeps.cloud(number), read(number).ground_level
 

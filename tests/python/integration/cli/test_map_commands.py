@@ -196,13 +196,19 @@ def test_frames_are_found_on_a_map(made: Path, built: Path, tmp_path: Path) -> N
 def test_a_map_is_exported(built: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyproj")
     words = ("map", "export", built, "-o", tmp_path, "--resolution", "0.5", "--voxel", "0.5")
-    succeeds(*words, "--origin", "49,8.4,110,30")
+    succeeds(*words, "--origin", "49,8.4,110,30", "--covariance")
     found = {path.name for path in tmp_path.iterdir()}
     grid = {"grid.pgm", "grid.yaml", "heights.asc"}
-    others = {"cloud.ply", "cloud.pcd", "graph.g2o", "street.tum", "trajectory.geojson"}
+    others = {"cloud.ply", "cloud.pcd", "graph.g2o", "trajectory.geojson"}
+    others |= {f"street.{kind}" for kind in ("tum", "kitti", "csv")}
     assert found == others | grid
     assert yaml.safe_load((tmp_path / "grid.yaml").read_text())["resolution"] == 0.5
-    assert len(datasets.read_poses(tmp_path / "street.tum")[1]) == len(WAY)
+    _, poses = datasets.read_poses(tmp_path / "street.tum")
+    np.testing.assert_allclose(datasets.read_poses(tmp_path / "street.kitti")[1], poses, atol=1e-12)
+    told = table(tmp_path / "street.csv")
+    assert len(told) == len(poses) == len(WAY)
+    last = np.array([float(told[-1][f"cov_{axis}_{axis}"]) for axis in ("x", "y", "z", "rx")])
+    assert ((last > 0.001**2) & (last < 0.2**2)).all()
     clouds = [datasets.read_cloud(tmp_path / f"cloud.{kind}").points for kind in ("ply", "pcd")]
     np.testing.assert_allclose(*clouds)
     for origin in ("49", "north,east", "100,0", "1,2,3,4,5"):
