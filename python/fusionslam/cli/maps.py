@@ -3,7 +3,6 @@
 """The commands ``fusionslam map ...``."""
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -217,6 +216,7 @@ def localize(
     from fusionslam.config import merged
     from fusionslam.mapping import PlaceMap
     from fusionslam.pipelines.place_maps import (
+        Localized,
         has_odometry,
         localize_recording,
         odometry_of,
@@ -248,10 +248,7 @@ def localize(
             )
         ]
     write_localizations(output, found)
-    fixes = sum(each.pose is not None for *_, each in found)
-    reasons = Counter(each.reason.code for *_, each in found if each.pose is None and each.reason)
-    print(f"{fixes} of {len(found)} frames found", end="")
-    print(*(f"; {count} not: {code}" for code, count in reasons.most_common()), sep="")
+    print(Localized.of(found))
     print(output)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from fusionslam.base.arrays import Floats
 from fusionslam.config import Section, merged, option
 from fusionslam.errors import ConfigError, needing
+from fusionslam.geometry.rigid import rotation
 
 
 class MapOrigin(Section):
@@ -78,8 +79,7 @@ def from_geographic(places: Floats, origin: MapOrigin) -> Floats:
 
 def _turn(origin: MapOrigin) -> Floats:
     """East and north of a map's x and y, float64 (2, 2)."""
-    angle = np.radians(origin.heading)
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return rotation([0, 0, np.radians(origin.heading)])[:2, :2]
 
 
 def _enu_from_geographic(origin: MapOrigin) -> Any:

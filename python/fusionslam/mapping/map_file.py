@@ -27,7 +27,7 @@ from fusionslam.registration.result import Refusal
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
 _FORGOTTEN = "forgotten sessions"
-_FIXES, _ORIGIN = "fixes of", "origin"
+_FIXES, ORIGINS = "fixes of", "origins"
 
 
 class StoredKeyframe(NamedTuple):
@@ -154,7 +154,7 @@ class MapFile(MapDatabase):
         for name in names:
             for kind in ("recording of", _FIXES):
                 self.delete_setting(f"{kind} {name}")
-        self.delete_setting(_ORIGIN)
+        self.delete_setting(ORIGINS)
         own = "IN (SELECT id FROM keyframe WHERE session = ?)"
         self._delete("solution", "TRUE")
         self._delete("edge", f"a {own} OR b {own}", number, number)
@@ -322,21 +322,21 @@ class MapFile(MapDatabase):
 
     def store_positions(self, session: str, positions: Sequence[Position]) -> None:
         """Store the positions of a session that satellites tell, instead of those it had."""
-        rows = [
-            [each.node, *each.arm.tolist(), *each.place.tolist(), *each.covariance.ravel().tolist()]
-            for each in positions
-        ]
-        self.store_setting(f"{_FIXES} {session}", rows)
+        self.store_setting(f"{_FIXES} {session}", _encode(positions))
 
-    def origin(self) -> MapOrigin | None:
-        """Return where on the globe the map's first part is; None if it is not known."""
-        stored = self.setting(_ORIGIN)
+    def has_positions(self, session: str, positions: Sequence[Position]) -> bool:
+        """Whether these are the positions of a session."""
+        return bool(self.setting(f"{_FIXES} {session}") == _encode(positions))
+
+    def origins(self) -> dict[int, MapOrigin]:
+        """Return where on the globe parts of the map are, by their numbers."""
+        stored = self.setting(ORIGINS)
         with self.decoding():
-            return None if stored is None else MapOrigin(**stored)
+            return {int(part): MapOrigin(**origin) for part, origin in (stored or {}).items()}
 
-    def store_origin(self, origin: MapOrigin | None) -> None:
-        """Store where on the globe the map's first part is."""
-        self.store_setting(_ORIGIN, None if origin is None else origin.model_dump())
+    def store_origins(self, origins: Mapping[int, MapOrigin]) -> None:
+        """Store where on the globe parts of the map are."""
+        self.store_setting(ORIGINS, {part: at.model_dump() for part, at in origins.items()})
 
     def _append_vector(self, descriptor: str, keyframe: int, vector: Floats32) -> None:
         newest = "WHERE descriptor = ? ORDER BY first DESC LIMIT 1"
@@ -376,6 +376,13 @@ class MapFile(MapDatabase):
             numbers.astype(np.int64).tobytes(),
             np.ascontiguousarray(rows, np.float32).tobytes(),
         )
+
+
+def _encode(positions: Sequence[Position]) -> list[list[float]]:
+    return [
+        [each.node, *each.arm.tolist(), *each.place.tolist(), *each.covariance.ravel().tolist()]
+        for each in positions
+    ]
 
 
 def _pose(data: bytes) -> Matrix:

@@ -77,8 +77,7 @@ def _one_at_a_time(
 
 DEFAULT_DESCRIPTOR = "cm2dp"
 """The descriptor of a new map."""
-_WINDOW = 20
-"""Keyframes that are no candidates: odometry is still good."""
+_WINDOW = 20  # keyframes that are no candidates: odometry is still good
 
 
 @checked
@@ -96,13 +95,14 @@ class PlaceMap:
 
     Attributes:
         file: what is on the disk.
+        session: name of the drive that ``add`` extends; None if there is none.
         content: sessions, keyframes, edges and poses, as they are in memory.
         detector: what finds keyframes, and has their clouds and vectors.
     """
 
     def __init__(self, file: MapFile, session: str | None, settings: MapSettings) -> None:
         self._lock = threading.RLock()
-        self.file, self._session_name, self._given = file, session, settings
+        self.file, self.session, self._given = file, session, settings
         self._sight, self._pieces = ScanMotion(), RecentPieces()  # of scans that are localised
         self._load()
 
@@ -263,17 +263,17 @@ class PlaceMap:
             ConfigError: the session is that of another one (code "other-recording").
         """
         self._check_session()
-        key = f"recording of {self._session_name}"
+        key = f"recording of {self.session}"
         known = self.file.setting(key)
         if known is None:
             with self.file.transaction():
                 self.file.store_setting(key, name)
         elif known != name:
             raise ConfigError(
-                f"session {self._session_name!r} of {self.file.path} is that of {known}, not of "
+                f"session {self.session!r} of {self.file.path} is that of {known}, not of "
                 f"{name}: expected a session of its own (--session NAME)",
                 code="other-recording",
-                fields=("session", str(self._session_name)),
+                fields=("session", str(self.session)),
             )
 
     @property
@@ -531,7 +531,7 @@ class PlaceMap:
         with file.reading():
             stored = file.setting("config")
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
-            placed = file.positions(), file.origin()
+            placed = file.positions(), file.origins()
             vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)
@@ -541,7 +541,7 @@ class PlaceMap:
         with nullcontext() if is_new else file.decoding():
             self.detector = resume_detector(settings, file, self.content, self._kept, vectors)
         parts = file, self.content, self.detector, self._kept
-        self._writer = MapWriter(self._session_name, settings, *parts)
+        self._writer = MapWriter(self.session, settings, *parts)
         self._localizer = Localizer(self.content, self.detector.stored_frame, settings.loops)
 
     @_one_at_a_time
@@ -591,7 +591,7 @@ class PlaceMap:
 
     def _check_session(self) -> None:
         self.file.check_writable()
-        if not self._session_name:
+        if not self.session:
             raise ConfigError(
                 "the map was opened without a session: expected PlaceMap.open(path, session=NAME)",
                 code="choice",

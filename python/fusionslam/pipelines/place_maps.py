@@ -4,6 +4,7 @@
 
 import csv
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
@@ -187,16 +188,17 @@ def build_map(
         else:
             keyframes += added.keyframe is not None
             loops += len(added.loops)
-    if keyframes and not _add_fixes(site, dataset):
+    if not _add_fixes(site, dataset) and keyframes:
         site.solve()
     return Built(len(dataset) - begin, keyframes, loops, skipped)
 
 
 def _add_fixes(site: PlaceMap, dataset: Dataset) -> bool:
-    """Put the map where a recording's satellite receiver has it; False if it cannot."""
+    """Put the map where a recording's satellite receiver has it; False if nothing is new."""
     fixes = [*dataset.fixes()]
-    if not fixes:
+    if not fixes or site.session not in site.content.sessions:
         return False
+    assert site.session is not None
     mount = dataset.robot_from_antenna()
     if mount is None:
         logger.warning(
@@ -204,18 +206,18 @@ def _add_fixes(site: PlaceMap, dataset: Dataset) -> bool:
             *(dataset.name, fixes[0].frame_id),
         )
         mount = np.eye(4)
-    newest = site.content.keyframes[-1].session
-    (session,) = (name for name, number in site.content.sessions.items() if number == newest)
     try:
-        add_fixes(site, session, fixes, mount)
+        is_new = add_fixes(site, site.session, fixes, mount)
     except DataError as error:
         if error.code not in ("no-fixes", "other-clock"):
             raise
         logger.warning("%s: fixes are left out: %s", dataset.name, error)
         return False
-    if site.content.unplaced is not None:
-        logger.warning("%s: the map is not on the globe: %s", dataset.name, site.content.unplaced)
-    return True
+    for part, place in site.content.places.items():
+        if isinstance(place, Refusal):
+            text = "%s: part %d of the map is not on the globe: %s"
+            logger.warning(text, dataset.name, part, place)
+    return is_new
 
 
 def true_keyframes(site: PlaceMap, session: str, dataset: Dataset) -> Floats | None:
@@ -298,6 +300,31 @@ def _use_frames(
                 progress(index + 1, len(dataset))
 
 
+class Localized(NamedTuple):
+    """How many frames of a recording were found on a map, and why others were not.
+
+    Attributes:
+        frames: number of frames that were looked at.
+        found: number of those with a pose.
+        reasons: numbers of the others by the code of the reason, the most frequent first.
+    """
+
+    frames: int
+    found: int
+    reasons: dict[str, int]
+
+    @classmethod
+    def of(cls, found: Sequence[tuple[int, int, Localization]]) -> "Localized":
+        """Count what ``localize_recording`` yields."""
+        codes = [each.reason.code for *_, each in found if each.reason is not None]
+        return cls(len(found), len(found) - len(codes), dict(Counter(codes).most_common()))
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        reasons = (f"; {count} not: {code}" for code, count in self.reasons.items())
+        return f"{self.found} of {self.frames} frames found{''.join(reasons)}"
+
+
 def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localization]]) -> None:
     """Write a CSV: frame, stamp_ns, map_from_robot (x, y, z, qx, qy, qz, qw), keyframe,
     part, reason.
@@ -340,7 +367,7 @@ def export_map(
 
     ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
     ``graph.g2o``; ``SESSION.tum`` and ``SESSION.kitti``, poses of all frames (``name_tracks``);
-    where the map's origin is known ``trajectory.geojson``. Cloud, grid, heights and graph are those
+    of parts whose origin is known ``trajectory.geojson``. Cloud, grid, heights and graph are those
     of the map's first part.
 
     Args:
@@ -348,7 +375,7 @@ def export_map(
         folder: made if missing.
         voxel: of the clouds, metres.
         resolution: of the grid, metres.
-        origin: where on the globe the map is; by default as its fixes say.
+        origin: where on the globe the first part of the map is; by default as its fixes say.
         covariance: whether poses are written with their covariances, too (``SESSION.csv``).
 
     Raises:
@@ -368,6 +395,9 @@ def export_map(
     write_map_graph(graph, site.content)
     files: dict[Path, Track | None] = dict.fromkeys([*clouds, *grid, heights, graph])
     tracks = name_tracks(site, covariance=covariance)
+    origins = dict(site.content.origins)
+    if origin is not None:
+        origins[site.content.parts[0]] = origin
     for name, track in tracks.items():
         stamps, poses = track.frames.stamps_ns, track.frames.poses
         write_poses_tum(target / f"{name}.tum", stamps, poses)
@@ -377,14 +407,12 @@ def export_map(
             _write_covariances(target / f"{name}.csv", track.frames)
             kinds.append("csv")
         files |= {target / f"{name}.{kind}": track for kind in kinds}
-    origin = origin or site.content.origin
-    if origin is not None:
+    if origins:
         path = target / "trajectory.geojson"
-        first = site.content.parts[0]
         placed = [
-            (each.session, each.frames.stamps_ns, each.frames.poses, origin)
+            (each.session, each.frames.stamps_ns, each.frames.poses, origins[each.part])
             for each in tracks.values()
-            if each.part == first
+            if each.part in origins
         ]
         write_geojson(path, placed)
         files[path] = None

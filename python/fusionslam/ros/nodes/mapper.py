@@ -312,6 +312,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
         self._localizing_s = time.monotonic() - began
         self.counts["localisations"] += 1
         self.counts["found"] += found.map_from_robot is not None
+        if found.reason is not None:
+            self.counts[f"not found: {found.reason.code}"] += 1
         self._reason = "" if found.reason is None else found.reason.text
         if self._read_only:
             self._take_place(frame, found)

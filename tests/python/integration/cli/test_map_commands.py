@@ -5,6 +5,7 @@
 import re
 import shutil
 import sqlite3
+from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -184,6 +185,8 @@ def test_frames_are_found_on_a_map(made: Path, built: Path, tmp_path: Path) -> N
     assert (again.code, again.fields) == ("other-config", ("fusion.voxel",))
     assert sum(map(int, re.findall(r"(\d+) (?:of|not)", said))) == len(found)  # reasons are counted
     assert len(found) == len(RETURN)
+    for code, count in Counter(row["reason"] for row in found if row["reason"]).items():
+        assert f"; {count} not: {code}" in said
     known = [row for row in found if not row["reason"]]
     assert len(known) >= 7
     for row in known:

@@ -93,6 +93,26 @@ def test_a_graph_lies_where_its_fixes_say_and_its_first_node_stays() -> None:
     np.testing.assert_allclose(solution.poses[0], exp(np.array([5.0, 7, 1, 0, 0, 2.0])), atol=2e-3)
 
 
+def test_parts_that_nothing_joins_lie_where_their_fixes_say() -> None:
+    """Two drives, and a third one of which no fix tells."""
+    ways, graph, positions = [circle(), circle(40), circle(5)], PoseGraph(), []
+    for way, measured in zip(ways, (measure(ways[0]), measure(ways[1], seed=1), []), strict=True):
+        first = len(graph)
+        graph.add_node(exp(np.array([first, 7.0, 1, 0, 0, 2.0])))
+        for step in inverse(way[:-1]) @ way[1:]:
+            node = graph.add_node()
+            graph.add_edge(node - 1, node, step, SD, "odometry")
+        positions += [replace(each, node=each.node + first) for each in measured]
+    graph.set_positions(positions)
+    solution = graph.solve()
+    assert solution.places.keys() == {0, 60}
+    for part, way in zip((0, 60), ways, strict=False):
+        here = Solution(solution.poses[solution.parts == part], np.zeros(len(way), int), (), ())
+        here = replace(here, places={0: solution.places[part]})
+        np.testing.assert_allclose(utm_of(here), way[:, :3, 3], atol=0.05)
+    np.testing.assert_allclose(solution.poses[100], exp(np.array([100, 7.0, 1, 0, 0, 2.0])))
+
+
 def test_fixes_that_are_far_off_do_not_count() -> None:
     true = circle()
     positions = measure(true, 0.3)
