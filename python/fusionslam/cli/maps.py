@@ -4,7 +4,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -440,6 +440,9 @@ def _parse_pose(name: str, text: str) -> "Matrix":
     return pose
 
 
+FRAMES = ("map", "utm")
+
+
 @app.command()
 @opt.command
 def export(
@@ -458,6 +461,14 @@ def export(
             "north; by default where its fixes say.",
         ),
     ] = None,
+    frame: Annotated[
+        str,
+        opt.one_of(
+            "--frame",
+            names=FRAMES,
+            help="Of the poses: the map's, or UTM where it is on the globe.",
+        ),
+    ] = "map",
     covariance: Annotated[
         bool, typer.Option("--covariance", help="Write poses with covariances, too (SESSION.csv).")
     ] = False,
@@ -469,6 +480,7 @@ def export(
     from fusionslam.pipelines.place_maps import export_map
 
     place = None if origin is None else parse_origin(origin)
+    chosen = cast("Literal['map', 'utm']", opt.check_choice("frame", frame, FRAMES))
     with PlaceMap.open(path, read_only=True) as site:
         files = export_map(
             site,
@@ -476,6 +488,7 @@ def export(
             voxel=voxel,
             resolution=resolution,
             origin=place,
+            frame=chosen,
             covariance=covariance,
         )
         first = site.content.parts[0]

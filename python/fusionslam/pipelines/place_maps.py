@@ -27,7 +27,7 @@ from fusionslam.datasets.pose_files import (
 )
 from fusionslam.errors import DataError
 from fusionslam.fusion import OPTICAL, looks_along_z
-from fusionslam.geometry.globe import MapOrigin
+from fusionslam.geometry.globe import MapOrigin, utm_code, utm_poses
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of
 from fusionslam.geometry.trajectory import ground_poses
@@ -361,6 +361,7 @@ def export_map(
     voxel: float = 0.1,
     resolution: float = 0.05,
     origin: MapOrigin | None = None,
+    frame: Literal["map", "utm"] = "map",
     covariance: bool = False,
 ) -> dict[Path, Track | None]:
     """Write a map for other programs; returns the files, and what poses they have.
@@ -376,13 +377,25 @@ def export_map(
         voxel: of the clouds, metres.
         resolution: of the grid, metres.
         origin: where on the globe the first part of the map is; by default as its fixes say.
+        frame: of the poses; "utm": of the zone that the map is in, whose code of EPSG the names of
+            their files have. Parts whose origin is unknown are left out then, with a warning.
         covariance: whether poses are written with their covariances, too (``SESSION.csv``).
 
     Raises:
-        DataError: the map has no keyframes (code "empty"), or a file cannot be written.
+        DataError: the map has no keyframes (code "empty"), nothing tells where it is for UTM
+            ("no-origin"), or a file cannot be written.
     """
     if not len(site):
         raise DataError("the map has no keyframes: there is nothing to export", code="empty")
+    origins = dict(site.content.origins)
+    if origin is not None:
+        origins[site.content.parts[0]] = origin
+    if frame == "utm" and not origins:
+        raise DataError(
+            f"{site.path} is not on the globe: expected --origin, or fixes of a satellite receiver",
+            code="no-origin",
+            fields=(str(site.path),),
+        )
     target = Path(folder)
     _warn_of_optical(site)
     cloud = site.cloud(voxel)
@@ -395,18 +408,21 @@ def export_map(
     write_map_graph(graph, site.content)
     files: dict[Path, Track | None] = dict.fromkeys([*clouds, *grid, heights, graph])
     tracks = name_tracks(site, covariance=covariance)
-    origins = dict(site.content.origins)
-    if origin is not None:
-        origins[site.content.parts[0]] = origin
-    for name, track in tracks.items():
-        stamps, poses = track.frames.stamps_ns, track.frames.poses
-        write_poses_tum(target / f"{name}.tum", stamps, poses)
-        write_poses_kitti(target / f"{name}.kitti", poses)
+    for name, (session, part, frames) in tracks.items():
+        poses = frames.poses
+        if frame == "utm" and part not in origins:
+            logger.warning("%s: part %d of the map is not on the globe: left out", session, part)
+            continue
+        if frame == "utm":
+            code = utm_code(next(iter(origins.values())))
+            name, poses = f"{name}.epsg{code}", utm_poses(poses, origins[part], code)
         kinds = ["tum", "kitti"]
+        write_poses_tum(target / f"{name}.tum", frames.stamps_ns, poses)
+        write_poses_kitti(target / f"{name}.kitti", poses)
         if covariance:
-            _write_covariances(target / f"{name}.csv", track.frames)
+            _write_covariances(target / f"{name}.csv", frames._replace(poses=poses))
             kinds.append("csv")
-        files |= {target / f"{name}.{kind}": track for kind in kinds}
+        files |= {target / f"{name}.{kind}": Track(session, part, frames) for kind in kinds}
     if origins:
         path = target / "trajectory.geojson"
         placed = [
