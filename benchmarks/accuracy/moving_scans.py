@@ -310,7 +310,7 @@ def compare_surfaces(drive: Drive, folder: Path) -> Surfaces:
             robot = site.trajectory("drive")[1]
             off = (fit_motion(robot, np.array(true)) @ robot)[:, :3, 3] - np.array(true)[:, :3, 3]
             ates.append(float(np.sqrt((off**2).sum(axis=1).mean())))
-            sweeps = SolvedSweeps(site.content, site.file.cloud)
+            sweeps = SolvedSweeps(site.content, site.file.cloud, site.file.frames_after)
             find = sweeps.stored if part == "before" else sweeps.cloud
             poses = site.content.poses[:, None]
             clouds = [find(number) for number in range(len(true))]

@@ -3,9 +3,8 @@
 """The commands ``fusionslam map ...``."""
 
 import math
-from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -88,12 +87,12 @@ def build(
     from fusionslam.datasets import write_poses_tum
     from fusionslam.descriptors import load_descriptor
     from fusionslam.mapping import PlaceMap
+    from fusionslam.mapping.frame_poses import frame_poses
     from fusionslam.mapping.place_map import DEFAULT_DESCRIPTOR
     from fusionslam.pipelines.describe import describable
     from fusionslam.pipelines.place_maps import (
         build_map,
         check_odometry,
-        frame_trajectory,
         odometry_of,
     )
 
@@ -157,7 +156,8 @@ def build(
             )
             warning, window = site.reason, site.settings.loops.window
             if trajectory is not None:
-                write_poses_tum(trajectory, *frame_trajectory(site, name, dataset, poses))
+                frames = frame_poses(site, name)
+                write_poses_tum(trajectory, frames.stamps_ns, frames.poses)
         page = None if no_report else output.with_suffix(".html")
         lines = finish_map(output, name, dataset, kind, page, step, warning)
     print(f"{name}: {describe_growth(built, window)}")
@@ -219,6 +219,7 @@ def localize(
     from fusionslam.config import merged
     from fusionslam.mapping import PlaceMap
     from fusionslam.pipelines.place_maps import (
+        Localized,
         has_odometry,
         localize_recording,
         odometry_of,
@@ -250,10 +251,7 @@ def localize(
             )
         ]
     write_localizations(output, found)
-    fixes = sum(each.pose is not None for *_, each in found)
-    reasons = Counter(each.reason.code for *_, each in found if each.pose is None and each.reason)
-    print(f"{fixes} of {len(found)} frames found", end="")
-    print(*(f"; {count} not: {code}" for code, count in reasons.most_common()), sep="")
+    print(Localized.of(found))
     print(output)
 
 
@@ -445,6 +443,9 @@ def _parse_pose(name: str, text: str) -> "Matrix":
     return pose
 
 
+FRAMES = ("map", "utm")
+
+
 @app.command()
 @opt.command
 def export(
@@ -463,20 +464,43 @@ def export(
             "north; by default where its fixes say.",
         ),
     ] = None,
+    frame: Annotated[
+        str,
+        opt.one_of(
+            "--frame",
+            names=FRAMES,
+            help="Of the poses: the map's, or UTM where it is on the globe.",
+        ),
+    ] = "map",
+    covariance: Annotated[
+        bool, typer.Option("--covariance", help="Write poses with covariances, too (SESSION.csv).")
+    ] = False,
 ) -> None:
-    """Write a map for other programs: clouds, grid, heights, graph, trajectories."""
+    """Write a map for other programs: clouds, grid, heights, graph, poses of all frames."""
     needs_extra("map")
     from fusionslam.geometry.globe import parse_origin
     from fusionslam.mapping import PlaceMap
-    from fusionslam.pipelines.place_maps import export_map, trajectory_files
+    from fusionslam.pipelines.place_maps import export_map
 
     place = None if origin is None else parse_origin(origin)
+    chosen = cast("Literal['map', 'utm']", opt.check_choice("frame", frame, FRAMES))
     with PlaceMap.open(path, read_only=True) as site:
-        files = export_map(site, output, voxel=voxel, resolution=resolution, origin=place)
-        sessions = trajectory_files(site)
-    for file in files:
-        session = sessions.get(file.name)
-        print(file if session is None else f"{file}: session {session}")
+        files = export_map(
+            site,
+            output,
+            voxel=voxel,
+            resolution=resolution,
+            origin=place,
+            frame=chosen,
+            covariance=covariance,
+        )
+        first = site.content.parts[0]
+    for file, track in files.items():
+        about = ""
+        if track is not None:
+            about = f": session {track.session}"
+            about += f", part {track.part}" if track.part != first else ""
+        print(f"{file}{about}")
 
 
 @app.command()

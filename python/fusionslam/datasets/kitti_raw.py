@@ -6,7 +6,9 @@ True poses are those of the GPS/IMU records in ``oxts/``, made as the data's dev
 unless a pose file is given.
 """
 
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +37,7 @@ from fusionslam.datasets.streams import (
 from fusionslam.errors import DataError, naming
 from fusionslam.geometry.rigid import check_mounting
 from fusionslam.sensors.frame import Camera
+from fusionslam.sensors.messages import Fix
 
 IMU_FRAME = "GPS/IMU"
 OXTS = Path("oxts", "data")
@@ -45,7 +48,7 @@ FIELDS = (
     *("pos_accuracy", "vel_accuracy", "navstat", "numsats", "posmode", "velmode", "orimode"),
 )
 """Numbers of a record, as in oxts/dataformat.txt of the data: degrees, metres, radians first."""
-_POSE = len(("lat", "lon", "alt", "roll", "pitch", "yaw"))
+_POSE = ("lat", "lon", "alt", "roll", "pitch", "yaw")
 _LARGEST = {"lat": 90.0, "lon": 180.0}
 STREAM_FOLDERS = ("velodyne_points", "image_00", "image_01", "image_02", "image_03")
 
@@ -65,8 +68,22 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
     times = [folder / "timestamps.txt" for folder in folders]
     stamps, recorded = stamps_of(numbers, times, read_timestamps)
     rectified_from_points, cameras = _calibration(root, chosen, camera_numbers)
-    truth = _truth(root, request.poses, rectified_from_points, numbers, stamps, recorded)
-    return FileDataset(
+    # Records of drives that are not synchronised are of 100 Hz: their numbers are not frames'.
+    is_synchronised = not root.name.endswith("_extract")
+    records = scan(root / OXTS, (".txt",)) if is_synchronised else None
+    mounting, velodyne_from_imu = _calibration_file(root, "calib_imu_to_velo.txt"), None
+    if records is not None and mounting is not None:
+        velodyne_from_imu = read_calibration(mounting).transform("R", "T")
+        with naming(mounting):
+            check_mounting("R T", velodyne_from_imu)
+    if request.poses is not None:
+        poses = match_poses(request.poses, numbers, stamps, recorded=recorded)
+        truth = _Truth(poses, request.poses, POSE_FRAME, rectified_from_points)
+    elif records is None:
+        truth = _Truth(None, None, POSE_FRAME, rectified_from_points)
+    else:
+        truth = _truth(root, records, numbers, rectified_from_points, velodyne_from_imu)
+    return KittiRaw(
         kind="kitti-raw",
         name=f"KITTI raw {root.name}",
         root=root,
@@ -82,7 +99,47 @@ def open_kitti_raw(path: Path, request: Request) -> Dataset:
         gaps=gaps,
         recorded=recorded,
         robot_from_points=ROBOT_FROM_VELODYNE,
+        records={} if records is None else records.files,
+        velodyne_from_imu=velodyne_from_imu,
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class KittiRaw(FileDataset):
+    """A drive whose GPS/IMU tells its positions.
+
+    Attributes:
+        records: files of the GPS/IMU by number.
+        velodyne_from_imu: float64 (4, 4); None if unknown.
+    """
+
+    records: Mapping[int, Path]
+    velodyne_from_imu: Matrix | None
+
+    def fixes(self) -> Iterator[Fix]:
+        """Positions of the GPS/IMU, twice as uncertain in height as it states for east and north.
+
+        Raises:
+            DataError: a record is cut or garbled; the message names the file and the field.
+        """
+        numbers = sorted(self.records)
+        if not numbers:
+            return
+        times = [self.root / folder / "timestamps.txt" for folder in ("oxts", *STREAM_FOLDERS)]
+        stamps_ns, _ = stamps_of(np.array(numbers), times, read_timestamps)
+        for number, stamp_ns in zip(numbers, stamps_ns.tolist(), strict=True):
+            *place, sd_m = _read_record(self.records[number], (*FIELDS[:3], "pos_accuracy"))
+            covariance = np.diag([1.0, 1.0, 4.0]) * sd_m**2 if sd_m > 0 else None
+            position = np.array(place)
+            yield Fix(
+                stamp_ns=stamp_ns, frame_id=IMU_FRAME, position=position, covariance=covariance
+            )
+
+    def robot_from_antenna(self) -> Matrix | None:
+        """Of the IMU: positions are those of it."""
+        if self.velodyne_from_imu is None:
+            return None
+        return ROBOT_FROM_VELODYNE @ self.velodyne_from_imu
 
 
 class _Truth(NamedTuple):
@@ -96,31 +153,19 @@ class _Truth(NamedTuple):
 
 def _truth(
     root: Path,
-    given: Path | None,
-    rectified_from_points: Matrix | None,
+    records: Stream,
     numbers: NDArray[np.int64],
-    stamps_ns: NDArray[np.int64],
-    recorded: int | None,
+    rectified_from_points: Matrix | None,
+    velodyne_from_imu: Matrix | None,
 ) -> _Truth:
-    """Poses of the file given, else of the GPS/IMU: of camera 0 if the calibration places it.
+    """Poses by the GPS/IMU: of camera 0 if the calibration places it.
 
     The world is then camera 0 at the drive's first record, as for KITTI odometry. Where the
     calibration is incomplete, the poses are the IMU's own.
     """
-    if given is not None:
-        poses = match_poses(given, numbers, stamps_ns, recorded=recorded)
-        return _Truth(poses, given, POSE_FRAME, rectified_from_points)
-    # Records of drives that are not synchronised are of 100 Hz: their numbers are not frames'.
-    records = None if root.name.endswith("_extract") else scan(root / OXTS, (".txt",))
-    if records is None:
-        return _Truth(None, None, POSE_FRAME, rectified_from_points)
     imu_poses = _read_oxts(records, numbers)
-    mounting = _calibration_file(root, "calib_imu_to_velo.txt")
-    if mounting is None:
+    if velodyne_from_imu is None:
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, None)
-    velodyne_from_imu = read_calibration(mounting).transform("R", "T")
-    with naming(mounting):
-        check_mounting("R T", velodyne_from_imu)
     if rectified_from_points is None:
         imu_from_velodyne = np.linalg.inv(velodyne_from_imu).astype(np.float64)
         return _Truth(imu_poses, root / OXTS, IMU_FRAME, imu_from_velodyne)
@@ -189,7 +234,7 @@ def _read_oxts(records: Stream, numbers: NDArray[np.int64]) -> Matrix:
     first = min(records.files)
     known = np.array([number in records.files for number in numbers.tolist()], dtype=bool)
     wanted = [first, *numbers[known].tolist()]
-    poses = oxts_poses(np.array([_read_record(records.files[number]) for number in wanted]))
+    poses = oxts_poses(np.array([_read_record(records.files[number], _POSE) for number in wanted]))
     found = np.full((len(numbers), 4, 4), np.nan)
     found[known] = poses[1:]
     return found
@@ -219,8 +264,8 @@ def oxts_poses(records: Floats) -> Matrix:
     return np.asarray(np.linalg.inv(poses[0]) @ poses)
 
 
-def _read_record(path: Path) -> Floats:
-    """Read the first six numbers of a record: float64 (6,)."""
+def _read_record(path: Path, names: Sequence[str]) -> Floats:
+    """Read fields of a record, float64 (n,)."""
     with reading(path, f"{len(FIELDS)} numbers of a GPS/IMU record"):
         texts = path.read_text(encoding="ascii").split()
     if len(texts) != len(FIELDS):
@@ -229,8 +274,9 @@ def _read_record(path: Path) -> Floats:
             code="truncated",
             fields=(str(path), str(len(texts))),
         )
-    values = np.full(_POSE, np.nan)
-    for row, (name, text) in enumerate(zip(FIELDS[:_POSE], texts, strict=False)):
+    values = np.full(len(names), np.nan)
+    for row, name in enumerate(names):
+        text = texts[FIELDS.index(name)]
         with suppress(ValueError):
             values[row] = float(text)
         largest, size = _LARGEST.get(name, np.inf), abs(values[row])

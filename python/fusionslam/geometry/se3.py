@@ -66,9 +66,12 @@ def adjoint(poses: Floats) -> Floats:
 
 
 def carry_covariance(pose: Floats, covariance: Floats) -> Floats:
-    """Covariance (6, 6) of small motions in frame a, of those in frame b; ``pose`` is a_from_b."""
+    """Covariances (..., 6, 6) of small motions in frame a, of those in frame b.
+
+    ``pose``, (..., 4, 4), is a_from_b.
+    """
     carry = adjoint(pose)
-    return np.asarray(carry @ covariance @ carry.T)
+    return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
 
 
 def _left_jacobian(turns: Floats) -> Floats:

@@ -19,11 +19,9 @@ from fusionslam.sensors.frame import Cloud
 _LONGEST_S, _SHORTEST_S = 1.0, 1e-6
 """Of a scan. Times farther from the stamp are of another clock."""
 _TICKS = 255
-NOT_DRIVEN: Floats = np.empty((0, 7))
-"""Odometry of no frames."""
 
 
-def pack_cloud(cloud: Cloud, voxel: float, driven: Floats = NOT_DRIVEN) -> bytes:
+def pack_cloud(cloud: Cloud, voxel: float) -> bytes:
     """Compress one point, and colour, for each voxel; coordinates to 8 mm.
 
     Times of points, where they are known, are kept to 1/255 of the scan.
@@ -31,9 +29,6 @@ def pack_cloud(cloud: Cloud, voxel: float, driven: Floats = NOT_DRIVEN) -> bytes
     Args:
         cloud: in the frame of the keyframe.
         voxel: metres.
-        driven: float64 (m, 7), odometry of the frames since the keyframe before, of clouds with
-            times: seconds after the stamp, ascending and negative, and small motions from the
-            stamp to then, in the frame of the cloud.
     """
     points, colors, _ = voxel_downsample(cloud.points, cloud.colors, size=voxel)
     arrays: dict[str, NDArray[Any]] = {"points": pack_points(points)}
@@ -47,8 +42,6 @@ def pack_cloud(cloud: Cloud, voxel: float, driven: Floats = NOT_DRIVEN) -> bytes
             # A point is the mean of its voxel, and so is its time, as if it were a colour.
             _, mean, _ = voxel_downsample(cloud.points, ticks[:, None].repeat(3, 1), size=voxel)
             arrays |= {"ticks": mean[:, 0].copy(), "span": np.array([start, end])}
-            if len(driven):
-                arrays["driven"] = driven
     return pack_arrays(arrays)
 
 
@@ -61,22 +54,6 @@ def unpack_cloud(packed: bytes) -> Cloud:
     with unpacking(packed) as arrays:
         points = unpack_points(arrays["points"])
         return Cloud(points, arrays.get("colors"), seconds=_unpack_seconds(arrays, len(points)))
-
-
-def unpack_driven(packed: bytes) -> Floats:
-    """Return ``driven`` as ``pack_cloud`` packed it, (0, 7) without.
-
-    Raises:
-        DataError: the bytes are damaged.
-    """
-    with unpacking(packed) as arrays:
-        driven: Floats = arrays.get("driven", NOT_DRIVEN)
-        if driven.dtype != np.float64 or driven.ndim != 2 or driven.shape[1] != 7:
-            raise ValueError(f"driven is {driven.dtype} {driven.shape}, expected float64 (m, 7)")
-        is_ascending = (np.diff(driven[:, 0], append=0.0) > 0).all()
-        if not (np.isfinite(driven).all() and is_ascending):
-            raise ValueError("driven: expected finite numbers, seconds ascending to below 0")
-    return driven
 
 
 def _unpack_seconds(arrays: Mapping[str, NDArray[Any]], count: int) -> Floats | None:

@@ -25,7 +25,7 @@ from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.verification import PairComparisons, verify_candidates
 from fusionslam.mapping.edge import Edge, Kind, State, check_pose, measurement_errors, weigh_errors
 from fusionslam.mapping.map_content import MapContent
-from fusionslam.mapping.map_file import MapFile
+from fusionslam.mapping.map_file import ORIGINS, MapFile
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.registration.result import Refusal
 
@@ -288,7 +288,7 @@ class Corrections:
                             file.store_edge(edges[number])
                     if is_same:
                         file.restore_solution(_unpack(before["solution"]))
-                        file.store_setting("origin", before["origin"])
+                        file.store_setting(ORIGINS, before["origins"])
                 if not is_same:
                     self._solved(edges).save(file)
                 file.store_setting(f"{_NAME} {last.number}", record)
@@ -326,7 +326,7 @@ class Corrections:
 
     def _content(self, edges: dict[int, Edge]) -> MapContent:
         file = self._site.file
-        placed = file.positions(), file.origin()
+        placed = file.positions(), file.origins()
         return MapContent(
             file.sessions(), file.keyframes(), edges.values(), file.solution(), *placed
         )
@@ -401,7 +401,7 @@ class Corrections:
             "edges": [_state_of(number, before.get(number)) for number in changed],
             "before": _counts(file)
             | {
-                "origin": file.setting("origin"),
+                "origins": file.setting(ORIGINS),
                 "edges": [_state_of(number, before.get(number)) for number in touched],
                 "solution": _pack(file.solution_row()),
             },

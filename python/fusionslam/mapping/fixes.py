@@ -24,11 +24,11 @@ _UNSTATED = np.diag([9.0, 9.0, 36.0])
 
 def add_fixes(
     site: PlaceMap, session: str, fixes: Iterable[Fix], robot_from_antenna: Matrix
-) -> None:
-    """Take in where satellites have a session of a map, instead of what it had, and solve.
+) -> bool:
+    """Take in where satellites have a session of a map, and solve, if that is new.
 
-    ``site.content`` says where on the globe the map is then (``origin``), or why it is not
-    (``unplaced``).
+    ``site.content.places`` says where on the globe the parts of the map are then, or why not.
+    Fixes that the map has of the time before the first of these stay.
 
     Args:
         site: open for writing.
@@ -36,16 +36,26 @@ def add_fixes(
         fixes: of one receiver.
         robot_from_antenna: float64 (4, 4).
 
+    Returns:
+        Whether the map did not have them, and was solved.
+
     Raises:
         ConfigError: there is no such session, or the map is read-only.
         DataError: as ``tie_fixes``, or the map cannot be written; nothing has changed then.
     """
     keyframes = site.content.keyframes_of(site.content.find_session(session))
-    positions = tie_fixes(fixes, keyframes, site.content.stretches, robot_from_antenna)
+    known = [*fixes]
+    tied = tie_fixes(known, keyframes, site.content.stretches, robot_from_antenna)
+    begin_ns = min(fix.stamp_ns for fix in known if fix.position is not None)
+    earlier = {each.id for each in keyframes if each.stamp_ns < begin_ns}
+    positions = [each for each in site.file.positions() if each.node in earlier] + tied
+    if site.file.has_positions(session, positions):
+        return False
     with site.file.transaction():
         site.file.store_positions(session, positions)
     site.content.set_positions(site.file.positions())
     site.solve()
+    return True
 
 
 def tie_fixes(

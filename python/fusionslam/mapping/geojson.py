@@ -3,6 +3,7 @@
 """A trajectory on the globe, as a file that geographic programs read."""
 
 import json
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any
 
@@ -16,16 +17,14 @@ from fusionslam.geometry.globe import MapOrigin, geographic
 
 def write_geojson(
     path: PathLike,
-    tracks: "dict[str, tuple[NDArray[np.int64], Floats]]",
-    origin: MapOrigin,
+    tracks: Iterable[tuple[str, NDArray[np.int64], Floats, MapOrigin]],
 ) -> None:
     """Write trajectories as GeoJSON (RFC 7946): a line each, with the times of its points.
 
     Args:
         path: of the file.
-        tracks: stamps, int64 (n,), nanoseconds since 1970, and poses, float64 (n, 4, 4),
-            map_from_robot, by name.
-        origin: of the map.
+        tracks: of each the name, stamps, int64 (n,), nanoseconds since 1970, poses, float64
+            (n, 4, 4), map_from_robot, and the origin of the part of the map that they are in.
 
     Raises:
         DataError: the file cannot be written.
@@ -33,7 +32,7 @@ def write_geojson(
     """
     features = [
         _feature(name, stamps, geographic(poses[:, :3, 3], origin))
-        for name, (stamps, poses) in tracks.items()
+        for name, stamps, poses, origin in tracks
     ]
     content = {"type": "FeatureCollection", "features": features}
     write_file(path, json.dumps(content) + "\n")

@@ -4,7 +4,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,7 +56,7 @@ class MapContent:
         solution: as ``MapFile.solution`` returns. Newer keyframes follow by their steps, as they
             did when they were added.
         positions: that satellites tell; their nodes are keyframes.
-        origin: where on the globe the solution has the first part.
+        origins: where on the globe the solution has parts, by their numbers.
 
     Raises:
         ValueError: a keyframe's session is missing.
@@ -72,8 +72,8 @@ class MapContent:
         stretches: number of the first keyframe of the stretch of odometry, by number of the
             keyframe; odometry of different stretches cannot be compared.
         reason: what was wrong with the graph as a whole when it was solved last.
-        origin: where on the globe the first part of the map is; None if it is not known.
-        unplaced: why positions do not tell it, of the last solve.
+        places: where on the globe parts of the map are, by their numbers, or why positions do not
+            tell it, of the last solve.
         is_live: whether the poses are those of the graph, not of the file.
         unsaved: edges by number that are new, or whose state has changed, since ``saved``.
     """
@@ -85,7 +85,7 @@ class MapContent:
         edges: Iterable[Edge],
         solution: StoredSolution | None,
         positions: Iterable[Position] = (),
-        origin: MapOrigin | None = None,
+        origins: Mapping[int, MapOrigin] | None = None,
     ) -> None:
         self.sessions = sessions
         self.keyframes: list[StoredKeyframe] = []
@@ -94,8 +94,8 @@ class MapContent:
         self.odometry: dict[int, Matrix] = {}
         self.stretches: dict[int, int] = {}
         self.reason: Refusal | None = None
-        self.origin = self._saved_origin = origin
-        self.unplaced: Refusal | None = None
+        self.places: dict[int, MapOrigin | Refusal] = {**(origins or {})}
+        self._saved_origins = self.origins
         self._graph = PoseGraph()
         self._graph_numbers: list[int] = []  # of its edges, here
         self._poses: Floats | None = None  # None: those of the graph
@@ -137,6 +137,16 @@ class MapContent:
         )
 
     @property
+    def origins(self) -> dict[int, MapOrigin]:
+        """Where on the globe parts of the map are, by their numbers; without unknown ones."""
+        return {part: at for part, at in self.places.items() if isinstance(at, MapOrigin)}
+
+    @property
+    def origin(self) -> MapOrigin | None:
+        """Where on the globe the first part of the map is; None if it is not known."""
+        return self.origins.get(self.parts[0]) if self.parts else None
+
+    @property
     def poses(self) -> Floats:
         """float64 (n, 4, 4): map_from_cloud of the keyframes, each in its part of the map."""
         if self._poses is None:
@@ -168,8 +178,9 @@ class MapContent:
             f"{count['refused']} refused, {count['pending']} pending; {size / 1e6:.1f} MB, "
             f"{size / 1e3 / max(len(self), 1):.0f} kB a keyframe"
         )
-        if self.origin is not None:
-            lines.append(f"its origin is at {self.origin}")
+        for part, origin in self.origins.items():
+            what = "its origin" if part == self.parts[0] else f"that of part {part}"
+            lines.append(f"{what} is at {origin}")
         return "\n".join(lines)
 
     def find_session(self, name: str) -> int:
@@ -264,12 +275,12 @@ class MapContent:
         """Solve the graph."""
         before = self.parts, [edge.state for edge in self.edges.values()]
         solution = self._graph.solve()
-        self.origin, self.unplaced = solution.origin, solution.unplaced
         if solution.reason is not None and self.reason is None:
             logger.warning("%s", solution.reason)
         self.reason = solution.reason
         self._poses = solution.poses
         self.parts = [self.keyframes[int(node)].id for node in solution.parts]
+        self.places = {self.keyframes[node].id: at for node, at in solution.places.items()}
         for edge in (*solution.believed, *solution.refused, *solution.pending):
             self._take_state(edge)
         if before != (self.parts, [edge.state for edge in self.edges.values()]):
@@ -306,14 +317,14 @@ class MapContent:
             file.store_edge(edge)
         if not self._is_solution_saved:
             file.store_solution(self.numbers, self.poses, np.array(self.parts, np.int64))
-        if self.origin != self._saved_origin:
-            file.store_origin(self.origin)
+        if self.origins != self._saved_origins:
+            file.store_origins(self.origins)
 
     def saved(self) -> None:
         """Take note that the file has everything."""
         self.unsaved.clear()
         self._is_solution_saved = True
-        self._saved_origin = self.origin
+        self._saved_origins = self.origins
 
     def _is_across(self, edge: Edge) -> bool:
         return self.part(edge.a) != self.part(edge.b)

@@ -102,7 +102,7 @@ class MapDatabase:
         Raises:
             DataError: the file was replaced or deleted since it was changed (code "replaced").
         """
-        if os.getpid() != self._process:
+        if not self.is_mine:
             # All belongs to the parent: closing here would take its log and its lock away.
             _of_parents.append(self._connection)
             self._connection = None
@@ -124,6 +124,11 @@ class MapDatabase:
         self._has_changed = False
         if is_lost:
             raise self._replaced()
+
+    @property
+    def is_mine(self) -> bool:
+        """Whether this process opened it, and not its parent."""
+        return os.getpid() == self._process
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
@@ -183,7 +188,7 @@ class MapDatabase:
 
     @property
     def _database(self) -> BoundedConnection:
-        if os.getpid() != self._process:
+        if not self.is_mine:
             raise DataError(
                 f"{self.path} was opened by process {self._process}, of which this is a child: "
                 "open it read-only here",

@@ -27,7 +27,7 @@ from fusionslam.registration.result import Refusal
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
 _FORGOTTEN = "forgotten sessions"
-_FIXES, _ORIGIN = "fixes of", "origin"
+_FIXES, ORIGINS = "fixes of", "origins"
 
 
 class StoredKeyframe(NamedTuple):
@@ -48,6 +48,21 @@ class StoredKeyframe(NamedTuple):
     stamp_ns: int
     odometry: Matrix
     robot_from_cloud: Matrix
+
+
+class StoredFrames(NamedTuple):
+    """Frames that are no keyframes, between a keyframe and the next one of its session.
+
+    Attributes:
+        numbers: int64 (n), of the recording's frames.
+        stamps_ns: int64 (n), time stamps; 0 if unknown.
+        motions: float64 (n, 6), poses of the robot by odometry, seen from the robot at the
+            keyframe, as small motions.
+    """
+
+    numbers: Integers
+    stamps_ns: Integers
+    motions: Floats
 
 
 class StoredCloud(NamedTuple):
@@ -139,11 +154,12 @@ class MapFile(MapDatabase):
         for name in names:
             for kind in ("recording of", _FIXES):
                 self.delete_setting(f"{kind} {name}")
-        self.delete_setting(_ORIGIN)
+        self.delete_setting(ORIGINS)
         own = "IN (SELECT id FROM keyframe WHERE session = ?)"
         self._delete("solution", "TRUE")
         self._delete("edge", f"a {own} OR b {own}", number, number)
-        self._delete("cloud", f"keyframe {own}", number)
+        for table in ("cloud", "frame"):
+            self._delete(table, f"keyframe {own}", number)
         self._delete("keyframe", "session = ?", number)
         self._delete("session", "id = ?", number)
         self.store_setting(_FORGOTTEN, (self.setting(_FORGOTTEN) or 0) + 1)
@@ -174,6 +190,26 @@ class MapFile(MapDatabase):
         self._store("cloud", keyframe.id, *cloud)
         for descriptor, vector in vectors.items():
             self._append_vector(descriptor, keyframe.id, vector)
+
+    def add_frames(self, keyframe: int, first: int, frames: StoredFrames) -> None:
+        """Add frames after a keyframe, of which the file has so many already (``first``)."""
+        columns = zip(frames, (np.int64, np.int64, np.float64), strict=True)
+        self._store("frame", keyframe, first, *(v.astype(kind).tobytes() for v, kind in columns))
+
+    def frames_after(self, keyframe: int) -> StoredFrames:
+        """Return the frames between a keyframe and the next one of its session."""
+        rows = self._rows("frame", "WHERE keyframe = ? ORDER BY first", keyframe)
+        self._check_forgotten()
+        with self.decoding():
+            numbers, stamps, motions = (b"".join(row[k] for row in rows) for k in (2, 3, 4))
+            frames = StoredFrames(
+                np.frombuffer(numbers, np.int64),
+                np.frombuffer(stamps, np.int64),
+                np.frombuffer(motions).reshape(-1, 6).copy(),
+            )
+            if len({len(each) for each in frames}) > 1 or not np.isfinite(frames.motions).all():
+                raise ValueError(f"frames after keyframe {keyframe}: expected as many finite poses")
+            return frames
 
     def cloud(self, keyframe: int) -> StoredCloud:
         """Return the clouds of a keyframe."""
@@ -286,21 +322,21 @@ class MapFile(MapDatabase):
 
     def store_positions(self, session: str, positions: Sequence[Position]) -> None:
         """Store the positions of a session that satellites tell, instead of those it had."""
-        rows = [
-            [each.node, *each.arm.tolist(), *each.place.tolist(), *each.covariance.ravel().tolist()]
-            for each in positions
-        ]
-        self.store_setting(f"{_FIXES} {session}", rows)
+        self.store_setting(f"{_FIXES} {session}", _encode(positions))
 
-    def origin(self) -> MapOrigin | None:
-        """Return where on the globe the map's first part is; None if it is not known."""
-        stored = self.setting(_ORIGIN)
+    def has_positions(self, session: str, positions: Sequence[Position]) -> bool:
+        """Whether these are the positions of a session."""
+        return bool(self.setting(f"{_FIXES} {session}") == _encode(positions))
+
+    def origins(self) -> dict[int, MapOrigin]:
+        """Return where on the globe parts of the map are, by their numbers."""
+        stored = self.setting(ORIGINS)
         with self.decoding():
-            return None if stored is None else MapOrigin(**stored)
+            return {int(part): MapOrigin(**origin) for part, origin in (stored or {}).items()}
 
-    def store_origin(self, origin: MapOrigin | None) -> None:
-        """Store where on the globe the map's first part is."""
-        self.store_setting(_ORIGIN, None if origin is None else origin.model_dump())
+    def store_origins(self, origins: Mapping[int, MapOrigin]) -> None:
+        """Store where on the globe parts of the map are."""
+        self.store_setting(ORIGINS, {part: at.model_dump() for part, at in origins.items()})
 
     def _append_vector(self, descriptor: str, keyframe: int, vector: Floats32) -> None:
         newest = "WHERE descriptor = ? ORDER BY first DESC LIMIT 1"
@@ -340,6 +376,13 @@ class MapFile(MapDatabase):
             numbers.astype(np.int64).tobytes(),
             np.ascontiguousarray(rows, np.float32).tobytes(),
         )
+
+
+def _encode(positions: Sequence[Position]) -> list[list[float]]:
+    return [
+        [each.node, *each.arm.tolist(), *each.place.tolist(), *each.covariance.ravel().tolist()]
+        for each in positions
+    ]
 
 
 def _pose(data: bytes) -> Matrix:

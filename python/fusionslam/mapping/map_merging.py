@@ -188,6 +188,9 @@ def copy_sessions(
         copied = keyframe._replace(id=first + row, session=sessions[keyframe.session])
         own = {name: rows[row] for name, (_, rows) in vectors.items()}
         file.add_keyframe(copied, other.file.cloud(keyframe.id), own)
+        passed = other.file.frames_after(keyframe.id)
+        if len(passed.numbers):
+            file.add_frames(copied.id, 0, passed)
     own_nodes = {each.id: each.session for each in content.keyframes}
     told = other.file.positions()
     for name, number in content.sessions.items():

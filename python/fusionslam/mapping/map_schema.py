@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 APPLICATION_ID = 0x66736D70
-VERSION = 2
+VERSION = 3
 
 TABLES = """
 CREATE TABLE state (
@@ -43,6 +43,15 @@ CREATE TABLE keyframe (
   crc INTEGER NOT NULL
 );
 CREATE INDEX keyframe_session ON keyframe (session);
+CREATE TABLE frame (
+  keyframe INTEGER NOT NULL REFERENCES keyframe (id) ON DELETE CASCADE,
+  first INTEGER NOT NULL,
+  numbers BLOB NOT NULL,
+  stamps BLOB NOT NULL,
+  motions BLOB NOT NULL,
+  crc INTEGER NOT NULL,
+  PRIMARY KEY (keyframe, first)
+);
 CREATE TABLE cloud (
   keyframe INTEGER PRIMARY KEY REFERENCES keyframe (id) ON DELETE CASCADE,
   evidence BLOB NOT NULL,
@@ -87,6 +96,7 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "setting": ("name",),
     "session": ("id",),
     "keyframe": ("id",),
+    "frame": ("keyframe", "first"),
     "cloud": ("keyframe",),
     "vector": ("descriptor", "first"),
     "edge": ("id",),

@@ -15,22 +15,22 @@ from fusionslam.base.machine import release_memory
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.fusion import fuse
 from fusionslam.geometry.keyframes import is_keyframe
-from fusionslam.geometry.se3 import carry_covariance, inverse, log
+from fusionslam.geometry.se3 import carry_covariance, exp, inverse, log
 from fusionslam.loop_closure.detector import LoopDetector
 from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
-from fusionslam.mapping.clouds import NOT_DRIVEN, FileClouds, pack_cloud
+from fusionslam.mapping.clouds import FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
 from fusionslam.mapping.edge import CHI2_999, Edge, check_pose, deviations_of
 from fusionslam.mapping.map_content import MapContent
-from fusionslam.mapping.map_file import MapFile, StoredKeyframe
+from fusionslam.mapping.map_file import MapFile, StoredFrames, StoredKeyframe
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.registration import PreparedCloud, Refusal, register
 from fusionslam.sensors.frame import Frame
 from fusionslam.sensors.scan_motion import ScanMotion
 
-_ABOUT = 8
-"""Frames after a keyframe, and before the next one, whose odometry is kept."""
+_MOST_WAITING = 1000
+"""Frames since a keyframe that wait for the next one in memory."""
 _RELEASE = 10
 """Keyframes after which memory that is free is given back, which takes some milliseconds."""
 
@@ -108,19 +108,26 @@ class MapWriter:
         mine = content.keyframes_of(content.sessions.get(name or "", -1))
         self._last: StoredKeyframe | None = mine[-1] if mine else None
         self.last_frame = max((each.frame for each in mine), default=None)
-        """Number of the session's last frame that is a keyframe; None if it has none."""
+        """Number of the session's last frame that the file has; None if it has none."""
         self._last_odometry: Matrix | None = None
         self._last_stamp_ns = 0
         self._doubt: Refusal | None = None
         """Why odometry since the last keyframe may be wrong."""
         self._scans: tuple[PreparedCloud | None, PreparedCloud | None] = None, None
         """Of the last keyframe and of the new one, where their clouds are local maps."""
-        self._driven: list[tuple[int, Matrix]] = []
-        """Stamps and odometry of frames since the last keyframe, odom_from_cloud."""
+        self._waiting: list[tuple[int, int, Matrix]] = []
+        """Frames since the last keyframe that the file lacks: number, stamp, odom_from_robot."""
+        self._written = 0  # frames since the last keyframe that it has
         self._stretch: list[StoredKeyframe] = []  # that goes on
         if self._last is not None:
             self._last_odometry = _odom_from_robot(self._last)
             self._last_stamp_ns = self._last.stamp_ns
+            passed = file.frames_after(self._last.id)
+            self._written = len(passed.numbers)
+            if self._written:
+                self.last_frame = max(self.last_frame or 0, int(passed.numbers.max()))
+                self._last_odometry = self._last_odometry @ exp(passed.motions[-1])
+                self._last_stamp_ns = int(passed.stamps_ns[-1]) or self._last_stamp_ns
             first = content.stretches[self._last.id]
             self._stretch = [each for each in mine if content.stretches[each.id] == first]
 
@@ -139,8 +146,6 @@ class MapWriter:
         waited = 0.0  # seconds since the frame before; 0 if unknown
         if frame.stamp_ns and self._last_stamp_ns:
             waited = (frame.stamp_ns - self._last_stamp_ns) / 1e9
-        if waited <= 0:
-            self._driven = []
         self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
         self._last_odometry = robot
         self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
@@ -152,8 +157,9 @@ class MapWriter:
             last = self._last  # by which, and by odometry since, the robot's pose is known
             pose = self._content.pose(last.id) @ np.linalg.inv(last.odometry) @ robot
             moved = inverse(_odom_from_robot(last)) @ robot
-            self._driven.append((frame.stamp_ns, robot @ mount))
-            del self._driven[_ABOUT:-_ABOUT]
+            self._waiting.append((frame.number, frame.stamp_ns, robot))
+            if len(self._waiting) >= _MOST_WAITING:
+                self.save_frames()
             return MapStep(None, (), (), pose, back, *self._judge(last, moved))
         if self._doubt is not None:
             self._detector.break_odometry()
@@ -169,12 +175,7 @@ class MapWriter:
             scan.moved = seen.cloud.moved
         self._scans = self._scans[1], scan
         seen = replace(seen, span=None)
-        driven = NOT_DRIVEN
-        if self._driven:
-            stamps_ns, poses = zip(*self._driven, strict=True)
-            seconds = (np.array(stamps_ns) - frame.stamp_ns) / 1e9
-            driven = np.column_stack([seconds, log(inverse(robot @ mount) @ np.array(poses))])
-        cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel, driven)
+        cloud = pack_cloud(fuse(frame, self.settings.fusion), self.settings.map.voxel)
         self.is_torn = True
         step = self._add_keyframe(frame, seen, cloud, mount)
         self.is_torn = False
@@ -211,6 +212,7 @@ class MapWriter:
                 content.sessions[self._name] = self._file.add_session(self._name)
             session = content.sessions[self._name]
             keyframe = keyframe._replace(session=session)
+            self._write_frames()
             if loop is not None:
                 edges.append(self._loop_edge(loop, session, content.next_edge + len(edges)))
             content.add(keyframe, edges)
@@ -221,7 +223,7 @@ class MapWriter:
         self._kept.written()
         if len(content) % _RELEASE == 0:
             release_memory()
-        self._last, self._driven = keyframe, []
+        self._last, self._waiting, self._written = keyframe, [], 0
         self._stretch.append(keyframe)
         self.last_frame = max(frame.number, self.last_frame or 0)
         closed = (content.edges[edges[-1].number],) if loop is not None else ()
@@ -240,6 +242,31 @@ class MapWriter:
             covariance = carry_covariance(inverse(moved), covariance) + drift
             unconfirmed_m += float(np.linalg.norm(moved[:3, 3]))
         return covariance, unconfirmed_m, unconfirmed_m > self.settings.map.lost_after
+
+    def save_frames(self) -> None:
+        """Write the frames since the last keyframe that the file lacks, if it is this process's."""
+        if self._waiting and self._file.is_mine:
+            with self._file.transaction():
+                self._write_frames()
+            self.last_frame = max(self.last_frame or 0, *(number for number, *_ in self._waiting))
+            self._written += len(self._waiting)
+            self._waiting = []
+
+    def keep_frames(self, former: "MapWriter") -> None:
+        """Take over frames that a writer of the same file has not written."""
+        ends = {None if each is None else each.id for each in (self._last, former._last)}
+        if former._waiting and len(ends) == 1:
+            self._waiting = former._waiting
+            _, stamp_ns, self._last_odometry = self._waiting[-1]
+            self._last_stamp_ns = stamp_ns or self._last_stamp_ns
+
+    def _write_frames(self) -> None:
+        if self._waiting:
+            assert self._last is not None
+            numbers, stamps_ns, poses = map(np.array, zip(*self._waiting, strict=True))
+            motions = log(inverse(_odom_from_robot(self._last)) @ poses)
+            frames = StoredFrames(numbers, stamps_ns, motions)
+            self._file.add_frames(self._last.id, self._written, frames)
 
     def _lead_on(self, keyframe: StoredKeyframe, cloud: PreparedCloud) -> list[Edge]:
         """Return the step from the last keyframe; nothing if odometry does not tell it."""

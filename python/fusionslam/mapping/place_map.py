@@ -26,7 +26,7 @@ from fusionslam.fusion import FusionConfig
 from fusionslam.geometry.se3 import carry_covariance
 from fusionslam.loop_closure.config import LoopConfig
 from fusionslam.loop_closure.local_maps import RecentFrames, join_clouds
-from fusionslam.mapping.clouds import FileClouds, unpack_cloud, unpack_driven
+from fusionslam.mapping.clouds import FileClouds, unpack_cloud
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.corrections import Corrections, forget_corrections
 from fusionslam.mapping.edge import Edge, check_pose
@@ -77,8 +77,7 @@ def _one_at_a_time(
 
 DEFAULT_DESCRIPTOR = "cm2dp"
 """The descriptor of a new map."""
-_WINDOW = 20
-"""Keyframes that are no candidates: odometry is still good."""
+_WINDOW = 20  # keyframes that are no candidates: odometry is still good
 
 
 @checked
@@ -96,18 +95,16 @@ class PlaceMap:
 
     Attributes:
         file: what is on the disk.
+        session: name of the drive that ``add`` extends; None if there is none.
         content: sessions, keyframes, edges and poses, as they are in memory.
         detector: what finds keyframes, and has their clouds and vectors.
     """
 
     def __init__(self, file: MapFile, session: str | None, settings: MapSettings) -> None:
         self._lock = threading.RLock()
-        self.file, self._session_name, self._given = file, session, settings
-        self._sight = ScanMotion()
-        """Within scans that are localised."""
-        self._recent = RecentFrames()
-        """Those scans."""
-        self.reload()
+        self.file, self.session, self._given = file, session, settings
+        self._sight, self._recent = ScanMotion(), RecentFrames()  # of scans that are localised
+        self._load()
 
     @classmethod
     def open(
@@ -217,7 +214,10 @@ class PlaceMap:
         """Close the file, after a warning if the robot turned within scans since it was opened."""
         for motion in (self._writer.motion, self._sight):
             motion.warn(str(self.file.path))
-        self.file.close()
+        try:
+            self._writer.save_frames()
+        finally:
+            self.file.close()
 
     @property
     @_one_at_a_time
@@ -263,17 +263,17 @@ class PlaceMap:
             ConfigError: the session is that of another one (code "other-recording").
         """
         self._check_session()
-        key = f"recording of {self._session_name}"
+        key = f"recording of {self.session}"
         known = self.file.setting(key)
         if known is None:
             with self.file.transaction():
                 self.file.store_setting(key, name)
         elif known != name:
             raise ConfigError(
-                f"session {self._session_name!r} of {self.file.path} is that of {known}, not of "
+                f"session {self.session!r} of {self.file.path} is that of {known}, not of "
                 f"{name}: expected a session of its own (--session NAME)",
                 code="other-recording",
-                fields=("session", str(self._session_name)),
+                fields=("session", str(self.session)),
             )
 
     @property
@@ -287,7 +287,7 @@ class PlaceMap:
     @property
     @_one_at_a_time
     def last_frame(self) -> int | None:
-        """Number of the session's last frame that is a keyframe; None if it has none."""
+        """Number of the session's last frame that the file has; None if it has none."""
         return self._writer.last_frame
 
     @_one_at_a_time
@@ -507,9 +507,8 @@ class PlaceMap:
         problems = self.file.check()
         for keyframe in self.content.keyframes:
             try:
-                stored = self.file.cloud(keyframe.id).points
-                unpack_cloud(stored)
-                unpack_driven(stored)
+                unpack_cloud(self.file.cloud(keyframe.id).points)
+                self.file.frames_after(keyframe.id)
                 self._kept[keyframe.id].packed()
             except DataError as error:
                 if error.code == "changed":
@@ -521,12 +520,17 @@ class PlaceMap:
 
     @_one_at_a_time
     def reload(self) -> None:
-        """Take everything from the file."""
+        """Take everything from the file but frames that wait for the next keyframe."""
+        former = self._writer
+        self._load()
+        self._writer.keep_frames(former)
+
+    def _load(self) -> None:
         file = self.file
         with file.reading():
             stored = file.setting("config")
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
-            placed = file.positions(), file.origin()
+            placed = file.positions(), file.origins()
             vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)
@@ -536,7 +540,7 @@ class PlaceMap:
         with nullcontext() if is_new else file.decoding():
             self.detector = resume_detector(settings, file, self.content, self._kept, vectors)
         parts = file, self.content, self.detector, self._kept
-        self._writer = MapWriter(self._session_name, settings, *parts)
+        self._writer = MapWriter(self.session, settings, *parts)
         find, lost_after = self.detector.stored_frame, settings.map.lost_after
         self._localizer = Localizer(self.content, find, settings.loops, lost_after)
 
@@ -549,9 +553,10 @@ class PlaceMap:
         solved path, loops and steps are measured anew by these clouds, and it is solved once more.
         """
         self.file.check_writable()
+        self._writer.save_frames()
         self.content.is_live = False
         self._settle()
-        anew = measure_anew(self.content, self.settings, self.file.cloud)
+        anew = measure_anew(self.content, self.settings, self.file)
         if anew:
             self.content.take(anew)
             self._settle()
@@ -573,7 +578,7 @@ class PlaceMap:
         """Poses, clouds and ground levels of the part of the map that began first."""
         numbers = self.content.first_part()
         read = lru_cache(4)(self.file.cloud)
-        sweeps = SolvedSweeps(self.content, read)
+        sweeps = SolvedSweeps(self.content, read, self.file.frames_after)
         for number, pose in zip(numbers, self.content.poses_of(numbers), strict=True):
             yield pose, sweeps.cloud(number), read(number).ground_level
 
@@ -586,7 +591,7 @@ class PlaceMap:
 
     def _check_session(self) -> None:
         self.file.check_writable()
-        if not self._session_name:
+        if not self.session:
             raise ConfigError(
                 "the map was opened without a session: expected PlaceMap.open(path, session=NAME)",
                 code="choice",

@@ -4,8 +4,8 @@
 
 import time
 from collections import defaultdict, deque
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -54,8 +54,8 @@ class Solution:
             "overconfident-odometry" where odometry contradicts more than a fifth of the loops that
             agree with each other (number: the factor by which its stated deviations are too small).
         seconds: time it took.
-        origin: where on the globe the part of node 0 is; None without positions that say so.
-        unplaced: why positions do not say so.
+        places: where on the globe each part with measured positions is, or why they do not tell it,
+            by the first node of the part.
     """
 
     poses: Floats
@@ -65,8 +65,19 @@ class Solution:
     pending: tuple[Edge, ...] = ()
     reason: Refusal | None = None
     seconds: float = 0.0
-    origin: MapOrigin | None = None
-    unplaced: Refusal | None = None
+    places: Mapping[int, MapOrigin | Refusal] = field(default_factory=dict)
+
+    @property
+    def origin(self) -> MapOrigin | None:
+        """Where on the globe the part of node 0 is; None without positions that say so."""
+        place = self.places.get(0)
+        return place if isinstance(place, MapOrigin) else None
+
+    @property
+    def unplaced(self) -> Refusal | None:
+        """Why positions do not say so; None if they do, or there are none."""
+        place = self.places.get(0)
+        return place if isinstance(place, Refusal) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +205,7 @@ class PoseGraph:
     def set_positions(self, positions: Sequence[Position]) -> None:
         """Take measured positions, in the order of time, instead of those it had.
 
-        ``solve`` puts the part of node 0 where its positions say, once it has chosen its loops; its
+        ``solve`` puts each part where its positions say, once it has chosen its loops; the part's
         first node then keeps its place and heading, but not its tilt.
 
         Raises:
@@ -262,16 +273,18 @@ class PoseGraph:
         held = [way for way in self._measure_ways(believed) if not self._is_step(way)]
         self._window = Window(self._tree, poses[self._placed], held)
         reason = self._find_overconfidence(sessions, within)
-        origin = unplaced = None
-        here = np.flatnonzero(parts == parts[0]) if len(parts) else parts
-        if self.positions:
-            used = [edge for edge in self._edges if edge.state == "believed"]
-            mine = [each for each in self.positions if parts[each.node] == parts[0]]
-            placement = place_on_globe(poses, here, used, mine)
+        places: dict[int, MapOrigin | Refusal] = {}
+        told: dict[int, list[Position]] = {}
+        for position in self.positions:
+            told.setdefault(int(parts[position.node]), []).append(position)
+        for part, positions in told.items():
+            here = np.flatnonzero(parts == part)
+            used = [e for e in self._edges if e.state == "believed" and parts[e.a] == part]
+            placement = place_on_globe(poses, here, used, positions)
             if isinstance(placement, Refusal):
-                unplaced = placement
+                places[part] = placement
             else:
-                poses, origin = poses.copy(), placement.origin
+                places[part], poses = placement.origin, poses.copy()
                 poses[here] = placement.poses
                 self._window = Window(self._tree, poses[self._placed], held)
         return Solution(
@@ -281,8 +294,7 @@ class PoseGraph:
             tuple(edge for edge in loops if edge.state == "refused"),
             reason=reason,
             seconds=time.perf_counter() - started,
-            origin=origin,
-            unplaced=unplaced,
+            places=places,
         )
 
     def update(self) -> Update:

@@ -18,6 +18,7 @@ from fusionslam.geometry.se3 import inverse
 from fusionslam.mapping.edge import Edge, chi_squares, deviations_of
 from fusionslam.mapping.gtsam_extra import Uncertainty
 from fusionslam.mapping.map_content import MapContent
+from fusionslam.mapping.marginals import measure_uncertainty
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.mapping.surfaces import doubling
 from fusionslam.mapping.sweeps import SolvedSweeps
@@ -171,7 +172,7 @@ def judge_map(site: PlaceMap, *, surfaces: bool = True) -> MapQuality:
     content, settings = site.content, site.settings
     passes: Passes = {}
     if surfaces:
-        sweeps = SolvedSweeps(content, lru_cache(4)(site.file.cloud))
+        sweeps = SolvedSweeps(content, lru_cache(4)(site.file.cloud), site.file.frames_after)
         passes = compare_passes(content, lambda number: sweeps.cloud(number).points)
     return judge_graph(
         content,
@@ -192,13 +193,8 @@ def judge_graph(
         unsure_m: deviation beyond which a keyframe is unsure.
         apart_m: half the distance between surfaces of two passes beyond which walls are thick.
     """
-    poses, row = content.poses, content.row
-    used = [
-        replace(edge, a=row[edge.a], b=row[edge.b])
-        for edge in content.edges.values()
-        if edge.state == "believed" and content.part(edge.a) == content.part(edge.b)
-    ]
-    errors = Uncertainty(poses, used, np.unique([row[part] for part in content.parts]))
+    used, errors = measure_uncertainty(content)
+    poses = content.poses
     deviations = deviations_of(np.array([errors.covariance(k) for k in range(len(poses))]))
     fit, influences = _measure_influences(content, used, errors)
     believed, refused = (

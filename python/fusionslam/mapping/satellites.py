@@ -11,6 +11,7 @@ import numpy as np
 from fusionslam.base.arrays import Floats, Integers, Mask, Matrix
 from fusionslam.errors import DataError, ShapeError
 from fusionslam.geometry.globe import MapOrigin, from_geographic, geographic
+from fusionslam.geometry.rigid import rotation
 from fusionslam.geometry.se3 import inverse
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.gtsam_extra import Anchor, Solver
@@ -179,7 +180,7 @@ def _align(points: Floats, targets: Floats) -> Matrix:
         angle = np.arctan2(
             share @ (p[:, 0] * t[:, 1] - p[:, 1] * t[:, 0]), share @ (p * t).sum(axis=1)
         )
-        moved = _heading(angle)
+        moved[:3, :3] = rotation([0, 0, angle])
         moved[:3, 3] = aim - moved[:3, :3] @ centre
         off = points @ moved[:3, :3].T + moved[:3, 3] - targets
         weights = 1 / np.maximum(np.linalg.norm(off, axis=1), 0.1)
@@ -200,7 +201,7 @@ def _squares(errors: Floats, covariances: Floats) -> Floats:
 
 def _turned(covariances: Floats, origin: MapOrigin) -> Floats:
     """Covariances of east, north, up as those of a map's axes."""
-    turn = _heading(np.radians(origin.heading))[:3, :3]
+    turn = rotation([0, 0, np.radians(origin.heading)])
     return np.asarray(turn.T @ covariances @ turn)
 
 
@@ -218,12 +219,6 @@ def _move(origin: MapOrigin, moved: Matrix) -> MapOrigin:
 
 def _upright(pose: Matrix) -> Matrix:
     """A pose without its tilt."""
-    level = _heading(np.arctan2(pose[1, 0], pose[0, 0]))
-    level[:3, 3] = pose[:3, 3]
+    level = pose.copy()
+    level[:3, :3] = rotation([0, 0, np.arctan2(pose[1, 0], pose[0, 0])])
     return level
-
-
-def _heading(angle: float) -> Matrix:
-    pose = np.eye(4)
-    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    return pose

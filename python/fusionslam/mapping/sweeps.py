@@ -12,11 +12,11 @@ from fusionslam._core import deskew
 from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.loop_closure.observation import fusion_of_scans
-from fusionslam.mapping.clouds import unpack_cloud, unpack_driven
+from fusionslam.mapping.clouds import unpack_cloud
 from fusionslam.mapping.config import step_covariance
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
-from fusionslam.mapping.map_file import StoredCloud
+from fusionslam.mapping.map_file import MapFile, StoredCloud, StoredFrames
 from fusionslam.mapping.map_settings import MapSettings
 from fusionslam.mapping.surfaces import thickening
 from fusionslam.registration import PreparedCloud, register
@@ -47,10 +47,16 @@ class SolvedSweeps:
     Args:
         content: keyframes and poses.
         read: clouds of a keyframe by its number.
+        frames_after: frames between a keyframe and the next one by its number.
     """
 
-    def __init__(self, content: MapContent, read: Callable[[int], StoredCloud]) -> None:
-        self._content, self._read = content, read
+    def __init__(
+        self,
+        content: MapContent,
+        read: Callable[[int], StoredCloud],
+        frames_after: Callable[[int], StoredFrames],
+    ) -> None:
+        self._content, self._read, self._frames_after = content, read, frames_after
         self._numbers, self._poses = content.numbers.tolist(), content.poses
         self._versions = lru_cache(4)(self._make_versions)
         self._is_bent = cache(self._find_bent)
@@ -144,17 +150,18 @@ class SolvedSweeps:
         if other is None:
             return []
         first, last = sorted((number, other))
-        keyframes, row = self._content.keyframes, self._content.row
-        odometry = self._content.odometry
-        length = (keyframes[row[last]].stamp_ns - keyframes[row[first]].stamp_ns) / 1e9
+        begin, end = (self._content.keyframes[self._content.row[each]] for each in (first, last))
+        length = (end.stamp_ns - begin.stamp_ns) / 1e9
         if length <= 0:
             return []
-        driven = unpack_driven(self._read(last).points)
-        driven = driven[driven[:, 0] > -length]
-        seconds, step = length + driven[:, 0], self._step(first, last)
-        odometer = inverse(odometry[first]) @ odometry[last]
-        error = log(inverse(odometer) @ step)
-        poses = odometer @ exp(driven[:, 1:]) @ exp(np.outer(seconds / length, error))
+        frames = self._frames_after(first)
+        seconds = (frames.stamps_ns - begin.stamp_ns) / 1e9
+        is_later = seconds > np.maximum.accumulate(np.append(0.0, seconds[:-1]))
+        used = is_later & (seconds < length)
+        seconds, step = seconds[used], self._step(first, last)
+        driven = inverse(begin.robot_from_cloud) @ exp(frames.motions[used]) @ end.robot_from_cloud
+        error = log(step @ inverse(inverse(begin.odometry) @ end.odometry))
+        poses = exp(np.outer(seconds / length, error)) @ driven
         if number == first:
             seconds, poses = np.append(seconds, length), np.concatenate([poses, step[None]])
         else:
@@ -179,9 +186,7 @@ class SolvedSweeps:
         return step
 
 
-def measure_anew(
-    content: MapContent, settings: MapSettings, read: Callable[[int], StoredCloud]
-) -> list[Edge]:
+def measure_anew(content: MapContent, settings: MapSettings, file: MapFile) -> list[Edge]:
     """Return loops and steps as clouds measure them whose motion is undone along the solved path.
 
     Those of clouds that stay as they are stored are left out, and so are those that clouds no
@@ -191,13 +196,13 @@ def measure_anew(
         content: solved.
         settings: of the map. Where coloured clouds are a part of the scans that are registered,
             or range images are, nothing is measured anew.
-        read: clouds of a keyframe by its number.
+        file: of the map.
     """
     registration = settings.registration
     is_whole = fusion_of_scans(settings.fusion, registration) == settings.fusion
     if registration.method == "planar" or not is_whole:
         return []
-    sweeps = SolvedSweeps(content, read)
+    sweeps = SolvedSweeps(content, file.cloud, file.frames_after)
 
     straightens = cache(sweeps.straightens)
 

@@ -4,6 +4,7 @@
 
 import csv
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
@@ -12,23 +13,28 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusionslam.base.arrays import Floats, Integers, Matrix
+from fusionslam.base.arrays import Floats, Matrix
 from fusionslam.base.files import PathLike, atomic_path
 from fusionslam.base.parallel import ordered_results
 from fusionslam.base.progress import Progress, Step, label_progress
 from fusionslam.calibration.mistakes import warn_of_wrong_calibration
 from fusionslam.datasets import Dataset
 from fusionslam.datasets.cloud_files import write_cloud
-from fusionslam.datasets.pose_files import interpolate_poses, write_poses_tum
+from fusionslam.datasets.pose_files import (
+    interpolate_poses,
+    write_poses_kitti,
+    write_poses_tum,
+)
 from fusionslam.errors import DataError
 from fusionslam.fusion import OPTICAL, looks_along_z
-from fusionslam.geometry.globe import MapOrigin
+from fusionslam.geometry.globe import MapOrigin, utm_code, utm_poses
 from fusionslam.geometry.odometry_noise import OdometryConfig, add_odometry_errors
 from fusionslam.geometry.se2 import places_of
 from fusionslam.geometry.trajectory import ground_poses
 from fusionslam.mapping import Localization, PlaceMap
 from fusionslam.mapping.clouds import unpack_cloud
 from fusionslam.mapping.fixes import add_fixes
+from fusionslam.mapping.frame_poses import FramePoses, frame_poses
 from fusionslam.mapping.geojson import write_geojson
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.odometry import LidarOdometryConfig
@@ -182,16 +188,17 @@ def build_map(
         else:
             keyframes += added.keyframe is not None
             loops += len(added.loops)
-    if keyframes and not _add_fixes(site, dataset):
+    if not _add_fixes(site, dataset) and keyframes:
         site.solve()
     return Built(len(dataset) - begin, keyframes, loops, skipped)
 
 
 def _add_fixes(site: PlaceMap, dataset: Dataset) -> bool:
-    """Put the map where a recording's satellite receiver has it; False if it cannot."""
+    """Put the map where a recording's satellite receiver has it; False if nothing is new."""
     fixes = [*dataset.fixes()]
-    if not fixes:
+    if not fixes or site.session not in site.content.sessions:
         return False
+    assert site.session is not None
     mount = dataset.robot_from_antenna()
     if mount is None:
         logger.warning(
@@ -199,43 +206,18 @@ def _add_fixes(site: PlaceMap, dataset: Dataset) -> bool:
             *(dataset.name, fixes[0].frame_id),
         )
         mount = np.eye(4)
-    newest = site.content.keyframes[-1].session
-    (session,) = (name for name, number in site.content.sessions.items() if number == newest)
     try:
-        add_fixes(site, session, fixes, mount)
+        is_new = add_fixes(site, site.session, fixes, mount)
     except DataError as error:
         if error.code not in ("no-fixes", "other-clock"):
             raise
         logger.warning("%s: fixes are left out: %s", dataset.name, error)
         return False
-    if site.content.unplaced is not None:
-        logger.warning("%s: the map is not on the globe: %s", dataset.name, site.content.unplaced)
-    return True
-
-
-def frame_trajectory(
-    site: PlaceMap, session: str, dataset: Dataset, odometry: Floats | None = None
-) -> tuple[Integers, Floats]:
-    """Return stamps, int64 (n,), and map_from_robot, float64 (n, 4, 4), of a session's frames.
-
-    Each follows by odometry from the last keyframe before it; frames before the first keyframe, and
-    those without odometry, are left out.
-
-    Args:
-        site: the map.
-        session: name of the session.
-        dataset: its recording.
-        odometry: as ``odometry_of`` returns.
-    """
-    places = site.trajectory(session)[1] @ np.linalg.inv(site.odometry(session))
-    rows = np.searchsorted(site.frames(session), dataset.numbers, side="right") - 1
-    stamps, poses = [], []
-    for index in np.flatnonzero(rows >= 0).tolist():
-        moved = dataset[index].odometry if odometry is None else odometry[index]
-        if moved is not None and np.isfinite(moved).all():
-            stamps.append(int(dataset.stamps_ns[index]))
-            poses.append(places[rows[index]] @ moved)
-    return np.array(stamps, np.int64), np.array(poses).reshape(-1, 4, 4)
+    for part, place in site.content.places.items():
+        if isinstance(place, Refusal):
+            text = "%s: part %d of the map is not on the globe: %s"
+            logger.warning(text, dataset.name, part, place)
+    return is_new
 
 
 def true_keyframes(site: PlaceMap, session: str, dataset: Dataset) -> Floats | None:
@@ -318,6 +300,31 @@ def _use_frames(
                 progress(index + 1, len(dataset))
 
 
+class Localized(NamedTuple):
+    """How many frames of a recording were found on a map, and why others were not.
+
+    Attributes:
+        frames: number of frames that were looked at.
+        found: number of those with a pose.
+        reasons: numbers of the others by the code of the reason, the most frequent first.
+    """
+
+    frames: int
+    found: int
+    reasons: dict[str, int]
+
+    @classmethod
+    def of(cls, found: Sequence[tuple[int, int, Localization]]) -> "Localized":
+        """Count what ``localize_recording`` yields."""
+        codes = [each.reason.code for *_, each in found if each.reason is not None]
+        return cls(len(found), len(found) - len(codes), dict(Counter(codes).most_common()))
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        reasons = (f"; {count} not: {code}" for code, count in self.reasons.items())
+        return f"{self.found} of {self.frames} frames found{''.join(reasons)}"
+
+
 def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localization]]) -> None:
     """Write a CSV: frame, stamp_ns, map_from_robot (x, y, z, qx, qy, qz, qw), keyframe,
     part, reason.
@@ -334,6 +341,19 @@ def write_localizations(path: PathLike, found: Sequence[tuple[int, int, Localiza
             writer.writerow([number, stamp_ns, *pose, each.keyframe, each.part, reason])
 
 
+class Track(NamedTuple):
+    """Poses of all frames of a session in one part of a map.
+
+    Attributes:
+        session, part: of them.
+        frames: the poses.
+    """
+
+    session: str
+    part: int
+    frames: FramePoses
+
+
 def export_map(
     site: PlaceMap,
     folder: PathLike,
@@ -341,26 +361,41 @@ def export_map(
     voxel: float = 0.1,
     resolution: float = 0.05,
     origin: MapOrigin | None = None,
-) -> list[Path]:
-    """Write a map for other programs; returns the files.
+    frame: Literal["map", "utm"] = "map",
+    covariance: bool = False,
+) -> dict[Path, Track | None]:
+    """Write a map for other programs; returns the files, and what poses they have.
 
     ``cloud.ply``, ``cloud.pcd``; ``grid.pgm`` and ``grid.yaml`` for map_server; ``heights.asc``;
-    ``graph.g2o``; ``SESSION.tum``, the keyframes of each session (``trajectory_files``); where its
-    origin is known ``trajectory.geojson``. Cloud, grid, heights and graph are those of the map's
-    first part.
+    ``graph.g2o``; ``SESSION.tum`` and ``SESSION.kitti``, poses of all frames (``name_tracks``);
+    of parts whose origin is known ``trajectory.geojson``. Cloud, grid, heights and graph are those
+    of the map's first part.
 
     Args:
         site: the map.
         folder: made if missing.
         voxel: of the clouds, metres.
         resolution: of the grid, metres.
-        origin: where on the globe the map is; by default as its fixes say.
+        origin: where on the globe the first part of the map is; by default as its fixes say.
+        frame: of the poses; "utm": of the zone that the map is in, whose code of EPSG the names of
+            their files have. Parts whose origin is unknown are left out then, with a warning.
+        covariance: whether poses are written with their covariances, too (``SESSION.csv``).
 
     Raises:
-        DataError: the map has no keyframes (code "empty"), or a file cannot be written.
+        DataError: the map has no keyframes (code "empty"), nothing tells where it is for UTM
+            ("no-origin"), or a file cannot be written.
     """
     if not len(site):
         raise DataError("the map has no keyframes: there is nothing to export", code="empty")
+    origins = dict(site.content.origins)
+    if origin is not None:
+        origins[site.content.parts[0]] = origin
+    if frame == "utm" and not origins:
+        raise DataError(
+            f"{site.path} is not on the globe: expected --origin, or fixes of a satellite receiver",
+            code="no-origin",
+            fields=(str(site.path),),
+        )
     target = Path(folder)
     _warn_of_optical(site)
     cloud = site.cloud(voxel)
@@ -368,20 +403,76 @@ def export_map(
     for path in clouds:
         write_cloud(path, cloud)
     grid = site.grid(resolution).save(target / "grid.pgm")
-    heights = target / "heights.asc"
+    heights, graph = target / "heights.asc", target / "graph.g2o"
     site.heights().save(heights)
-    tracks = {each.name: site.trajectory(each.name) for each in site.sessions}
-    graph = target / "graph.g2o"
     write_map_graph(graph, site.content)
-    files = [*clouds, *grid, heights, graph]
-    for file, name in trajectory_files(site).items():
-        files.append(target / file)
-        write_poses_tum(files[-1], *tracks[name])
-    origin = origin or site.content.origin
-    if origin is not None:
-        files.append(target / "trajectory.geojson")
-        write_geojson(files[-1], tracks, origin)
+    files: dict[Path, Track | None] = dict.fromkeys([*clouds, *grid, heights, graph])
+    tracks = name_tracks(site, covariance=covariance)
+    for name, (session, part, frames) in tracks.items():
+        poses = frames.poses
+        if frame == "utm" and part not in origins:
+            logger.warning("%s: part %d of the map is not on the globe: left out", session, part)
+            continue
+        if frame == "utm":
+            code = utm_code(next(iter(origins.values())))
+            name, poses = f"{name}.epsg{code}", utm_poses(poses, origins[part], code)
+        kinds = ["tum", "kitti"]
+        write_poses_tum(target / f"{name}.tum", frames.stamps_ns, poses)
+        write_poses_kitti(target / f"{name}.kitti", poses)
+        if covariance:
+            _write_covariances(target / f"{name}.csv", frames._replace(poses=poses))
+            kinds.append("csv")
+        files |= {target / f"{name}.{kind}": Track(session, part, frames) for kind in kinds}
+    if origins:
+        path = target / "trajectory.geojson"
+        placed = [
+            (each.session, each.frames.stamps_ns, each.frames.poses, origins[each.part])
+            for each in tracks.values()
+            if each.part in origins
+        ]
+        write_geojson(path, placed)
+        files[path] = None
     return files
+
+
+def name_tracks(site: PlaceMap, *, covariance: bool = False) -> dict[str, Track]:
+    """Return poses of all frames, by the name of their files.
+
+    That is the session's, for a part of the map other than its first one with the part's number. A
+    name that cannot be a file's is replaced by a similar one, with a number if it is taken.
+
+    Args:
+        site: the map.
+        covariance: whether poses have covariances.
+    """
+    wanted = []
+    for session in site.sessions:
+        frames = frame_poses(site, session.name, covariance=covariance)
+        for part in session.parts:
+            name = session.name if part == session.parts[0] else f"{session.name}-part-{part}"
+            chosen = np.flatnonzero(frames.parts == part)
+            wanted.append((name, Track(session.name, part, frames.select(chosen))))
+    tracks: dict[str, Track] = {}
+    for name, track in sorted(wanted, key=lambda each: _file_name(each[0]) != each[0]):
+        similar = _file_name(name)
+        numbered = (f"{similar}-{number}" for number in count(2))
+        tracks[next(free for free in chain([similar], numbered) if free not in tracks)] = track
+    return tracks
+
+
+def _write_covariances(path: PathLike, frames: FramePoses) -> None:
+    """Write poses and the upper triangles of their covariances as a table."""
+    upper = np.triu_indices(6)
+    axes = ("x", "y", "z", "rx", "ry", "rz")
+    names = [f"cov_{axes[row]}_{axes[column]}" for row, column in zip(*upper, strict=True)]
+    assert frames.covariances is not None
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["frame", "stamp_ns", *POSE_NAMES, "keyframe", *names])
+        for row, number in enumerate(frames.numbers.tolist()):
+            values = [f"{value:.9g}" for value in frames.covariances[row][upper]]
+            pose = pose_texts(frames.poses[row])
+            writer.writerow([number, frames.stamps_ns[row], *pose, frames.keyframes[row], *values])
 
 
 def _warn_of_optical(site: PlaceMap) -> None:
@@ -397,21 +488,6 @@ def _warn_of_optical(site: PlaceMap) -> None:
             "map anew with robot_from_points in a calib.yaml and fusion.frame=robot",
             *(site.path, count, len(rows), OPTICAL),
         )
-
-
-def trajectory_files(site: PlaceMap) -> dict[str, str]:
-    """Return the session of each file of a trajectory that ``export_map`` writes, by its name.
-
-    A session whose name cannot be that of a file has a similar one, with a number if it is taken.
-    """
-    names = [each.name for each in site.sessions]
-    files: dict[str, str] = {}
-    for name in sorted(names, key=lambda name: _file_name(name) != name):
-        similar = _file_name(name)
-        numbered = (f"{similar}-{number}.tum" for number in count(2))
-        free = next(file for file in chain([f"{similar}.tum"], numbered) if file not in files)
-        files[free] = name
-    return files
 
 
 def pose_texts(pose: Matrix) -> list[str]:

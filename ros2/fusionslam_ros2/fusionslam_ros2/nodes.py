@@ -19,6 +19,7 @@ ARGUMENTS = {  # of each the default and a description; that of a topic is the n
     "camera_info": ("camera/rgb/camera_info", "topic of their calibration"),
     "odom": ("odom", "topic of the odometry"),
     "imu": ("imu", "topic of the IMU, if there is one"),
+    "fix": ("fix", "topic of a satellite receiver's fixes, if there is one"),
     "truth": ("", "topic of the true odometry, if views are to be judged"),
     "views": ("alignment", "what recognises places, as fusionslam ratslam --views"),
     "views_file": ("", ".npz that keeps the views for the next start"),
@@ -97,7 +98,7 @@ def mapper(given: Given) -> Node:
         "map.session": given["session"],
         "map.read_only": given["read_only"] == "true",
     }
-    return _node(given, "mapper", _topics(given, *SENSORS), of_the_map)
+    return _node(given, "mapper", _topics(given, *SENSORS, "fix"), of_the_map)
 
 
 def tools(given: Given, picture: str) -> list[Node]:

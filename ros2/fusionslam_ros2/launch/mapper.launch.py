@@ -8,6 +8,6 @@ from launch import LaunchDescription
 
 def generate_launch_description() -> LaunchDescription:
     return describe(
-        (*SENSORS, "site", "session", "read_only"),
+        (*SENSORS, "fix", "site", "session", "read_only"),
         lambda given: [mapper(given), *tools(given, "mapper")],
     )

@@ -23,6 +23,7 @@ IMAGES = ("sensor_msgs/Image", "sensor_msgs/CompressedImage")
 CAMERA_INFO = "sensor_msgs/CameraInfo"
 ODOMETRY = "nav_msgs/Odometry"
 IMU = "sensor_msgs/Imu"
+FIX = "sensor_msgs/NavSatFix"
 TRANSFORMS = "tf2_msgs/TFMessage"
 POSE = "geometry_msgs/PoseStamped"
 LOCATED_POSE = "geometry_msgs/PoseWithCovarianceStamped"

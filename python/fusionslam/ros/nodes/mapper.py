@@ -18,6 +18,7 @@ from fusionslam.errors import ConfigError, DataError, ShapeError
 from fusionslam.fusion import FusionConfig
 from fusionslam.loop_closure import LoopConfig
 from fusionslam.mapping import Localization, MapConfig, MapStep, PlaceMap
+from fusionslam.mapping.fixes import add_fixes
 from fusionslam.registration import Refusal, RegistrationConfig
 from fusionslam.ros.messages.library import build, respond
 from fusionslam.ros.messages.maps import (
@@ -28,6 +29,7 @@ from fusionslam.ros.messages.maps import (
 )
 from fusionslam.ros.messages.types import (
     CLOUD,
+    FIX,
     GRID,
     LOCALIZE,
     LOCATED_POSE,
@@ -36,15 +38,25 @@ from fusionslam.ros.messages.types import (
     header,
 )
 from fusionslam.ros.nodes.frame_node import TF, FrameNode, FramesConfig
-from fusionslam.ros.runtime.node import Health, Outlet, Service, Timer
+from fusionslam.ros.runtime.node import Health, Input, Outlet, Service, Timer
 from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import NANOSECONDS, FrameTransform, FrameTransforms, Scan
+from fusionslam.sensors.messages import (
+    NANOSECONDS,
+    Fix,
+    FrameTransform,
+    FrameTransforms,
+    Scan,
+)
+from fusionslam.sensors.transforms import TransformError
 
+FIXES = "fix"
 CLOUDS, GRIDS, WAY, POSE = "~cloud", "~grid", "~path", "~pose"
 _SHARE = 4
 """Drawing the map takes at most 1 in this many seconds."""
 _CLOSING_S = 5.0
 """A drawing that is not finished this long after the end of the node is left to itself."""
+_APART_S = 10.0
+"""Fixes this far in time from the newest frame are of another clock."""
 _ODOMETRY = (
     "no odometry, which a map needs: publish it on odom (odom:=/its/name), or as TF of the robot "
     "in the odometry frame"
@@ -137,6 +149,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
             self._site.check_recording("live topics")
         last = self._site.last_frame
         self._first_number = 0 if last is None else last + 1
+        self._fixes: list[Fix] = []
+        """Since the newest keyframe that the map has fixes of."""
         self._keyframe: int | None = None
         self._newest: Frame | None = None
         self._map_from_odometry: Matrix | None = None
@@ -167,6 +181,13 @@ class PlaceMapper(FrameNode[MapperConfig]):
         if not self.config.tf.publish:
             return [drawing]
         return [drawing, Timer(TF, 1 / self.config.tf.rate, self.publish_frame)]
+
+    @property
+    def inputs(self) -> Sequence[Input]:
+        """With fixes of a satellite receiver, if the map is extended."""
+        if self._read_only:
+            return super().inputs
+        return [*super().inputs, Input(FIXES, [FIX], self._take_fix, small=True, optional=True)]
 
     def take_frame(self, frame: Frame) -> None:
         """Add a frame to the map, or localise it."""
@@ -202,6 +223,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
     def went_back(self) -> None:
         """Forget where the robot was: odometry has begun anew."""
         self._site.forget_motion()
+        self._fixes.clear()
         if self._read_only:
             self._map_from_odometry, self._state, self._tried_ns = None, "searching", None
 
@@ -232,6 +254,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
                 "unconfirmed [m]": self._last.unconfirmed_m,
             }
             known |= {k: "unknown" if v is None else f"{v:.3f}" for k, v in values.items()}
+        if (origin := self._site.content.origin) is not None:
+            known["origin"] = str(origin)
         return {**known, "keyframes": len(self._site), **super().report()}
 
     def health(self) -> Health:
@@ -323,13 +347,59 @@ class PlaceMapper(FrameNode[MapperConfig]):
     def _solve(self) -> None:
         if self._is_solved:
             return
-        self._site.solve()
+        if not self._add_fixes():
+            self._site.solve()
         self._is_solved, self._changes = True, self._changes + 1
         if self._site.reason is not None:
             self._reason = self._site.reason.text
         if self._keyframe is not None:
             _, poses = self._site.trajectory(self._session)
             self._place(poses[-1], self._site.odometry(self._session)[-1])
+
+    def _take_fix(self, fix: Fix) -> None:
+        """Keep a fix until the graph is solved. Before the first frame it tells nothing."""
+        if fix.position is None or self._newest is None:
+            return
+        late_s = (fix.stamp_ns - self._newest.stamp_ns) / NANOSECONDS
+        if abs(late_s) > _APART_S:
+            text = (
+                f"fixes are left out whose stamps are {late_s:+.1f} s from that of the newest "
+                "frame: expected one clock"
+            )
+            self.problems.add(FIXES, text, "other-clock")
+            return
+        self.counts["fixes"] += 1
+        self._fixes.append(fix)
+
+    def _add_fixes(self) -> bool:
+        """Put the map where the satellite receiver has it, and solve; False if nothing is new."""
+        keyframes = self._site.keyframes(self._session) if self._fixes and len(self._site) else ()
+        if len(keyframes) < 2:
+            return False
+        first = self._fixes[0]
+        try:
+            mount = self.frames.robot.robot_from(first.frame_id, first.stamp_ns)
+        except TransformError:
+            mount = None
+        if mount is None:
+            text = (
+                f"TF does not link the antenna ({first.frame_id!r}) to the robot: fixes wait until "
+                "it does"
+            )
+            self.problems.add(FIXES, text, "no-antenna")
+            return False
+        try:
+            is_new = add_fixes(self._site, self._session, self._fixes, mount)
+        except DataError as error:
+            if error.code not in ("no-fixes", "other-clock"):
+                raise
+            return False  # none lies between two keyframes yet
+        newest_ns = self._site.trajectory(self._session)[0][-1]
+        self._fixes = [fix for fix in self._fixes if fix.stamp_ns >= newest_ns]
+        for place in self._site.content.places.values():
+            if isinstance(place, Refusal):
+                self._reason = place.text
+        return is_new
 
     def _localize(self, frame: Frame) -> Localization:
         began = time.monotonic()
@@ -343,6 +413,8 @@ class PlaceMapper(FrameNode[MapperConfig]):
         self._localizing_s = time.monotonic() - began
         self.counts["localisations"] += 1
         self.counts["found"] += found.map_from_robot is not None
+        if found.reason is not None:
+            self.counts[f"not found: {found.reason.code}"] += 1
         self._reason = "" if found.reason is None else found.reason.text
         if self._read_only:
             self._take_place(frame, found)

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands map build, show, localize, export and check on a made street."""
 
+import json
 import re
 import shutil
 import sqlite3
+from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -184,6 +186,8 @@ def test_frames_are_found_on_a_map(made: Path, built: Path, tmp_path: Path) -> N
     assert (again.code, again.fields) == ("other-config", ("fusion.voxel",))
     assert sum(map(int, re.findall(r"(\d+) (?:of|not)", said))) == len(found)  # reasons are counted
     assert len(found) == len(RETURN)
+    for code, count in Counter(row["reason"] for row in found if row["reason"]).items():
+        assert f"; {count} not: {code}" in said
     known = [row for row in found if not row["reason"]]
     assert len(known) >= 7
     for row in known:
@@ -194,17 +198,32 @@ def test_frames_are_found_on_a_map(made: Path, built: Path, tmp_path: Path) -> N
 
 
 def test_a_map_is_exported(built: Path, tmp_path: Path) -> None:
-    pytest.importorskip("pyproj")
+    pyproj = pytest.importorskip("pyproj")
     words = ("map", "export", built, "-o", tmp_path, "--resolution", "0.5", "--voxel", "0.5")
-    succeeds(*words, "--origin", "49,8.4,110,30")
+    succeeds(*words, "--origin", "49,8.4,110,30", "--covariance")
     found = {path.name for path in tmp_path.iterdir()}
     grid = {"grid.pgm", "grid.yaml", "heights.asc"}
-    others = {"cloud.ply", "cloud.pcd", "graph.g2o", "street.tum", "trajectory.geojson"}
+    others = {"cloud.ply", "cloud.pcd", "graph.g2o", "trajectory.geojson"}
+    others |= {f"street.{kind}" for kind in ("tum", "kitti", "csv")}
     assert found == others | grid
     assert yaml.safe_load((tmp_path / "grid.yaml").read_text())["resolution"] == 0.5
-    assert len(datasets.read_poses(tmp_path / "street.tum")[1]) == len(WAY)
+    _, poses = datasets.read_poses(tmp_path / "street.tum")
+    np.testing.assert_allclose(datasets.read_poses(tmp_path / "street.kitti")[1], poses, atol=1e-12)
+    told = table(tmp_path / "street.csv")
+    assert len(told) == len(poses) == len(WAY)
+    last = np.array([float(told[-1][f"cov_{axis}_{axis}"]) for axis in ("x", "y", "z", "rx")])
+    assert ((last > 0.001**2) & (last < 0.2**2)).all()
     clouds = [datasets.read_cloud(tmp_path / f"cloud.{kind}").points for kind in ("ply", "pcd")]
     np.testing.assert_allclose(*clouds)
+    utm = tmp_path / "utm"
+    again = ("map", "export", built, "-o", utm, "--voxel", "1", "--resolution", "1")
+    assert error_of(1, *again, "--frame", "utm").code == "no-origin"
+    succeeds(*again, "--frame", "utm", "--origin", "49,8.4,110,30")
+    _, placed = datasets.read_poses(utm / "street.epsg32632.tum")
+    (line,) = json.loads((tmp_path / "trajectory.geojson").read_text())["features"]
+    longitude, latitude, height = np.array(line["geometry"]["coordinates"]).T
+    east, north = pyproj.Transformer.from_crs(4979, 32632).transform(latitude, longitude)[:2]
+    np.testing.assert_allclose(placed[:, :3, 3], np.stack([east, north, height], 1), atol=2e-3)
     for origin in ("49", "north,east", "100,0", "1,2,3,4,5"):
         problem = error_of(2, "map", "export", built, "-o", tmp_path / "other", "--origin", origin)
         assert "origin" in str(problem)

@@ -16,6 +16,7 @@ from fusionslam.datasets import open_dataset
 from fusionslam.datasets.kitti_raw import oxts_poses
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.datasets.streams import MissingSensorError
+from fusionslam.errors import DataError
 from kitti import POINTS, pose_lines, put_text
 from public_data import (
     KITTI_360_DRIVE,
@@ -466,6 +467,28 @@ def test_a_raw_drive_has_the_poses_of_camera_0_as_kitti_odometry_has(tmp_path: P
     scanners = np.linalg.inv(dataset.body_from_points) @ dataset.poses @ dataset.body_from_points
     metres = RADIUS_M * np.cos(np.radians(LATITUDE)) * np.radians(2e-4)
     np.testing.assert_allclose(scanners[2, :3, 3], [0, metres, 0], atol=1e-6)
+
+
+def test_a_raw_drive_has_the_positions_of_its_receiver(tmp_path: Path) -> None:
+    lines = {n: east(n) for n in range(3)}
+    texts = lines[1].split()
+    texts[23] = "0.25"  # pos_accuracy, by the data's dataformat.txt
+    drive = raw_drive_with_oxts(tmp_path, lines | {1: " ".join(texts)})
+    stamps = [f"2011-09-26 13:02:25.{n}12345678" for n in range(3)]
+    put_text(drive / "oxts/timestamps.txt", "\n".join(stamps))
+    dataset = open_dataset(drive)
+    first, second, _ = dataset.fixes()
+    np.testing.assert_array_equal(first.position, [LATITUDE, LONGITUDE, 116])
+    assert first.covariance is None and second.stamp_ns - first.stamp_ns == 10**8
+    np.testing.assert_array_equal(np.diag(second.covariance), [0.25**2, 0.25**2, 0.5**2])
+    mount = dataset.robot_from_antenna()
+    assert mount is not None and mount[0, 3] == pytest.approx(-0.8, abs=0.3)  # behind the scanner
+    bare = raw_drive_with_oxts(tmp_path / "bare", {}, mounted=False)
+    assert [*open_dataset(bare).fixes()] == []
+    texts[23] = "much"
+    put_text(drive / "oxts/data/0000000001.txt", " ".join(texts))
+    with pytest.raises(DataError, match="pos_accuracy is 'much'"):
+        [*dataset.fixes()]
 
 
 def test_without_the_place_of_the_imu_the_poses_are_its_own(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from fusionslam.base.arrays import Floats
 from fusionslam.errors import DataError, FusionSlamError
+from fusionslam.geometry.globe import MapOrigin, utm_code, utm_poses
 from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping.map_file import StoredKeyframe
 from fusionslam.registration import Refusal
@@ -91,6 +92,45 @@ def test_a_graph_lies_where_its_fixes_say_and_its_first_node_stays() -> None:
     solution = solved(true, measure(true))
     np.testing.assert_allclose(utm_of(solution), true[:, :3, 3], atol=0.05)  # UTM's scale: .9996
     np.testing.assert_allclose(solution.poses[0], exp(np.array([5.0, 7, 1, 0, 0, 2.0])), atol=2e-3)
+
+
+def test_parts_that_nothing_joins_lie_where_their_fixes_say() -> None:
+    """Two drives, and a third one of which no fix tells."""
+    ways, graph, positions = [circle(), circle(40), circle(5)], PoseGraph(), []
+    for way, measured in zip(ways, (measure(ways[0]), measure(ways[1], seed=1), []), strict=True):
+        first = len(graph)
+        graph.add_node(exp(np.array([first, 7.0, 1, 0, 0, 2.0])))
+        for step in inverse(way[:-1]) @ way[1:]:
+            node = graph.add_node()
+            graph.add_edge(node - 1, node, step, SD, "odometry")
+        positions += [replace(each, node=each.node + first) for each in measured]
+    graph.set_positions(positions)
+    solution = graph.solve()
+    assert solution.places.keys() == {0, 60}
+    for part, way in zip((0, 60), ways, strict=False):
+        here = Solution(solution.poses[solution.parts == part], np.zeros(len(way), int), (), ())
+        here = replace(here, places={0: solution.places[part]})
+        np.testing.assert_allclose(utm_of(here), way[:, :3, 3], atol=0.05)
+    np.testing.assert_allclose(solution.poses[100], exp(np.array([100, 7.0, 1, 0, 0, 2.0])))
+
+
+def test_poses_in_utm_look_where_the_projection_has_what_is_ahead() -> None:
+    origin = MapOrigin(latitude=49.0, longitude=8.1, altitude=100.0, heading=25.0)
+    poses = circle() @ exp(np.array([300.0, 0, 0, 0, 0, 0]))
+    placed = utm_poses(poses, origin, utm_code(origin))
+    angle = np.radians(25.0)
+    ahead = poses[:, :3, 3] + 10 * poses[:, :3, 0]
+    x, y = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ ahead.T[:2]
+    way = Transformer.from_pipeline(
+        "+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84 +lat_0=49 +lon_0=8.1 +h_0=100 "
+        "+step +inv +proj=cart +ellps=WGS84 +step +proj=utm +zone=32 +ellps=WGS84"
+    )
+    found = np.stack(way.transform(x, y, ahead[:, 2]), axis=1)
+    np.testing.assert_allclose(found - placed[:, :3, 3], 10 * placed[:, :3, 0], atol=5e-3)
+    for place, code in (((0, -180), 32601), ((-33, 151.2), 32756), ((50, 180), 32660)):
+        assert utm_code(MapOrigin(latitude=place[0], longitude=place[1])) == code
+    with pytest.raises(DataError, match="84"):
+        utm_code(MapOrigin(latitude=85, longitude=0))
 
 
 def test_fixes_that_are_far_off_do_not_count() -> None:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from error_codes import has_code
 from fusionslam import Cloud, DataError
 from fusionslam.geometry.se3 import exp, inverse, log, motion_size
-from fusionslam.mapping.clouds import pack_cloud, unpack_cloud, unpack_driven
+from fusionslam.mapping.clouds import pack_cloud, unpack_cloud
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_content import MapContent
-from fusionslam.mapping.map_file import StoredCloud, StoredKeyframe
+from fusionslam.mapping.map_file import StoredCloud, StoredFrames, StoredKeyframe
 from fusionslam.mapping.place_map import PlaceMap
 from fusionslam.mapping.sweeps import SolvedSweeps
 from fusionslam.registration.clouds import pack_arrays, pack_points
@@ -83,9 +83,14 @@ def solved(odometry_turns: float) -> MapContent:
     return MapContent({"a": 1}, keyframes, edges, (numbers, poses, np.zeros(5, np.int64)))
 
 
+def no_frames(_: int) -> StoredFrames:
+    """Of maps in which each frame is a keyframe."""
+    return StoredFrames(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 6)))
+
+
 def straightened(clouds: list[Cloud], odometry_turns: float = 1.3) -> SolvedSweeps:
     packed = [StoredCloud(b"", None, 0.0, pack_cloud(each, 0.02)) for each in clouds]
-    return SolvedSweeps(solved(odometry_turns), packed.__getitem__)
+    return SolvedSweeps(solved(odometry_turns), packed.__getitem__, no_frames)
 
 
 def off_walls(cloud: Cloud, number: int) -> Floats:
@@ -127,7 +132,7 @@ def test_a_robot_that_stands_changes_nothing() -> None:
     edges = [replace(each, pose=np.eye(4)) for each in content.edges.values()]
     content = MapContent({"a": 1}, still, edges, (np.arange(5), poses, np.zeros(5, np.int64)))
     packed = StoredCloud(b"", None, 0.0, pack_cloud(seen(0), 0.02))
-    sweeps = SolvedSweeps(content, lambda _: packed)
+    sweeps = SolvedSweeps(content, lambda _: packed, no_frames)
     assert sweeps.cloud(2) is sweeps.stored(2)
 
 
@@ -181,24 +186,6 @@ def test_damaged_times_are_refused(name: str, value: Any) -> None:
         unpack_cloud(pack_arrays(arrays))
 
 
-@rows(
-    "driven",
-    [
-        np.zeros(7),
-        np.zeros((1, 6)),
-        np.zeros((1, 7)),
-        np.zeros((1, 7), np.float32),
-        np.full((1, 7), np.nan),
-        np.array([[-0.1] * 7, [-0.2] * 7]),
-    ],
-)
-def test_damaged_odometry_of_frames_is_refused(driven: Any) -> None:
-    arrays = {"points": np.zeros((3, 3), np.int16)}
-    assert unpack_driven(pack_arrays(arrays)).shape == (0, 7)
-    with pytest.raises(DataError, check=has_code("damaged")):
-        unpack_driven(pack_arrays(arrays | {"driven": driven}))
-
-
 def test_frames_between_keyframes_tell_how_the_robot_turned() -> None:
     """It turns to and fro, and is back at each keyframe; its odometry drifts meanwhile."""
 
@@ -207,7 +194,7 @@ def test_frames_between_keyframes_tell_how_the_robot_turned() -> None:
         return exp(yaw[..., None] * np.array([0, 0, 0, 0, 0, 1.0]))
 
     stamps = np.arange(5) * STEP_S
-    between = np.arange(-7, 0) * 0.05
+    between = np.arange(1, 8) * 0.05
     keyframes = [
         StoredKeyframe(k, 1, k, round(1e9 * (5 + stamps[k])), turned(stamps[k], 0.1), np.eye(4))
         for k in range(5)
@@ -219,13 +206,18 @@ def test_frames_between_keyframes_tell_how_the_robot_turned() -> None:
     wall = np.random.default_rng(0).uniform(-3, 3, (4000, 3)) * [0, 1, 0.1] + [5, 0, 0]
     seconds = np.linspace(0, SWEEP_S, len(wall))
     bent = np.einsum("nji,nj->ni", turned(seconds)[:, :3, :3], wall).astype(np.float32)
-    odometry = log(inverse(turned(stamps[1], 0.1)) @ turned(stamps[1] + between, 0.1))
-    for driven in (np.column_stack([between, odometry]), np.empty((0, 7))):
-        packed = StoredCloud(b"", None, 0.0, pack_cloud(Cloud(bent, seconds=seconds), 0.02, driven))
-        sweeps = SolvedSweeps(content, lambda _, packed=packed: packed)
+    motions = log(inverse(turned(0.0, 0.1)) @ turned(between, 0.1))
+    packed = StoredCloud(b"", None, 0.0, pack_cloud(Cloud(bent, seconds=seconds), 0.02))
+
+    def passed(number: int) -> StoredFrames:
+        stamps_ns = np.rint(1e9 * (5 + stamps[number] + between)).astype(np.int64)
+        return StoredFrames(np.arange(7), stamps_ns, motions)
+
+    for frames_after in (passed, no_frames):
+        sweeps = SolvedSweeps(content, lambda _: packed, frames_after)
         assert np.ptp(sweeps.stored(2).points[:, 0]) > 0.5
         off = np.abs(sweeps.cloud(2).points[:, 0] - 5.0).max()
-        assert off < 0.06 if len(driven) else off > 0.5
+        assert off < 0.06 if frames_after is passed else off > 0.5
 
 
 def test_steps_are_measured_anew_by_straight_clouds_and_what_was_measured_stays(

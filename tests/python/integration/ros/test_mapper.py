@@ -19,7 +19,7 @@ from fusionslam.errors import ConfigError, DataError
 from fusionslam.mapping import PlaceMap
 from fusionslam.ros.runtime.diagnostics import diagnostics
 from fusionslam.sensors.frame import Frame
-from fusionslam.sensors.messages import FrameTransforms, Odometry, Scan
+from fusionslam.sensors.messages import Fix, FrameTransforms, Odometry, Scan
 from place_maps import assert_same_map
 from refusals import refuses
 from ros_master import needs_ros
@@ -131,6 +131,46 @@ def test_a_node_that_ends_goes_on_with_its_session(tmp_path: Path) -> None:
     with PlaceMap.open(path, read_only=True) as site:
         assert site.frames("monday").tolist() == [0, 1, 2, 3, 4, 5, 6]
         assert site.sessions[0].parts == (0,)
+
+
+@pytest.mark.slow
+def test_a_node_puts_its_map_on_the_globe_and_goes_on_with_it(tmp_path: Path) -> None:
+    """The receiver is 0.5 m above the robot; the first robot pose is 7 m up, and looks east."""
+    pyproj = pytest.importorskip("pyproj")
+    enu = pyproj.Transformer.from_pipeline(
+        "+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84 +lat_0=49 +lon_0=8.4 +h_0=7 "
+        "+step +inv +proj=cart +ellps=WGS84 +step +proj=unitconvert +xy_in=rad +xy_out=deg"
+    )
+    lever = np.array([0, 0, 0.5, 1])
+    path, near = tmp_path / "site.fsmap", np.linalg.inv(WAY[0])
+    for part in (range(9), range(9, len(WAY))):
+        desk = start(path)
+        desk.give("/tf_static", FrameTransforms(transforms=(static("base", "gps", antenna()),)))
+        for k in part:
+            drive(desk, MONDAY[k : k + 1])
+            longitude, latitude, height = enu.transform(*(near @ WAY[k] @ lever)[:3])
+            position = np.array([latitude, longitude, height])
+            stamp_ns = START + MONDAY[k].stamp_ns
+            sure = {"frame_id": "gps", "covariance": np.eye(3) * 0.01}
+            desk.give("fix", Fix(stamp_ns=stamp_ns, position=position, **sure))
+            late = Fix(stamp_ns=stamp_ns + 60 * SECOND, position=position, **sure)
+            desk.give("fix", late)
+        desk.node.close()
+        assert [*desk.problems().values()] == [len(part)]  # of the other clock
+    origin = desk.node._site.content.origin
+    assert origin is not None and desk.node.report()["origin"] == str(origin)
+    assert origin.altitude == pytest.approx(7, abs=0.2)
+    assert (origin.latitude, origin.longitude) == pytest.approx((49, 8.4), abs=3e-6)
+    assert origin.heading == pytest.approx(0, abs=1)
+    with PlaceMap.open(path, read_only=True) as site:
+        # The last one of each part came after the graph was solved.
+        assert {p.node for p in site.file.positions()} == {*range(len(WAY))} - {8, len(WAY) - 1}
+
+
+def antenna() -> np.ndarray:
+    pose = np.eye(4)
+    pose[2, 3] = 0.5
+    return pose
 
 
 def test_a_new_drive_has_no_place_on_the_map_until_loops_join_it(

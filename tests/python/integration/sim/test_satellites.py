@@ -92,7 +92,11 @@ def test_a_map_of_a_drive_is_exported_where_the_drive_was(tmp_path: Path) -> Non
     config = SimulationConfig(origin=MapOrigin(latitude=49.0, longitude=8.4, heading=40.0))
     bag = write_bag(tmp_path / "drive.bag", simulate(hall(), robot, straight(8.0), config))
     site, out = tmp_path / "site.fsmap", tmp_path / "out"
-    said = succeeds("map", "build", bag, "-o", site, "-d", "m2dp", "--no-report").stdout
+    words = ("map", "build", bag, "-o", site, "--no-report")
+    assert "origin" not in succeeds(*words, "-d", "m2dp", "--topic", "fix=").stdout
+    said = succeeds(*words).stdout  # the map has all frames, and gets the fixes
+    before = site.read_bytes()
+    assert succeeds(*words).stdout == said and site.read_bytes() == before
     succeeds("map", "export", site, "-o", out)
     (feature,) = json.loads((out / "trajectory.geojson").read_text())["features"]
     along = [feature["geometry"]["coordinates"][k] for k in (0, -1)]

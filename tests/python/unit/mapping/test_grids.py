@@ -211,7 +211,7 @@ def test_a_trajectory_is_a_line_with_times(tmp_path: Path) -> None:
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = 0.0, 1.0, 2.0
     stamps = np.array([0, 1_500_000_000, 2_000_000_000])
-    write_geojson(tmp_path / "track.geojson", {"monday": (stamps, poses)}, KARLSRUHE)
+    write_geojson(tmp_path / "track.geojson", [("monday", stamps, poses, KARLSRUHE)])
     content = json.loads((tmp_path / "track.geojson").read_text())
     assert content["type"] == "FeatureCollection"
     (feature,) = content["features"]
@@ -222,6 +222,6 @@ def test_a_trajectory_is_a_line_with_times(tmp_path: Path) -> None:
 
 
 def test_one_pose_is_no_line(tmp_path: Path) -> None:
-    write_geojson(tmp_path / "a.geojson", {"a": (np.array([0]), np.eye(4)[None])}, KARLSRUHE)
+    write_geojson(tmp_path / "a.geojson", [("a", np.array([0]), np.eye(4)[None], KARLSRUHE)])
     (feature,) = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert feature["geometry"]["type"] == "MultiPoint"
