@@ -17,6 +17,7 @@ from benchmarks.accuracy.recorded_loops import CONFIG
 from benchmarks.accuracy.room_maps import FLOOR, NOISE, PAGE
 from benchmarks.accuracy.rooms import RecordedDrive
 from fusionslam.base.arrays import Floats, Mask
+from fusionslam.config import merged
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.frame_poses import FramePoses, frame_poses
@@ -48,7 +49,7 @@ def measure(name: str, folder: Path) -> list[list[str]]:
     """Rows of a recording: frames led on from the last keyframe, and from both neighbours."""
     drive = RecordedDrive(name)
     odometry, path = drive.odometry(NOISE), folder / f"{name}.fsmap"
-    config = MapConfig.model_validate({"keyframe_distance": APART, "drift": FLOOR})
+    config = merged(MapConfig(), {"keyframe_distance": APART, "drift": FLOOR})
     with PlaceMap.open(
         path,
         "drive",

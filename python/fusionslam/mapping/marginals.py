@@ -19,7 +19,7 @@ def measure_uncertainty(content: MapContent) -> tuple[list[Edge], Uncertainty]:
 
     Raises:
         FusionSlamError: GTSAM is not installed (code "missing-extra"), or the edges do not
-            determine the poses ("not-solvable").
+            determine the poses in float64 ("not-solvable"), as of 50,000 keyframes without a loop.
     """
     row = content.row
     edges = [
