@@ -266,7 +266,7 @@ class PlaceMapper(FrameNode[MapperConfig]):
         driven = "odometry does not tell how far it drove"
         if last.unconfirmed_m is not None:
             driven = f"{last.unconfirmed_m:.0f} m since its position was confirmed"
-        if last.is_lost:
+        if last.is_lost and self._state != "mapping":  # who explores is unsure
             return Health("lost", f"the robot is lost ({self._state}): {driven}")
         is_known = self._state in ("mapping", "localised")
         if is_known and last.unconfirmed_m is not None and last.unconfirmed_m <= limit / 2:
