@@ -56,6 +56,7 @@ class MapContent:
             did when they were added.
         positions: that satellites tell; their nodes are keyframes.
         origin: where on the globe the solution has the first part.
+        reason: what was wrong with the graph of that solution as a whole.
 
     Raises:
         ValueError: a keyframe's session is missing.
@@ -85,6 +86,7 @@ class MapContent:
         solution: StoredSolution | None,
         positions: Iterable[Position] = (),
         origin: MapOrigin | None = None,
+        reason: Refusal | None = None,
     ) -> None:
         self.sessions = sessions
         self.keyframes: list[StoredKeyframe] = []
@@ -92,7 +94,7 @@ class MapContent:
         self.row: dict[int, int] = {}
         self.odometry: dict[int, Matrix] = {}
         self.stretches: dict[int, int] = {}
-        self.reason: Refusal | None = None
+        self.reason = self._saved_reason = reason
         self.origin = self._saved_origin = origin
         self.unplaced: Refusal | None = None
         self._graph = PoseGraph()
@@ -168,6 +170,8 @@ class MapContent:
         )
         if self.origin is not None:
             lines.append(f"its origin is at {self.origin}")
+        if self.reason is not None:
+            lines.append(str(self.reason))
         return "\n".join(lines)
 
     def find_session(self, name: str) -> int:
@@ -291,12 +295,14 @@ class MapContent:
             file.store_solution(self.numbers, self.poses, np.array(self.parts, np.int64))
         if self.origin != self._saved_origin:
             file.store_origin(self.origin)
+        if self.reason != self._saved_reason:
+            file.store_reason(self.reason)
 
     def saved(self) -> None:
         """Take note that the file has everything."""
         self.unsaved.clear()
         self._is_solution_saved = True
-        self._saved_origin = self.origin
+        self._saved_origin, self._saved_reason = self.origin, self.reason
 
     def _is_across(self, edge: Edge) -> bool:
         return self.part(edge.a) != self.part(edge.b)

@@ -21,6 +21,7 @@ from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.mapping.clouds import NOT_DRIVEN, FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
+from fusionslam.mapping.continuity import contradicts, fastest_step, find_doubt
 from fusionslam.mapping.edge import CHI2_999, Edge, check_pose
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile, StoredKeyframe
@@ -46,9 +47,10 @@ class MapStep(NamedTuple):
         refused: candidates that are no loop, and why.
         pose: float64 (4, 4), map_from_robot.
         why: what is unusual about the frame; None if nothing is. Its code is "jump" (number:
-            metres of odometry since the frame before) or "silence" (seconds since then, and clouds
-            do not confirm odometry), both of which begin a part of the map, or "stamp" (seconds
-            that the time stamp is before that of the frame before; as "silence" if they are many).
+            metres of odometry since the frame before), "restart" (metres back to the origin of
+            odometry), or "silence" (seconds since then, and clouds contradict odometry), each of
+            which begins a part of the map, or "stamp" (seconds that the time stamp is before that
+            of the frame before; many begin a part unless clouds confirm odometry).
     """
 
     keyframe: int | None
@@ -104,6 +106,8 @@ class MapWriter:
             self._last_stamp_ns = self._last.stamp_ns
             first = content.stretches[self._last.id]
             self._stretch = [each for each in mine if content.stretches[each.id] == first]
+        self._fastest = fastest_step(self._stretch)
+        """m/s by odometry."""
 
     def add(self, frame: Frame, odometry: Matrix | None = None) -> MapStep:
         """Add a frame; arguments and errors as of ``PlaceMap.add``."""
@@ -122,7 +126,10 @@ class MapWriter:
             waited = (frame.stamp_ns - self._last_stamp_ns) / 1e9
         if waited <= 0:
             self._driven = []
-        self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
+        if self._last_odometry is not None:
+            doubt = find_doubt(self._last_odometry, robot, waited, self._fastest, self.settings.map)
+            if self._doubt is None or (doubt is not None and doubt.code == "jump"):
+                self._doubt = doubt
         self._last_odometry = robot
         self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
         self.motion.follow(frame.stamp_ns, robot @ mount)
@@ -170,6 +177,8 @@ class MapWriter:
         )
         edges = self._lead_on(keyframe, seen.cloud)
         reason, self._doubt = self._doubt, None
+        if reason is not None:
+            logger.warning("%s", reason)
         if not edges:
             self._stretch = []
         first = self._stretch[0].id if edges else number
@@ -203,6 +212,7 @@ class MapWriter:
             release_memory()
         self._last, self._driven = keyframe, []
         self._stretch.append(keyframe)
+        self._fastest = max(self._fastest, fastest_step(self._stretch[-2:]))
         self.last_frame = max(frame.number, self.last_frame or 0)
         closed = (content.edges[edges[-1].number],) if loop is not None else ()
         pose = content.pose(number) @ np.linalg.inv(mount)
@@ -210,20 +220,23 @@ class MapWriter:
 
     def _lead_on(self, keyframe: StoredKeyframe, cloud: PreparedCloud) -> list[Edge]:
         """Return the step from the last keyframe; nothing if odometry does not tell it."""
-        if self._last is None or (self._doubt is not None and self._doubt.code == "jump"):
+        doubt = self._doubt
+        if self._last is None or (doubt is not None and doubt.code == "jump"):
             return []
         edges = self._measure_step(self._last, keyframe, cloud)
-        if self._doubt is not None:
-            is_confirmed = len(edges) == 2  # clouds measured the step as well
-            if is_confirmed:
-                driven, measured = edges
-                off = log(inverse(driven.pose) @ measured.pose)
-                spread = driven.covariance + measured.covariance
-                is_confirmed = bool(off @ np.linalg.solve(spread, off) <= CHI2_999)
-            if not is_confirmed:
-                logger.warning("%s", self._doubt)
-                return []
-            self._doubt = None
+        if doubt is None:
+            return edges
+        if len(edges) == 2:  # clouds measured the step as well
+            driven, measured = edges
+            off = log(inverse(driven.pose) @ measured.pose)
+            spread = driven.covariance + measured.covariance
+            goes_on = bool(off @ np.linalg.solve(spread, off) <= CHI2_999)
+        else:
+            stored = self._detector.stored_frame(self._last.id).unpack()
+            goes_on = doubt.code == "silence" and not contradicts(cloud, stored, edges[0].pose)
+        if not goes_on:
+            return []
+        self._doubt = None
         return edges
 
     def _too_recent(self, stamp_ns: int) -> set[int]:
@@ -256,7 +269,7 @@ class MapWriter:
         found = register(cloud, stored, step, search=False)
         if found.target_from_source is not None and found.covariance is not None:
             pose, covariance = found.target_from_source, found.covariance
-            if cloud.scene is None:
+            if cloud.scene is None and not cloud.is_sector:
                 covariance = step_covariance(covariance, cloud.config, self.settings.map)
             edges.append(Edge(number + 1, "loop", *ends, pose, covariance, "pending"))
         return edges
@@ -273,32 +286,6 @@ class MapWriter:
             np.asarray(loop.covariance),
             "pending",
         )
-
-    def _check_jump(self, robot: Matrix) -> Refusal | None:
-        if self._last_odometry is None:
-            return None
-        step = float(np.linalg.norm(robot[:3, 3] - self._last_odometry[:3, 3]))
-        if step <= self.settings.map.max_step:
-            return None
-        text = (
-            f"odometry jumped by {step:.1f} m, more than {self.settings.map.max_step:g}: the map "
-            "goes on in a part of its own until loops join it"
-        )
-        logger.warning("%s", text)
-        return Refusal("jump", step, text)
-
-    def _check_silence(self, seconds: float) -> Refusal | None:
-        limit = self.settings.map.max_silence
-        if abs(seconds) <= limit:
-            return None
-        code, what = "silence", f"{seconds:.1f} s without frames"
-        if seconds < 0:  # a recording that is played again, or a clock that was set
-            code, what = "stamp", f"the time stamp goes back by {-seconds:.1f} s"
-        text = (
-            f"{what}, more than {limit:g}, and clouds do not confirm odometry: the map goes on in "
-            "a part of its own until loops join it"
-        )
-        return Refusal(code, abs(seconds), text)
 
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
         distance = self.settings.map.keyframe_distance
