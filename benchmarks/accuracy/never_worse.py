@@ -250,7 +250,8 @@ def invent_within_drift(
 
 def true_clouds(drive: Drive, site: PlaceMap) -> Floats:
     mounts = np.array([each.robot_from_cloud for each in site.content.keyframes])
-    return drive.true[site.frames(drive.name)] @ mounts
+    clouds: Floats = drive.true[site.frames(drive.name)] @ mounts
+    return clouds
 
 
 def make_good(clouds: Floats, site: PlaceMap) -> list[Edge]:

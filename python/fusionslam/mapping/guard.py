@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fusionslam._core import OdometryTree
+from fusionslam.base.arrays import Floats
 from fusionslam.geometry.se3 import exp, inverse, log
 from fusionslam.mapping.edge import CHI2_999, Edge, measurement_errors
 from fusionslam.registration.result import Refusal
@@ -23,7 +24,7 @@ _MARGIN = 2.0
 _BEST = 0.1
 """Factor on odometry's deviations below which loops do not tell."""
 _LEAST = 1e-3
-"""Share of odometry's variance that steps leave, and of what they take, at least."""
+"""Of odometry's variance, that of what steps move."""
 
 
 def oppose_loops(
@@ -52,19 +53,20 @@ def oppose_loops(
         for each in (tree, fused)
     )
     before, after = (np.array([each.drift(a, b) for a, b in ends]) for each in (tree, fused))
-    # In units of odometry's deviations, along axes in which steps take shares of its variance.
+    # In units of odometry's deviations: what steps leave of them, and what the loop does not know.
     root = np.linalg.cholesky(before)
-    half = np.linalg.solve(root, after)
-    left, axes = np.linalg.eigh(np.linalg.solve(root, half.mT))
-    left = left.clip(_LEAST, 1)
-    errors, others = (
-        np.einsum("nji,nj->ni", axes, np.linalg.solve(root, each[..., None])[..., 0])
-        for each in (driven, corrected)
+
+    def in_units(covariances: Floats) -> Floats:
+        return np.linalg.solve(root, np.linalg.solve(root, covariances).mT)
+
+    left, own = in_units(after), in_units(np.array([edge.covariance for edge in loops]))
+    error, other = (np.linalg.solve(root, each[..., None]) for each in (driven, corrected))
+    taken, told = np.eye(6) - left, np.linalg.inv(np.eye(6) + own)
+    moved, expected = error - other, taken @ told @ error
+    spread = taken @ left + taken @ (np.eye(6) - told) @ taken + _LEAST * np.eye(6)
+    if_driven, if_right = (
+        (each.mT @ np.linalg.solve(spread, each))[:, 0, 0] for each in (moved, moved - expected)
     )
-    moved, expected = errors - others, (1 - left) * errors
-    spread = np.maximum((1 - left) * left, _LEAST)
-    if_driven = (moved**2 / spread).sum(axis=1)
-    if_right = ((moved - expected) ** 2 / spread).sum(axis=1)
     # Steps that fit neither are worse than they state.
     inflation = np.maximum(np.minimum(if_driven, if_right) / 6, 1)
     preferred = np.sqrt(np.maximum(if_right - if_driven, 0) / inflation)
