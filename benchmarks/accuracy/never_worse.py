@@ -295,29 +295,34 @@ def leave_out(drive: Drive, seconds: float) -> Iterator[Frame]:
 
 
 def measure(drive: Drive, folder: Path, scratch: Path) -> dict[str, list[list[str]]]:
-    """Rows of the tables."""
+    """Rows of the tables; maps of earlier runs are solved anew."""
     path = folder / f"{drive.name}.fsmap"
     apart = build(drive, path, drive.frames)
-    made = judge(drive, path)
-    maps = [[drive.name, *made.cells(), f"{1e3 * apart:.3f}"]]
     shutil.copy(path, copy := scratch / path.name)
-    false = []
-    for kind in KINDS:
-        judged = judge(drive, vary(drive, copy, partial(put_in, drive, kind)))
-        false.append([drive.name, "as it is", kind, *judged.cells()])
+    made = judge(drive, vary(drive, copy, lambda _: []))
+    maps, gaps = [[drive.name, *made.cells(), f"{1e3 * apart:.3f}"]], []
+    false = list(judge_with_false(drive, copy, "as it is"))
     if drive.is_made:  # others are not known that well
         good, odometry = with_good_odometry(drive, copy)
         maps.append([f"{drive.name}, good odometry", *judge(drive, good, odometry).cells(), "-"])
         shutil.move(good, good := scratch / "good.fsmap")
-        for kind in KINDS:
-            judged = judge(drive, vary(drive, good, partial(put_in, drive, kind)), odometry)
-            false.append([drive.name, "good", kind, *judged.cells()])
-    gaps = []
+        false += judge_with_false(drive, good, "good", odometry)
     for seconds in () if drive.is_made or drive.name == SLOW else GAPS_S:
         path = folder / f"{drive.name}-without-{seconds:g}.fsmap"
         build(drive, path, partial(leave_out, drive, seconds))
-        gaps.append([drive.name, f"{seconds:g} s", *judge(drive, path).cells()])
+        shutil.copy(path, copy := scratch / path.name)
+        judged = judge(drive, vary(drive, copy, lambda _: []))
+        gaps.append([drive.name, f"{seconds:g} s", *judged.cells()])
     return {"never worse": maps, "false loops": false, "gaps": gaps}
+
+
+def judge_with_false(
+    drive: Drive, path: Path, name: str, odometry: Floats | None = None
+) -> Iterator[list[str]]:
+    """A row for each kind of false loops that are put into a map."""
+    for kind in KINDS:
+        judged = judge(drive, vary(drive, path, partial(put_in, drive, kind)), odometry)
+        yield [drive.name, name, kind, *judged.cells()]
 
 
 HEADS = {

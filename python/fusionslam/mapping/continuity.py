@@ -11,6 +11,7 @@ from fusionslam._core import count_overlap
 from fusionslam.base.arrays import Matrix
 from fusionslam.geometry.se3 import inverse, log
 from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.map_file import StoredKeyframe
 from fusionslam.registration import PreparedCloud, Refusal
 
@@ -58,19 +59,22 @@ def find_doubt(
     return Refusal("silence", seconds, text)
 
 
-def contradicts(source: PreparedCloud, target: PreparedCloud, step: Matrix) -> bool:
+def contradicts(source: PreparedCloud, target: PreparedCloud, driven: Edge) -> bool:
     """Whether points of either cloud stand, by odometry, where the other sensor saw free space.
 
-    Clouds that show different places contradict nothing. Range images of method planar have no
-    points; they contradict what they do not confirm.
+    Clouds that show different places contradict nothing, nor do any if odometry may be off by more
+    than points that agree are apart. Range images of method planar have no points; they contradict
+    what they do not confirm.
 
     Args:
         source, target: clouds that registration refused to join.
-        step: float64 (4, 4), target_from_source.
+        driven: target_from_source by odometry.
     """
     if source.scene is not None:
         return True
-    leveled = target.level_from_cloud @ step @ inverse(source.level_from_cloud)
+    if np.linalg.eigvalsh(driven.covariance[:3, :3])[-1] > source.config.overlap_distance**2:
+        return False
+    leveled = target.level_from_cloud @ driven.pose @ inverse(source.level_from_cloud)
     for one, other, pose in ((source, target, leveled), (target, source, inverse(leveled))):
         points = one.above_ground
         counts = count_overlap(

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether evidence that loops did not provide agrees with them: steps that clouds measured.
 
-Clouds of neighbouring keyframes measure the same steps as odometry. If a loop is right and odometry
-is off, they have moved the way between its nodes towards it. If odometry is right, they have not.
-The likelihood ratio of both decides (Neyman and Pearson 1933).
+Clouds of neighbouring keyframes measure the same steps as odometry. If a loop is right, they move
+the way between its nodes from where odometry has it towards the loop. If it is false, they move it
+as odometry's own error asks for. The ratio of both likelihoods decides (Neyman and Pearson 1933).
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,16 +30,15 @@ _LEAST = 1e-3
 def oppose_loops(
     tree: OdometryTree, steps: Mapping[int, Edge], loops: Sequence[Edge], sigmas: float
 ) -> dict[int, Refusal]:
-    """Refuse loops where measured steps speak for odometry and against them.
+    """Refuse loops that measured steps speak against.
 
-    Where clouds leave steps open, as along a corridor, they say nothing; nor where odometry is as
-    near to a loop as they could have brought it.
+    Where clouds leave steps open, as along a corridor, they say nothing.
 
     Args:
         tree: odometry.
         steps: measurements of the way from its parent, by node of the tree.
         loops: between nodes of the tree that odometry connects.
-        sigmas: by which steps must prefer odometry, standard deviations.
+        sigmas: by which they must speak against a loop, standard deviations.
 
     Returns:
         Reasons by the loops' numbers, code "contradicts-steps" (number: the standard deviations).
@@ -63,21 +62,27 @@ def oppose_loops(
     error, other = (np.linalg.solve(root, each[..., None]) for each in (driven, corrected))
     taken, told = np.eye(6) - left, np.linalg.inv(np.eye(6) + own)
     moved, expected = error - other, taken @ told @ error
-    spread = taken @ left + taken @ (np.eye(6) - told) @ taken + _LEAST * np.eye(6)
-    if_driven, if_right = (
-        (each.mT @ np.linalg.solve(spread, each))[:, 0, 0] for each in (moved, moved - expected)
-    )
+    # What steps move is known to what they leave, and to what is open of odometry's error: what the
+    # loop does not know if it is right, else all of it.
+    stepped = taken @ left + _LEAST * np.eye(6)
+    if_right = stepped + taken @ (np.eye(6) - told) @ taken
+    if_false = stepped + taken @ taken
+    squares = [
+        (each.mT @ np.linalg.solve(spread, each))[:, 0, 0]
+        for each, spread in ((moved - expected, if_right), (moved, if_false))
+    ]
+    sharper = np.linalg.slogdet(if_false)[1] - np.linalg.slogdet(if_right)[1]
     # Steps that fit neither are worse than they state.
-    inflation = np.maximum(np.minimum(if_driven, if_right) / 6, 1)
-    preferred = np.sqrt(np.maximum(if_right - if_driven, 0) / inflation)
+    inflation = np.maximum(np.minimum(*squares) / 6, 1)
+    against = np.sqrt(np.maximum((squares[0] - squares[1]) / inflation - sharper, 0))
     return {
         edge.number: Refusal(
             "contradicts-steps",
             value,
-            f"the steps that clouds measured on the way between agree with odometry, and by "
-            f"{value:.3g} standard deviations not with the loop; {sigmas:g} are to be expected",
+            f"the steps that clouds measured on the way between speak against it by {value:.3g} "
+            f"standard deviations, {sigmas:g} are to be expected",
         )
-        for edge, value in zip(loops, preferred.tolist(), strict=True)
+        for edge, value in zip(loops, against.tolist(), strict=True)
         if value > sigmas
     }
 

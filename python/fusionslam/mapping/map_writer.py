@@ -35,6 +35,9 @@ _ABOUT = 8
 _RELEASE = 10
 """Keyframes after which memory that is free is given back, which takes some milliseconds."""
 
+_STOOD_M = 0.1
+"""Odometry that moved no farther stood, however long."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -223,7 +226,9 @@ class MapWriter:
         doubt = self._doubt
         if self._last is None or (doubt is not None and doubt.code == "jump"):
             return []
-        edges = self._measure_step(self._last, keyframe, cloud)
+        is_silent = doubt is not None and doubt.code == "silence"
+        way = self._fastest * doubt.number if doubt is not None and is_silent else None
+        edges = self._measure_step(self._last, keyframe, cloud, way)
         if doubt is None:
             return edges
         if len(edges) == 2:  # clouds measured the step as well
@@ -233,7 +238,7 @@ class MapWriter:
             goes_on = bool(off @ np.linalg.solve(spread, off) <= CHI2_999)
         else:
             stored = self._detector.stored_frame(self._last.id).unpack()
-            goes_on = doubt.code == "silence" and not contradicts(cloud, stored, edges[0].pose)
+            goes_on = is_silent and not contradicts(cloud, stored, edges[0])
         if not goes_on:
             return []
         self._doubt = None
@@ -250,15 +255,27 @@ class MapWriter:
         return recent
 
     def _measure_step(
-        self, before: StoredKeyframe, after: StoredKeyframe, cloud: PreparedCloud
+        self,
+        before: StoredKeyframe,
+        after: StoredKeyframe,
+        cloud: PreparedCloud,
+        way: float | None,
     ) -> list[Edge]:
         """Measure the step from the last keyframe by odometry, and by both clouds if they fit.
 
         Loops alone cannot tell odometry's scale.
+
+        Args:
+            before, after: the last keyframe and the new one.
+            cloud: of the new one.
+            way: metres that the robot may have driven unseen; None if it was seen all the time.
         """
         number, ends = self._content.next_edge, (before.id, after.id)
         step = np.linalg.inv(before.odometry) @ after.odometry
         covariance = odometry_covariance(step, self.settings.map)
+        straight = float(np.linalg.norm(step[:3, 3]))
+        if way is not None and straight > _STOOD_M:
+            covariance *= max(way / straight, 1)  # variances grow with the way
         edges = [Edge(number, "odometry", *ends, step, covariance, "believed")]
         stored = self._detector.stored_frame(before.id).unpack()
         if cloud.further or stored.further:  # local maps share scans, which odometry joined
@@ -266,7 +283,7 @@ class MapWriter:
             if last is None or new is None:
                 return edges
             stored, cloud = last, new
-        found = register(cloud, stored, step, search=False)
+        found = register(cloud, stored, step, search=way is not None)
         if found.target_from_source is not None and found.covariance is not None:
             pose, covariance = found.target_from_source, found.covariance
             if cloud.scene is None and not cloud.is_sector:

@@ -54,8 +54,8 @@ class Solution:
         reason: what is wrong with the graph as a whole; None if nothing is. Its code is
             "overconfident-odometry" where odometry contradicts more than a fifth of the loops that
             agree with each other (number: the factor by which its stated deviations are too small),
-            or "contradicts-steps" where odometry stays although it allows loops, as the steps that
-            clouds measured speak for it and against them (number: of these loops).
+            or "contradicts-steps" where loops are refused that odometry allows, as the steps that
+            clouds measured speak against them (number: of these loops).
         seconds: time it took.
         origin: where on the globe the part of node 0 is; None without positions that say so.
         unplaced: why positions do not say so.
@@ -213,8 +213,8 @@ class PoseGraph:
     def solve(self) -> Solution:
         """Decide which loops to believe, and move the nodes to where the edges fit best.
 
-        Loops that odometry contradicts are left out at first, and those that speak against it
-        though measured steps agree with it; the others weigh less the worse they fit (Cauchy).
+        Loops that odometry or measured steps contradict are left out at first, the others weigh
+        less the worse they fit (Cauchy).
         Then those of all loops are believed that fit the result (chi square .999), and the others
         refused. Odometry that is better than it states counts for more, as far as all its loops
         agree with it. Loops refused by earlier solves are asked again; the result depends on the
@@ -278,8 +278,8 @@ class PoseGraph:
         left_out = sum(self._edges[number].state == "refused" for number in opposed)
         if reason is None and left_out:
             text = (
-                f"odometry stays where {left_out} of {len(ways)} loops that it allows would move "
-                "it: steps that clouds measured on the way agree with it, and not with them"
+                f"{left_out} of {len(ways)} loops that odometry allows are refused: the steps that "
+                "clouds measured on the way speak against them"
             )
             reason = Refusal("contradicts-steps", left_out, text)
         origin = unplaced = None
