@@ -39,6 +39,7 @@ from fusionslam.geometry.se3 import exp, inverse
 from fusionslam.mapping import Edge
 from fusionslam.mapping.config import MapConfig
 from fusionslam.mapping.place_map import PlaceMap
+from fusionslam.registration import Refusal
 from fusionslam.sensors.frame import Frame
 from fusionslam.sim import SimConfig, TownConfig
 
@@ -205,6 +206,12 @@ def vary(drive: Drive, path: Path, change: Callable[[PlaceMap], Sequence[Edge]])
     return copy
 
 
+def unlink_all(site: PlaceMap) -> list[Edge]:
+    """The loops of a map as if a person had taken them out."""
+    reason = Refusal("unlinked", 0.0, "taken out")
+    return [replace(edge, state="refused", reason=reason) for edge in site.loops]
+
+
 def put_in(drive: Drive, kind: str, site: PlaceMap) -> list[Edge]:
     """False loops of a kind of ``KINDS``."""
     clouds = true_clouds(drive, site)
@@ -301,6 +308,9 @@ def measure(drive: Drive, folder: Path, scratch: Path) -> dict[str, list[list[st
     shutil.copy(path, copy := scratch / path.name)
     made = judge(drive, vary(drive, copy, lambda _: []))
     maps, gaps = [[drive.name, *made.cells(), f"{1e3 * apart:.3f}"]], []
+    if made.believed:
+        judged = judge(drive, vary(drive, copy, unlink_all))
+        maps.append([f"{drive.name}, without its loops", *judged.cells(), "-"])
     false = list(judge_with_false(drive, copy, "as it is"))
     if drive.is_made:  # others are not known that well
         good, odometry = with_good_odometry(drive, copy)

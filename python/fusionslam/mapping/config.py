@@ -110,8 +110,7 @@ def step_covariance(
 
     Neighbouring clouds show nearly the same: their poses are off by 8 to 14 mm and 0.02 to 0.05
     degrees on KITTI (docs/stages/registration.md). Of clouds that show less than half of the circle
-    they are not: several hundred steps by a Livox Avia, carried by hand, drift four times as far as
-    such a floor states (docs/results/robustness.md).
+    they are not: steps of a Livox Avia, carried by hand, bent a path that odometry knew better.
 
     Args:
         covariance: float64 (6, 6), of the registration, of method global.
