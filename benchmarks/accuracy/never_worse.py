@@ -150,6 +150,7 @@ def build(drive: Drive, path: Path, frames: Frames) -> float:
     if stored.exists():
         return float(json.loads(stored.read_text())[0])
     note(f"mapping {path.stem}")
+    delete(path)  # what an interrupted run has left
     apart, looks = 0.0, np.linspace(0, len(drive.true) - 1, LOOKS + 1).astype(int)[1:]
     with PlaceMap.open(path, drive.name, **drive.options) as site:
         for frame in frames():
@@ -160,6 +161,12 @@ def build(drive: Drive, path: Path, frames: Frames) -> float:
         apart = max(apart, compare(site, drive.name))
     save(stored, [apart])
     return apart
+
+
+def delete(path: Path) -> None:
+    """Delete a map and its log."""
+    for suffix in ("", "-wal", "-shm"):
+        Path(f"{path}{suffix}").unlink(missing_ok=True)
 
 
 def compare(site: PlaceMap, session: str) -> float:
@@ -197,8 +204,7 @@ def judge(drive: Drive, path: Path, odometry: Floats | None = None) -> Judged:
 def vary(drive: Drive, path: Path, change: Callable[[PlaceMap], Sequence[Edge]]) -> Path:
     """Solve a copy of a map with edges that replace its own, by their numbers, or are new."""
     copy = path.with_name("varied.fsmap")
-    for suffix in ("", "-wal", "-shm"):
-        Path(f"{copy}{suffix}").unlink(missing_ok=True)
+    delete(copy)
     shutil.copy(path, copy)
     with PlaceMap.open(copy, drive.name) as site:
         site.content.take(change(site))

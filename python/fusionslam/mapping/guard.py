@@ -23,6 +23,8 @@ _MARGIN = 2.0
 """On the squared error of the worst of them."""
 _BEST = 0.1
 """Factor on odometry's deviations below which loops do not tell."""
+_ROUNDING = 1e-12
+"""Of the sum of odometry's variances, so that the smallest stays positive."""
 _LEAST = 1e-3
 """Of odometry's variance, that of what steps move."""
 
@@ -53,7 +55,8 @@ def oppose_loops(
     )
     before, after = (np.array([each.drift(a, b) for a, b in ends]) for each in (tree, fused))
     # In units of odometry's deviations: what steps leave of them, and what the loop does not know.
-    root = np.linalg.cholesky(before)
+    least = _ROUNDING * np.trace(before, axis1=1, axis2=2)
+    root = np.linalg.cholesky(before + least[:, None, None] * np.eye(6))
 
     def in_units(covariances: Floats) -> Floats:
         return np.linalg.solve(root, np.linalg.solve(root, covariances).mT)
