@@ -345,6 +345,19 @@ def test_steps_that_clouds_measure_are_firmer_than_loops(path: Path) -> None:
     assert np.median(of_steps) < of_loops.min()
 
 
+def test_steps_of_sectors_are_no_firmer_than_loops(tmp_path: Path) -> None:
+    ahead = [
+        changed(frame, points=frame.points[np.abs(frame.points[:, 1]) < frame.points[:, 0]])
+        for frame in FRAMES[:3]
+        if frame.points is not None
+    ]
+    build(tmp_path / "a", ahead, "a")
+    with PlaceMap.open(tmp_path / "a", read_only=True) as site:
+        measured = [edge for edge in site.edges if edge.kind == "loop"]
+        floor = site.settings.registration.position_sd
+    assert measured and all(edge.covariance[0, 0] >= floor**2 for edge in measured)
+
+
 def test_a_jump_of_odometry_begins_a_part_though_a_frame_shows_nothing(new: PlaceMap) -> None:
     new.add(FRAMES[0])
     step = new.add(FRAMES[1], odometry=at(500, 0, 0, 0))
