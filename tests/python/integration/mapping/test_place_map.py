@@ -20,7 +20,7 @@ from fusionslam import Cloud, ConfigError, DataError, FusionConfig, LoopConfig, 
 from fusionslam.descriptors.own import VARIABLE
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import exp, log
-from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.config import MapConfig, odometry_covariance
 from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.mapping.map_database import is_map
@@ -391,6 +391,9 @@ def test_odometry_counts_after_a_silence_in_which_the_robot_drove_elsewhere(new:
     step = new.add(later(elsewhere, 600, driven))
     assert step.keyframe == 3 and step.why is None
     assert new.sessions[0].parts == (0,)
+    (edge,) = (each for each in new.edges if each.b == 3)  # it may have driven about
+    straight = odometry_covariance(edge.pose, new.settings.map)
+    assert edge.covariance[0, 0] > 2 * straight[0, 0]
 
 
 def test_a_robot_that_was_carried_during_a_silence_begins_a_part(new: PlaceMap) -> None:
