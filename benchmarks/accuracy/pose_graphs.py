@@ -204,16 +204,30 @@ def fit_motion(poses: Floats, true: Floats) -> Matrix:
 
 
 def invent_loops(
-    path: Floats, count: int, rng: np.random.Generator
+    path: Floats,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    run: int = RUN,
+    apart: float = 20.0,
+    between: int = 100,
 ) -> Iterator[tuple[int, int, Floats]]:
-    """Runs of loops from a stretch of the path to another, more than 20 m away, that agree."""
+    """Runs of loops from a stretch of the path to another that agree.
+
+    Args:
+        path: float64 (n, 4, 4), true.
+        count: of all loops.
+        rng: decides which.
+        run: loops that agree.
+        apart, between: metres and nodes between both stretches, at least.
+    """
     made = 0
     while made < count:
-        a, b = sorted(rng.integers(0, len(path) - RUN, 2).tolist())
-        if np.linalg.norm(path[a, :3, 3] - path[b, :3, 3]) < 20 or b - a < 100:
+        a, b = sorted(rng.integers(0, len(path) - run, 2).tolist())
+        if np.linalg.norm(path[a, :3, 3] - path[b, :3, 3]) < apart or b - a < between:
             continue
         first = _noise(rng)
-        for k in range(min(RUN, count - made)):
+        for k in range(min(run, count - made)):
             # As if the first nodes of both stretches were one place.
             along = inverse(path[a + k]) @ path[a] @ first @ inverse(path[b]) @ path[b + k]
             yield a + k, b + k, along @ _noise(rng)

@@ -77,15 +77,15 @@ class MapConfig(Section):
     )
     max_step: float = option(
         20.0,
-        "odometry that moves farther from one frame to the next has jumped: the map goes on in a "
-        "part of its own until loops join it",
+        "odometry that moves farther from one frame to the next, and faster than the robot was so "
+        "far, has jumped: the map goes on in a part of its own until loops join it",
         unit="m",
         gt=0,
     )
     max_silence: float = option(
         10.0,
-        "odometry of frames that are farther apart in time, on or back, counts only if their "
-        "clouds confirm it; else the map goes on in a part of its own",
+        "odometry of frames that are farther apart in time counts unless their clouds contradict "
+        "it, or do not confirm it where time goes back; else the map goes on in a part of its own",
         unit="s",
         gt=0,
     )
@@ -116,7 +116,8 @@ def step_covariance(
     """Covariance of a registered step, whose floor may be lower than that of loops.
 
     Neighbouring clouds show nearly the same: their poses are off by 8 to 14 mm and 0.02 to 0.05
-    degrees on KITTI (docs/stages/registration.md).
+    degrees on KITTI (docs/stages/registration.md). Of clouds that show less than half of the circle
+    they are not: steps of a Livox Avia, carried by hand, bent a path that odometry knew better.
 
     Args:
         covariance: float64 (6, 6), of the registration, of method global.

@@ -288,7 +288,8 @@ class Corrections:
                             file.store_edge(edges[number])
                     if is_same:
                         file.restore_solution(_unpack(before["solution"]))
-                        file.store_setting(ORIGINS, before["origins"])
+                        for name in (ORIGINS, "reason"):
+                            file.store_setting(name, before[name])
                 if not is_same:
                     self._solved(edges).save(file)
                 file.store_setting(f"{_NAME} {last.number}", record)
@@ -326,7 +327,7 @@ class Corrections:
 
     def _content(self, edges: dict[int, Edge]) -> MapContent:
         file = self._site.file
-        placed = file.positions(), file.origins()
+        placed = file.positions(), file.origins(), file.reason()
         return MapContent(
             file.sessions(), file.keyframes(), edges.values(), file.solution(), *placed
         )
@@ -402,6 +403,7 @@ class Corrections:
             "before": _counts(file)
             | {
                 "origins": file.setting(ORIGINS),
+                "reason": file.setting("reason"),
                 "edges": [_state_of(number, before.get(number)) for number in touched],
                 "solution": _pack(file.solution_row()),
             },

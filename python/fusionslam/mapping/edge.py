@@ -34,8 +34,9 @@ class Edge:
             (``a_from_b @ exp(error)``).
         state: "believed", "refused", or "pending" until the graph is solved next.
         reason: why it is refused; None if it is not. Its ``code`` is "contradicts-odometry"
-            (number: by how many times it exceeds what the gate allows), "contradicts-graph" (its
-            chi square), "few-merges" (edges between these sessions that agree with each other), or
+            (number: by how many times it exceeds what the gate allows), "contradicts-steps" (by how
+            many standard deviations measured steps speak against it), "contradicts-graph" (its chi
+            square), "few-merges" (edges between these sessions that agree with each other), or
             "unlinked", by hand. Edges that a person holds are believed with one: "linked" (number:
             the registration's probability), "given" and "fixed" (0), or "forced" (what spoke
             against it).

@@ -57,6 +57,7 @@ class MapContent:
             did when they were added.
         positions: that satellites tell; their nodes are keyframes.
         origins: where on the globe the solution has parts, by their numbers.
+        reason: what was wrong with the graph of that solution as a whole.
 
     Raises:
         ValueError: a keyframe's session is missing.
@@ -86,6 +87,7 @@ class MapContent:
         solution: StoredSolution | None,
         positions: Iterable[Position] = (),
         origins: Mapping[int, MapOrigin] | None = None,
+        reason: Refusal | None = None,
     ) -> None:
         self.sessions = sessions
         self.keyframes: list[StoredKeyframe] = []
@@ -93,7 +95,7 @@ class MapContent:
         self.row: dict[int, int] = {}
         self.odometry: dict[int, Matrix] = {}
         self.stretches: dict[int, int] = {}
-        self.reason: Refusal | None = None
+        self.reason = self._saved_reason = reason
         self.places: dict[int, MapOrigin | Refusal] = {**(origins or {})}
         self._saved_origins = self.origins
         self._graph = PoseGraph()
@@ -181,6 +183,8 @@ class MapContent:
         for part, origin in self.origins.items():
             what = "its origin" if part == self.parts[0] else f"that of part {part}"
             lines.append(f"{what} is at {origin}")
+        if self.reason is not None:
+            lines.append(str(self.reason))
         return "\n".join(lines)
 
     def find_session(self, name: str) -> int:
@@ -319,12 +323,14 @@ class MapContent:
             file.store_solution(self.numbers, self.poses, np.array(self.parts, np.int64))
         if self.origins != self._saved_origins:
             file.store_origins(self.origins)
+        if self.reason != self._saved_reason:
+            file.store_reason(self.reason)
 
     def saved(self) -> None:
         """Take note that the file has everything."""
         self.unsaved.clear()
         self._is_solution_saved = True
-        self._saved_origins = self.origins
+        self._saved_origins, self._saved_reason = self.origins, self.reason
 
     def _is_across(self, edge: Edge) -> bool:
         return self.part(edge.a) != self.part(edge.b)

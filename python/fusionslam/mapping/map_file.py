@@ -8,6 +8,7 @@ docs/reference/map_file.md describes the tables.
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from operator import index
 from typing import Any, NamedTuple, get_args
 
@@ -27,7 +28,7 @@ from fusionslam.registration.result import Refusal
 _FULL_BLOCK = 60_000
 """Bytes of vectors in a block: it fills a page."""
 _FORGOTTEN = "forgotten sessions"
-_FIXES, ORIGINS = "fixes of", "origins"
+_FIXES, ORIGINS, _REASON = "fixes of", "origins", "reason"
 
 
 class StoredKeyframe(NamedTuple):
@@ -337,6 +338,18 @@ class MapFile(MapDatabase):
     def store_origins(self, origins: Mapping[int, MapOrigin]) -> None:
         """Store where on the globe parts of the map are."""
         self.store_setting(ORIGINS, {part: at.model_dump() for part, at in origins.items()})
+
+    def reason(self) -> Refusal | None:
+        """Return what was wrong with the graph as a whole when it was solved last."""
+        stored = self.setting(_REASON)
+        with self.decoding():
+            if stored is None:
+                return None
+            return Refusal(_text(stored["code"]), _finite(stored["number"]), _text(stored["text"]))
+
+    def store_reason(self, reason: Refusal | None) -> None:
+        """Store what is wrong with the graph as a whole."""
+        self.store_setting(_REASON, None if reason is None else asdict(reason))
 
     def _append_vector(self, descriptor: str, keyframe: int, vector: Floats32) -> None:
         newest = "WHERE descriptor = ? ORDER BY first DESC LIMIT 1"

@@ -21,6 +21,7 @@ from fusionslam.loop_closure.loop import Loop, Rejected
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.mapping.clouds import FileClouds, pack_cloud
 from fusionslam.mapping.config import odometry_covariance, step_covariance
+from fusionslam.mapping.continuity import contradicts, fastest_step, find_doubt
 from fusionslam.mapping.edge import CHI2_999, Edge, check_pose, deviations_of
 from fusionslam.mapping.map_content import MapContent
 from fusionslam.mapping.map_file import MapFile, StoredFrames, StoredKeyframe
@@ -34,6 +35,9 @@ _MOST_WAITING = 1000
 _RELEASE = 10
 """Keyframes after which memory that is free is given back, which takes some milliseconds."""
 
+_STOOD_M = 0.1
+"""Odometry that moved no farther stood, however long."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -46,9 +50,10 @@ class MapStep(NamedTuple):
         refused: candidates that are no loop, and why.
         pose: float64 (4, 4), map_from_robot.
         why: what is unusual about the frame; None if nothing is. Its code is "jump" (number:
-            metres of odometry since the frame before) or "silence" (seconds since then, and clouds
-            do not confirm odometry), both of which begin a part of the map, or "stamp" (seconds
-            that the time stamp is before that of the frame before; as "silence" if they are many).
+            metres of odometry since the frame before), "restart" (metres back to the origin of
+            odometry), or "silence" (seconds since then, and clouds contradict odometry), each of
+            which begins a part of the map, or "stamp" (seconds that the time stamp is before that
+            of the frame before; many begin a part unless clouds confirm odometry).
         covariance: float64 (6, 6) of the pose's error against the first keyframe of its part of the
             map, as a small motion in the robot's frame: at most that of the best chain of odometry
             and believed loops from there.
@@ -130,6 +135,8 @@ class MapWriter:
                 self._last_stamp_ns = int(passed.stamps_ns[-1]) or self._last_stamp_ns
             first = content.stretches[self._last.id]
             self._stretch = [each for each in mine if content.stretches[each.id] == first]
+        self._fastest = fastest_step(self._stretch)
+        """m/s by odometry."""
 
     def add(self, frame: Frame, odometry: Matrix | None = None) -> MapStep:
         """Add a frame; arguments and errors as of ``PlaceMap.add``."""
@@ -146,7 +153,10 @@ class MapWriter:
         waited = 0.0  # seconds since the frame before; 0 if unknown
         if frame.stamp_ns and self._last_stamp_ns:
             waited = (frame.stamp_ns - self._last_stamp_ns) / 1e9
-        self._doubt = self._check_jump(robot) or self._doubt or self._check_silence(waited)
+        if self._last_odometry is not None:
+            doubt = find_doubt(self._last_odometry, robot, waited, self._fastest, self.settings.map)
+            if self._doubt is None or (doubt is not None and doubt.code == "jump"):
+                self._doubt = doubt
         self._last_odometry = robot
         self._last_stamp_ns = frame.stamp_ns or self._last_stamp_ns
         self.motion.follow(frame.stamp_ns, robot @ mount)
@@ -191,6 +201,8 @@ class MapWriter:
         )
         edges = self._lead_on(keyframe, seen.cloud)
         reason, self._doubt = self._doubt, None
+        if reason is not None:
+            logger.warning("%s", reason)
         if not edges:
             self._stretch = []
         first = self._stretch[0].id if edges else number
@@ -225,6 +237,7 @@ class MapWriter:
             release_memory()
         self._last, self._waiting, self._written = keyframe, [], 0
         self._stretch.append(keyframe)
+        self._fastest = max(self._fastest, fastest_step(self._stretch[-2:]))
         self.last_frame = max(frame.number, self.last_frame or 0)
         closed = (content.edges[edges[-1].number],) if loop is not None else ()
         pose = content.pose(number) @ np.linalg.inv(mount)
@@ -270,20 +283,25 @@ class MapWriter:
 
     def _lead_on(self, keyframe: StoredKeyframe, cloud: PreparedCloud) -> list[Edge]:
         """Return the step from the last keyframe; nothing if odometry does not tell it."""
-        if self._last is None or (self._doubt is not None and self._doubt.code == "jump"):
+        doubt = self._doubt
+        if self._last is None or (doubt is not None and doubt.code == "jump"):
             return []
-        edges = self._measure_step(self._last, keyframe, cloud)
-        if self._doubt is not None:
-            is_confirmed = len(edges) == 2  # clouds measured the step as well
-            if is_confirmed:
-                driven, measured = edges
-                off = log(inverse(driven.pose) @ measured.pose)
-                spread = driven.covariance + measured.covariance
-                is_confirmed = bool(off @ np.linalg.solve(spread, off) <= CHI2_999)
-            if not is_confirmed:
-                logger.warning("%s", self._doubt)
-                return []
-            self._doubt = None
+        is_silent = doubt is not None and doubt.code == "silence"
+        way = self._fastest * doubt.number if doubt is not None and is_silent else None
+        edges = self._measure_step(self._last, keyframe, cloud, way)
+        if doubt is None:
+            return edges
+        if len(edges) == 2:  # clouds measured the step as well
+            driven, measured = edges
+            off = log(inverse(driven.pose) @ measured.pose)
+            spread = driven.covariance + measured.covariance
+            goes_on = bool(off @ np.linalg.solve(spread, off) <= CHI2_999)
+        else:
+            stored = self._detector.stored_frame(self._last.id).unpack()
+            goes_on = is_silent and not contradicts(cloud, stored, edges[0])
+        if not goes_on:
+            return []
+        self._doubt = None
         return edges
 
     def _too_recent(self, stamp_ns: int) -> set[int]:
@@ -297,15 +315,27 @@ class MapWriter:
         return recent
 
     def _measure_step(
-        self, before: StoredKeyframe, after: StoredKeyframe, cloud: PreparedCloud
+        self,
+        before: StoredKeyframe,
+        after: StoredKeyframe,
+        cloud: PreparedCloud,
+        way: float | None,
     ) -> list[Edge]:
         """Measure the step from the last keyframe by odometry, and by both clouds if they fit.
 
         Loops alone cannot tell odometry's scale.
+
+        Args:
+            before, after: the last keyframe and the new one.
+            cloud: of the new one.
+            way: metres that the robot may have driven unseen; None if it was seen all the time.
         """
         number, ends = self._content.next_edge, (before.id, after.id)
         step = np.linalg.inv(before.odometry) @ after.odometry
         covariance = odometry_covariance(step, self.settings.map)
+        straight = float(np.linalg.norm(step[:3, 3]))
+        if way is not None and straight > _STOOD_M:
+            covariance *= max(way / straight, 1)  # variances grow with the way
         edges = [Edge(number, "odometry", *ends, step, covariance, "believed")]
         stored = self._detector.stored_frame(before.id).unpack()
         if cloud.further or stored.further:  # local maps share scans, which odometry joined
@@ -313,10 +343,10 @@ class MapWriter:
             if last is None or new is None:
                 return edges
             stored, cloud = last, new
-        found = register(cloud, stored, step, search=False)
+        found = register(cloud, stored, step, search=way is not None)
         if found.target_from_source is not None and found.covariance is not None:
             pose, covariance = found.target_from_source, found.covariance
-            if cloud.scene is None:
+            if cloud.scene is None and not cloud.is_sector:
                 covariance = step_covariance(covariance, cloud.config, self.settings.map)
             edges.append(Edge(number + 1, "loop", *ends, pose, covariance, "pending"))
         return edges
@@ -333,32 +363,6 @@ class MapWriter:
             np.asarray(loop.covariance),
             "pending",
         )
-
-    def _check_jump(self, robot: Matrix) -> Refusal | None:
-        if self._last_odometry is None:
-            return None
-        step = float(np.linalg.norm(robot[:3, 3] - self._last_odometry[:3, 3]))
-        if step <= self.settings.map.max_step:
-            return None
-        text = (
-            f"odometry jumped by {step:.1f} m, more than {self.settings.map.max_step:g}: the map "
-            "goes on in a part of its own until loops join it"
-        )
-        logger.warning("%s", text)
-        return Refusal("jump", step, text)
-
-    def _check_silence(self, seconds: float) -> Refusal | None:
-        limit = self.settings.map.max_silence
-        if abs(seconds) <= limit:
-            return None
-        code, what = "silence", f"{seconds:.1f} s without frames"
-        if seconds < 0:  # a recording that is played again, or a clock that was set
-            code, what = "stamp", f"the time stamp goes back by {-seconds:.1f} s"
-        text = (
-            f"{what}, more than {limit:g}, and clouds do not confirm odometry: the map goes on in "
-            "a part of its own until loops join it"
-        )
-        return Refusal(code, abs(seconds), text)
 
     def _is_far(self, robot: Matrix, last: StoredKeyframe) -> bool:
         step = np.linalg.inv(_odom_from_robot(last)) @ robot

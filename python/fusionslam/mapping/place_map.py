@@ -280,7 +280,7 @@ class PlaceMap:
     def reason(self) -> Refusal | None:
         """What was wrong with the map as a whole when it was solved last, as of ``Solution``.
 
-        None if nothing was, or it was not solved since it was opened.
+        None if nothing was. It is stored in the file.
         """
         return self.content.reason
 
@@ -530,7 +530,7 @@ class PlaceMap:
         with file.reading():
             stored = file.setting("config")
             content = file.sessions(), file.keyframes(), file.edges(), file.solution()
-            placed = file.positions(), file.origins()
+            placed = file.positions(), file.origins(), file.reason()
             vectors = file.vectors()
         with file.decoding():
             settings = self._given if stored is None else MapSettings.load(stored)

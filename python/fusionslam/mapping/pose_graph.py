@@ -28,6 +28,7 @@ from fusionslam.mapping.edge import (
     weigh_errors,
 )
 from fusionslam.mapping.gtsam_extra import Solver, load
+from fusionslam.mapping.guard import agreeing_scale, oppose_loops
 from fusionslam.mapping.merges import FEWEST_MERGES, join_sessions, session_pair
 from fusionslam.mapping.overconfidence import MOST, chi_ratio, fit_scale
 from fusionslam.mapping.satellites import Position, place_on_globe
@@ -52,7 +53,9 @@ class Solution:
         believed, refused, pending: edges of kinds "loop" and "merge" by their state.
         reason: what is wrong with the graph as a whole; None if nothing is. Its code is
             "overconfident-odometry" where odometry contradicts more than a fifth of the loops that
-            agree with each other (number: the factor by which its stated deviations are too small).
+            agree with each other (number: the factor by which its stated deviations are too small),
+            or "contradicts-steps" where loops are refused that odometry allows, as the steps that
+            clouds measured speak against them (number: of these loops).
         seconds: time it took.
         places: where on the globe each part with measured positions is, or why they do not tell it,
             by the first node of the part.
@@ -221,10 +224,12 @@ class PoseGraph:
     def solve(self) -> Solution:
         """Decide which loops to believe, and move the nodes to where the edges fit best.
 
-        Loops that odometry contradicts are left out at first, the others weigh less the worse they
-        fit (Cauchy). Then those of all loops are believed that fit the result (chi square .999),
-        and the others refused. Loops refused by earlier solves are asked again; the result depends
-        on the graph alone.
+        Loops that odometry or measured steps contradict are left out at first, the others weigh
+        less the worse they fit (Cauchy).
+        Then those of all loops are believed that fit the result (chi square .999), and the others
+        refused. Odometry that is better than it states counts for more, as far as all its loops
+        agree with it. Loops refused by earlier solves are asked again; the result depends on the
+        graph alone.
 
         Raises:
             DataError: a node has neither odometry nor a pose (code "isolated-node").
@@ -241,8 +246,14 @@ class PoseGraph:
         held = [edge for edge in self._edges if edge.is_by_hand and edge.state == "believed"]
         held_across = [edge for edge in held if sessions[edge.a] != sessions[edge.b]]
         refusals = self._gate(within)
+        ways = self._measure_ways([edge for edge in within if edge.number not in refusals])
+        steps = {way.b: way for way in ways if self._is_step(way)}
+        ways = [way for way in ways if steps.get(way.b) is not way]
+        opposed = oppose_loops(self._tree, steps, ways, self._sigmas)
+        refusals |= opposed
+        scale = agreeing_scale(self._tree, [way for way in ways if way.number not in opposed])
         if within or held:
-            poses, refusals = self._solve_robustly(poses, within, refusals, sessions)
+            poses, refusals = self._solve_robustly(poses, within, refusals, sessions, scale)
         parts = sessions
         if across or held_across:
             drift, place = self._tree.drift, self._place
@@ -253,7 +264,7 @@ class PoseGraph:
             asked = [edge for edge in across if parts[edge.a] == parts[edge.b]]
             if asked or held_across:
                 poses, refusals = self._solve_robustly(
-                    joined.poses, within + asked, refusals, parts
+                    joined.poses, within + asked, refusals, parts, scale
                 )
             for edge in across:
                 if parts[edge.a] != parts[edge.b]:
@@ -272,7 +283,16 @@ class PoseGraph:
         believed = [edge for edge in loops if edge.state == "believed"]
         held = [way for way in self._measure_ways(believed) if not self._is_step(way)]
         self._window = Window(self._tree, poses[self._placed], held)
-        reason = self._find_overconfidence(sessions, within)
+        reason = self._find_overconfidence(
+            sessions, [edge for edge in within if edge.number not in opposed]
+        )
+        left_out = sum(self._edges[number].state == "refused" for number in opposed)
+        if reason is None and left_out:
+            text = (
+                f"{left_out} of {len(ways)} loops that odometry allows are refused: the steps that "
+                "clouds measured on the way speak against them"
+            )
+            reason = Refusal("contradicts-steps", left_out, text)
         places: dict[int, MapOrigin | Refusal] = {}
         told: dict[int, list[Position]] = {}
         for position in self.positions:

@@ -222,7 +222,7 @@ def measure_anew(content: MapContent, settings: MapSettings, file: MapFile) -> l
         if found.target_from_source is None or found.covariance is None:
             continue
         covariance = found.covariance
-        if content.is_step(edge):
+        if content.is_step(edge) and not prepare(edge.b).is_sector:
             covariance = step_covariance(covariance, registration, settings.map)
         anew.append(replace(edge, pose=found.target_from_source, covariance=covariance))
     return anew

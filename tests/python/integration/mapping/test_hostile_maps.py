@@ -174,6 +174,7 @@ def test_a_part_of_a_page_that_a_full_disk_left_is_no_damage(short: Path, tmp_pa
         "UPDATE session SET name = x'00'",
         "UPDATE setting SET value = '[1]'",
         "UPDATE setting SET value = '{'",
+        "INSERT INTO setting VALUES ('reason', '{\"code\": 1}', 0)",
         "UPDATE vector SET rows = x'00'",
         "UPDATE cloud SET ground_level = 9e999",
         "DELETE FROM cloud",

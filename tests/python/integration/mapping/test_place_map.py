@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.accuracy.never_worse import invent_within_drift
+from benchmarks.accuracy.pose_graphs import LOOP_SD
 from clouds import scan_blocks
 from error_codes import has_code
 from fusionslam import Cloud, ConfigError, DataError, FusionConfig, LoopConfig, LoopDetector
 from fusionslam.descriptors.own import VARIABLE
 from fusionslam.errors import FusionSlamError
 from fusionslam.geometry.se3 import exp, log
-from fusionslam.mapping.config import MapConfig
+from fusionslam.mapping.config import MapConfig, odometry_covariance
+from fusionslam.mapping.edge import Edge
 from fusionslam.mapping.graph_export import write_map_graph
 from fusionslam.mapping.map_database import is_map
 from fusionslam.mapping.map_file import MapFile
@@ -308,6 +311,27 @@ def test_a_map_says_that_odometry_was_trusted_too_much(path: Path, tmp_path: Pat
         assert site.reason is None
 
 
+def test_a_map_stores_that_steps_contradict_loops(path: Path) -> None:
+    with PlaceMap.open(path, "monday") as site:
+        assert site.reason is None
+        poses = site.trajectory("monday")[1]
+        rng = np.random.default_rng(1)
+        planted = [
+            Edge(site.content.next_edge + k, "loop", a, b, pose, np.diag(LOOP_SD**2), "pending")
+            for k, (a, b, pose) in enumerate(invent_within_drift(site, 5, 5, 8, 2.0, rng))
+        ]
+        site.content.take(planted)
+        site.solve()
+        live = site.trajectory("monday")[1]
+        assert error(live, WAY) < 1.02 * error(poses, WAY)
+    with PlaceMap.open(path, read_only=True) as site:
+        np.testing.assert_allclose(site.trajectory("monday")[1], live, atol=1e-9)
+        assert site.reason is not None and site.reason.code == "contradicts-steps"
+        assert site.reason.number == 5 and site.reason.text in site.describe()
+        states = {edge.state for edge in site.edges[-5:]}
+        assert states == {"refused"}
+
+
 def test_steps_that_clouds_measure_are_firmer_than_loops(path: Path) -> None:
     with PlaceMap.open(path, read_only=True) as site:
         measured = [edge for edge in site.edges if edge.kind == "loop" and edge.b == edge.a + 1]
@@ -319,6 +343,19 @@ def test_steps_that_clouds_measure_are_firmer_than_loops(path: Path) -> None:
     )
     assert of_steps.min() >= MapConfig().step_sd
     assert np.median(of_steps) < of_loops.min()
+
+
+def test_steps_of_sectors_are_no_firmer_than_loops(tmp_path: Path) -> None:
+    ahead = [
+        changed(frame, points=frame.points[np.abs(frame.points[:, 1]) < frame.points[:, 0]])
+        for frame in FRAMES[:3]
+        if frame.points is not None
+    ]
+    build(tmp_path / "a", ahead, "a")
+    with PlaceMap.open(tmp_path / "a", read_only=True) as site:
+        measured = [edge for edge in site.edges if edge.kind == "loop"]
+        floor = site.settings.registration.position_sd
+    assert measured and all(edge.covariance[0, 0] >= floor**2 for edge in measured)
 
 
 def test_a_jump_of_odometry_begins_a_part_though_a_frame_shows_nothing(new: PlaceMap) -> None:
@@ -346,6 +383,19 @@ def test_odometry_that_clouds_confirm_counts_after_a_silence(new: PlaceMap) -> N
     assert new.sessions[0].parts == (0,)
 
 
+def test_odometry_counts_after_a_silence_in_which_the_robot_drove_elsewhere(new: PlaceMap) -> None:
+    for frame in FRAMES[:3]:
+        new.add(frame)
+    driven = new.odometry("a")[-1] @ at(300, 0, 0, 0)  # where clouds show nothing of before
+    (elsewhere,) = frames(RETURN[:1], 200, day=1, place=13)
+    step = new.add(later(elsewhere, 600, driven))
+    assert step.keyframe == 3 and step.why is None
+    assert new.sessions[0].parts == (0,)
+    (edge,) = (each for each in new.edges if each.b == 3)  # it may have driven about
+    straight = odometry_covariance(edge.pose, new.settings.map)
+    assert edge.covariance[0, 0] > 2 * straight[0, 0]
+
+
 def test_a_robot_that_was_carried_during_a_silence_begins_a_part(new: PlaceMap) -> None:
     new.add(FRAMES[0])
     new.add(FRAMES[1])
@@ -361,7 +411,7 @@ def test_odometry_that_began_anew_before_a_session_goes_on_begins_a_part(short: 
     with PlaceMap.open(short, "monday") as site:
         # Nearer than a jump: the robot stands where it stood, and its odometry starts at zero.
         step = site.add(later(FRAMES[3], 86_400, np.eye(4)))
-        assert step.why is not None and step.why.code == "silence"
+        assert step.why is not None and step.why.code == "restart"
         assert site.sessions[0].parts == (0, 4)
 
 

@@ -15,6 +15,7 @@ from fusionslam.base.arrays import Floats
 from fusionslam.datasets.pose_files import read_poses_kitti
 from fusionslam.errors import ConfigError, DataError, FusionSlamError, ShapeError
 from fusionslam.geometry.se3 import exp, inverse
+from fusionslam.mapping import pose_graph
 from refusals import refuses
 from rows import rows
 
@@ -24,6 +25,8 @@ LAP = 20
 STEP = exp(np.array([1.0, 0, 0, 0, 0, 2 * np.pi / LAP]))
 ODOMETRY = np.array([0.02, 0.02, 0.02, 0.003, 0.003, 0.003])
 LOOP = np.full(6, 0.01)
+STEP_SD = np.array([0.01, 0.01, 0.01, 0.001, 0.001, 0.001])
+AGAINST = "contradicts-steps"
 
 
 def drive(graph: PoseGraph, rng: np.random.Generator, nodes: int) -> tuple[int, Floats]:
@@ -42,6 +45,12 @@ def step_on(graph: PoseGraph, rng: np.random.Generator, noise: float = 1, stated
     measured = STEP @ exp(rng.normal(size=6) * ODOMETRY * noise)
     graph.add_edge(node - 1, node, measured, np.diag((ODOMETRY * stated) ** 2), "odometry")
     return node
+
+
+def measure(graph: PoseGraph, rng: np.random.Generator, node: int, stated: Floats = STEP_SD) -> int:
+    """Add the step to a node as clouds measured it."""
+    measured = STEP @ exp(rng.normal(size=6) * STEP_SD)
+    return graph.add_edge(node - 1, node, measured, np.diag(stated**2), "loop").number
 
 
 def close(graph: PoseGraph, rng: np.random.Generator, a: int, b: int, kind: str = "loop") -> int:
@@ -263,6 +272,81 @@ def test_false_loops_alone_do_not_make_odometry_overconfident() -> None:
             graph.add_edge(a, b, anywhere, np.diag(LOOP**2), "loop")
     solution = graph.solve()
     assert (len(solution.believed), solution.reason) == (0, None)
+
+
+@pytest.mark.parametrize("is_guarded", [True, False])
+def test_false_loops_that_agree_do_not_bend_odometry_that_steps_confirm(
+    is_guarded: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not is_guarded:  # what the other beliefs make of them
+        monkeypatch.setattr(pose_graph, "oppose_loops", lambda *_: {})
+    graph, rng = PoseGraph(), np.random.default_rng(1)
+    graph.add_node()
+    true = [np.eye(4)]
+    for _ in range(1, 3 * LAP):
+        measure(graph, rng, step_on(graph, rng, noise=0.1))
+        true.append(true[-1] @ STEP)
+    alone = graph.solve()
+    off, covariance = exp(np.array([0.25, 0.1, 0, 0, 0, 0.03])), np.diag(LOOP**2)
+    planted = {
+        graph.add_edge(k, k + LAP, off @ exp(rng.normal(size=6) * LOOP), covariance, "loop").number
+        for k in range(5, 15)
+    }
+    solution = graph.solve()
+    errors = [errors_m(each.poses, np.array(true)).max() for each in (alone, solution)]
+    codes = {edge.reason.code for edge in solution.refused if edge.reason is not None}
+    if is_guarded:
+        assert errors[1] == pytest.approx(errors[0], rel=1e-3) and AGAINST in codes
+        assert not {edge.number for edge in solution.believed} & planted
+        assert solution.reason is not None and solution.reason.code == AGAINST
+        assert solution.reason.number >= 8
+    else:
+        assert errors[1] > 2 * errors[0] and solution.reason is None
+
+
+@pytest.mark.parametrize(
+    ("noise", "scale", "stated"),
+    [
+        pytest.param(1.0, 1.0, STEP_SD, id="odometry that drifts as it states"),
+        pytest.param(0.1, 1.02, STEP_SD, id="odometry that is too long"),
+        pytest.param(0.1, 1.02, np.where(np.arange(6) == 0, 10.0, STEP_SD), id="a corridor"),
+    ],
+)
+def test_steps_speak_against_no_right_loop(noise: float, scale: float, stated: Floats) -> None:
+    for seed in range(3):
+        graph, rng = PoseGraph(), np.random.default_rng(seed)
+        graph.add_node()
+        for _ in range(1, 3 * LAP):
+            node = graph.add_node()
+            step = STEP @ exp(rng.normal(size=6) * ODOMETRY * noise)
+            step[:3, 3] *= scale
+            graph.add_edge(node - 1, node, step, np.diag(ODOMETRY**2), "odometry")
+            if stated[0] < 1:
+                measure(graph, rng, node, stated)
+            else:  # clouds leave what is along it as odometry has it
+                graph.add_edge(node - 1, node, step, np.diag(stated**2), "loop")
+        for k in range(LAP, 3 * LAP, 4):
+            close(graph, rng, k - LAP, k)
+        solution = graph.solve()
+        assert AGAINST not in {edge.reason.code for edge in solution.refused if edge.reason}
+        assert len(solution.believed) > 3 * LAP and solution.reason is None
+
+
+def test_odometry_that_loops_confirm_counts_for_more_than_it_states() -> None:
+    errors = []
+    for loops in (9, 10):  # ten tell how good it is
+        graph, rng = PoseGraph(), np.random.default_rng(3)
+        graph.add_node()
+        true = [np.eye(4)]
+        for _ in range(1, 2 * LAP):
+            node = step_on(graph, rng, noise=0.01)
+            measured = STEP @ exp(np.array([0.01, 0, 0, 0, 0, 0.002]))  # all are off alike
+            graph.add_edge(node - 1, node, measured, np.diag((2 * STEP_SD) ** 2), "loop")
+            true.append(true[-1] @ STEP)
+        for k in range(loops):
+            graph.add_edge(k, k + LAP, np.eye(4), np.diag((LOOP / 10) ** 2), "loop")
+        errors.append(errors_m(graph.solve().poses, np.array(true)).max())
+    assert errors[1] < errors[0] / 3
 
 
 def test_poses_follow_loops_while_driving() -> None:
