@@ -28,7 +28,7 @@ from fusionslam.sim.simulator import SimulationConfig, simulate
 from fusionslam.sim.world import World
 
 CIRCLE_ROBOT = "turtlebot3_vlp16"
-LENGTH_M = {"house": None, "warehouse": None, "hospital": 350.0}
+LENGTH_M = {"house": None, "warehouse": None, "hospital": 350.0, "town": None}
 """Of the ways; None is what the whole tour takes."""
 
 

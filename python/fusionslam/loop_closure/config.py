@@ -57,6 +57,14 @@ class LoopConfig(Section):
         ge=0,
         le=1,
     )
+    false_rate: float | None = option(
+        None,
+        "verified: largest share of false loops in a drive, which calibration holds in 95 % of the "
+        "drives like those it knows; asks for more than the two least probabilities where these do "
+        "not suffice. None promises nothing",
+        gt=0,
+        lt=1,
+    )
     drift: float = option(
         0.05, "verified: error of odometry, as a share of the way", ge=0, allow_inf_nan=False
     )

@@ -41,7 +41,7 @@ class Loop:
 def may_be_right(candidate: Loop) -> bool:
     """Whether a candidate counts, or its pose is only not certain enough."""
     reason = candidate.reason
-    return reason is None or reason.code in ("improbable", "low-overlap", "alone")
+    return reason is None or reason.code in ("improbable", "low-overlap", "alone", "not-promised")
 
 
 class Rejected(NamedTuple):
@@ -51,7 +51,8 @@ class Rejected(NamedTuple):
         match: number of the frame.
         code: of ``Refusal``, or "less-alike" (number: correlation of images from above; others of
             the candidates correlate more), "far" (metres between the poses), "alone" (probability:
-            no recent loop agrees).
+            no recent loop agrees), "not-promised" (probability: too little for
+            ``LoopConfig.false_rate``).
         number: the value that was not good enough.
         text: the same in words.
     """

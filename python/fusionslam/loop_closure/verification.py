@@ -12,6 +12,7 @@ import numpy as np
 
 from fusionslam.base.arrays import Matrix
 from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.contract import Rule, rule_of
 from fusionslam.loop_closure.loop import Loop, Rejected, may_be_right
 from fusionslam.registration import (
     Hypothesis,
@@ -54,19 +55,20 @@ class PairComparisons:
         stored: returns an earlier frame by its number.
 
     Attributes:
+        cloud: of the frame.
         seconds: that all answers took, those that were known already as well.
     """
 
     def __init__(self, cloud: PreparedCloud, stored: Callable[[int], StoredFrame]) -> None:
-        self._cloud, self._stored = cloud, stored
+        self.cloud, self._stored = cloud, stored
         self._frames: dict[int, StoredFrame] = {}
         self._known: dict[Hashable, tuple[object, float]] = {}
         self.seconds = 0.0
 
     def reach(self, match: int) -> float:
         """Way behind a frame that a local map of both shows as well, metres; 0 of single clouds."""
-        is_joined = self._cloud.further or self.frame(match).unpack().further
-        return (self._cloud.config.local_map or 0.0) if is_joined else 0.0
+        is_joined = self.cloud.further or self.frame(match).unpack().further
+        return (self.cloud.config.local_map or 0.0) if is_joined else 0.0
 
     def frame(self, match: int) -> StoredFrame:
         """Return an earlier frame."""
@@ -76,14 +78,14 @@ class PairComparisons:
 
     def correlate(self, match: int) -> float:
         """Return the largest correlation of both images from above, coarsely."""
-        cloud, image = self._cloud, self._image(match)
+        cloud, image = self.cloud, self._image(match)
         self._once("images", lambda: cloud.coarse_images)  # which all pairs need
         return self._once(("correlate", match), lambda: compare_images(cloud, image))
 
     def search(self, match: int) -> list[Hypothesis]:
         """Return the poses at which both images from above correlate most."""
         image = self._image(match)
-        return self._once(("search", match), lambda: search_poses(self._cloud, image))
+        return self._once(("search", match), lambda: search_poses(self.cloud, image))
 
     def register(self, match: int, guess: Matrix | None, *, thorough: bool) -> Registration:
         """Register the clouds, from a pose that ``search`` returned or by a search of its own."""
@@ -91,7 +93,7 @@ class PairComparisons:
         return self._once(
             key,
             lambda: register(
-                self._cloud,
+                self.cloud,
                 self.frame(match).unpack(),
                 guess,
                 search=guess is None,
@@ -140,6 +142,8 @@ def verify_candidates(
         config: what is tried and accepted.
     """
     tries, left = _choose(candidates, pairs, config.refined)
+    rate = config.false_rate
+    rule = None if rate is None else rule_of(pairs.cloud, rate)
     best: Loop | None = None
     rejected: list[Rejected] = []
     for done, (match, guess) in enumerate(tries):
@@ -152,7 +156,7 @@ def verify_candidates(
             covariance=found.covariance,
             overlap=found.overlap,
             probability=found.probability or 0.0,
-            reason=_refusal(found, config, pairs.reach(match)),
+            reason=_refusal(found, config, pairs.reach(match), rule),
             match_stamp_ns=pairs.frame(match).stamp_ns,
         )
         if best is None or _rank(loop) > _rank(best):
@@ -197,7 +201,9 @@ _SEARCHED = 2
 """Times as many poses are searched as are registered."""
 
 
-def _refusal(found: Registration, config: LoopConfig, reach: float) -> Refusal | None:
+def _refusal(
+    found: Registration, config: LoopConfig, reach: float, rule: Rule | None
+) -> Refusal | None:
     """Why a registered pose is no loop by itself; None if it is one."""
     if found.estimate is None:
         return found.reason
@@ -205,10 +211,16 @@ def _refusal(found: Registration, config: LoopConfig, reach: float) -> Refusal |
     most = config.max_distance + reach
     if apart > most:
         return Refusal("far", apart, f"poses {apart:.1f} m apart, more than {most:g}")
-    if found.reason is None and probability < config.min_probability:
-        text = f"probability {probability:.2f}, less than {config.min_probability:g}"
+    if found.reason is not None:
+        return found.reason
+    if rule is not None and probability < rule.supported:
+        text = f"probability {probability:.4f}, and false_rate asks for {rule.supported:g}"
+        return Refusal("not-promised", probability, text)
+    least = config.min_probability if rule is None else max(config.min_probability, rule.alone)
+    if probability < least:
+        text = f"probability {probability:.2f}, less than {least:g}"
         return Refusal("improbable", probability, text)
-    return found.reason
+    return None
 
 
 def _rank(loop: Loop) -> tuple[bool, bool, float, float]:
@@ -295,6 +307,7 @@ class SequenceGate:
             and query is not None
             and match is not None
             and may_be_right(best)
+            and (best.reason is None or best.reason.code != "not-promised")
             and (best.probability or 0.0) >= self._config.min_supported
         ):
             entry = _Recent(best.match_from_query, query, match, stretches)

@@ -12,6 +12,7 @@ import numpy as np
 from fusionslam.base.arrays import Matrix
 from fusionslam.config import Section, option
 from fusionslam.loop_closure.config import LoopConfig
+from fusionslam.loop_closure.contract import rule_of
 from fusionslam.loop_closure.observation import Observation
 from fusionslam.loop_closure.verification import PairComparisons, StoredFrame, verify_candidates
 from fusionslam.mapping.edge import deviations_of
@@ -109,7 +110,7 @@ class Localizer:
     Args:
         content: of the map.
         stored: returns a keyframe by its number.
-        loops: which candidates are tried.
+        loops: which candidates are tried, and how often poses may be false (``false_rate``).
         lost_after: metres by odometry since the robot was found, after which it is lost.
         config: when a pose is believed.
     """
@@ -199,10 +200,11 @@ class Localizer:
         if best.match_from_query is None or best.covariance is None:
             return None, best.reason, best.match
         probability = best.probability or 0.0
-        if probability < self._config.min_probability:
+        least = self._least(sight)
+        if probability < least:
             text = (
                 f"keyframe {best.match} fits with probability {probability:.2f}, expected "
-                f"{self._config.min_probability:g} at least"
+                f"{least:g} at least"
             )
             return None, best.reason or Refusal("improbable", probability, text), best.match
         pose = self._content.pose(best.match) @ best.match_from_query
@@ -227,15 +229,23 @@ class Localizer:
         assert sight.cloud is not None
         guesses = []
         near = self._content.near(pose, self._config.neighborhood, keyframe)
+        least = self._least(sight)
         for number in [each for each in near if each != exclude][: self._config.confirmations]:
             there, cloud = self._content.pose(number), self._stored(number).unpack()
             found = register(sight.cloud, cloud, np.linalg.inv(there) @ pose, search=False)
             moved, covariance = found.target_from_source, found.covariance
             probability = found.probability or 0.0
-            if moved is None or covariance is None or probability < self._config.min_probability:
+            if moved is None or covariance is None or probability < least:
                 continue
             guesses.append(_Guess(there @ moved, covariance, number, probability))
         return guesses
+
+    def _least(self, sight: Observation) -> float:
+        """The least probability of a pose that is believed if another one confirms it."""
+        least, rate = self._config.min_probability, self._loops.false_rate
+        if rate is None or sight.cloud is None:
+            return least
+        return max(least, rule_of(sight.cloud, rate).supported)
 
     def _agree(self, one: Matrix, other: Matrix) -> bool:
         return not _differ(one, other, self._config.agreement, self._config.angle_agreement)

@@ -31,6 +31,7 @@ _NUMBERS = {
     "degenerate": "directions",
     "improbable": "probability",
     "alone": "probability",
+    "not-promised": "probability",
     "far": "metres apart",
 }
 """What the number of a rejected candidate is, by its code; others have none."""

@@ -25,6 +25,7 @@ from fusionslam import (
 from fusionslam.base.arrays import Matrix
 from fusionslam.loop_closure import detector as detector_module
 from fusionslam.loop_closure import verification
+from fusionslam.loop_closure.contract import NOTHING, Rule
 from fusionslam.loop_closure.verification import SequenceGate
 from fusionslam.registration import Refusal, Registration, RegistrationConfig
 from fusionslam.sensors.frame import Frame
@@ -325,3 +326,27 @@ def test_a_loop_without_odometry_stands_alone() -> None:
     for _ in range(3):
         assert gate.judge(loop_of(9, 1, np.eye(4), 0.7), None, None).reason.code == "improbable"
     assert gate.judge(loop_of(9, 1, np.eye(4), 0.99), None, None).reason is None
+
+
+def test_loops_count_if_they_are_as_probable_as_the_rate_of_false_ones_asks(
+    driven: Driven, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rule = Rule(0.9, 0.95)
+    monkeypatch.setattr(verification, "rule_of", lambda cloud, rate: rule)
+    detector = new_detector(config=LoopConfig(false_rate=0.05))
+    assert drive(detector, 0, 13) == driven.loops[:13]
+    rule = NOTHING
+    assert drive(detector, 13) == [None] * 3
+    assert detector.nearest.match_from_query is not None
+    assert detector.nearest.reason.code == "not-promised"
+    assert "not-promised" in {each.code for each in detector.rejected}
+
+
+def test_neighbors_do_not_make_up_for_a_promise() -> None:
+    gate = SequenceGate(LoopConfig())
+    for k in range(4):
+        pose = at(2 * k, 0, 0)
+        loop = loop_of(100 + k, k, np.eye(4), 0.97)
+        refused = replace(loop, reason=Refusal("not-promised", 0.97, ""))
+        assert gate.judge(loop, pose, pose).reason is None
+        assert gate.judge(refused, pose, pose).reason.code == "not-promised"

@@ -11,7 +11,8 @@ import pytest
 
 from clouds import scan_blocks
 from fusionslam.base.arrays import Matrix
-from fusionslam.loop_closure import Observation
+from fusionslam.loop_closure import LoopConfig, Observation, verification
+from fusionslam.loop_closure.contract import NOTHING, Rule
 from fusionslam.loop_closure.verification import StoredFrame
 from fusionslam.mapping import localization
 from fusionslam.mapping.localization import (
@@ -202,3 +203,19 @@ def test_a_robot_whose_odometry_began_anew_is_found_again() -> None:
     localizer.forget()
     found = localizer.localize(*sight(seen_at(WAY[8], 51), EVERY, np.eye(4), 10**9))
     assert_at(found, WAY[8])
+
+
+def test_poses_are_as_probable_as_the_rate_of_false_ones_asks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rule = Rule(0.9, 0.95)
+    for module in (localization, verification):
+        monkeypatch.setattr(module, "rule_of", lambda cloud, rate: rule)
+    street = Street()
+    localizer = Localizer(street, street.stored, LoopConfig(false_rate=0.01))
+    assert_at(localizer.localize(*sight(seen_at(WAY[0], 50), EVERY, WAY[0], 0)), WAY[0])
+    assert_at(localizer.localize(*sight(seen_at(WAY[1], 51), {}, WAY[1], 10**9)), WAY[1])
+    rule = NOTHING
+    found = localizer.localize(*sight(seen_at(WAY[2], 52), EVERY, WAY[2], 2 * 10**9))
+    assert found.pose is None and found.reason is not None and found.keyframe is not None
+    assert found.reason.code == "not-promised"
