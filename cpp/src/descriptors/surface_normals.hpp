@@ -3,7 +3,7 @@
 #pragma once
 
 #include "fusionslam/descriptors.hpp"
-#include "point_blocks.hpp"
+#include "../detail/point_blocks.hpp"
 
 namespace fusionslam::detail {
 

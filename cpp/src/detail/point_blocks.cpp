@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
-#include "../detail/interrupt.hpp"
-#include "../detail/parallel.hpp"
+#include "interrupt.hpp"
+#include "parallel.hpp"
 #include "fusionslam/errors.hpp"
 
 namespace fusionslam::detail {

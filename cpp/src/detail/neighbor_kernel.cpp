@@ -5,7 +5,7 @@
 #include <cstring>
 #include <limits>
 
-#include "../detail/simd.hpp"
+#include "simd.hpp"
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
