@@ -32,7 +32,7 @@ Args:
 
 Raises:
     ConfigError: another number. DataError: fewer points than 20 or than neighbours; NaN, infinity
-        or more than 1e6 m in a point.)")
+        or more than 1e15 m in a point.)")
       .def(py::init([](const PointsArg& points, int neighbors) {
              return without_gil([&] { return SurfaceCloud(points.view(), neighbors); });
            }),
@@ -72,7 +72,7 @@ input gives equal bits.
 Args:
     source, target: clouds, the target with normals.
     start: float64 (4, 4), target_from_source, rigid.
-    distance: metres, up to 1e6: farther neighbours do not correspond.
+    distance: metres, up to 1e15: farther neighbours do not correspond.
     iterations: most steps.
     step: it ends when a step is below so many metres and radians.
 

@@ -27,7 +27,7 @@ class SurfaceCloud {
   /// `neighbors`: how many of the nearest points, itself included, give a point its normal: 3 to
   /// 64, or 0 for a cloud without normals. Points as far as the last of them count, too.
   /// Throws ConfigError for other numbers; DataError for fewer points than `fewest_surface_points`
-  /// or `neighbors`, for points that are not finite or more than 1e6 m from the origin.
+  /// or `neighbors`, for points that are not finite or more than 1e15 m from the origin.
   explicit SurfaceCloud(PointsView points, int neighbors = 10);
 
   std::size_t size() const;
@@ -52,9 +52,9 @@ struct Refinement {
 
 /// Options of refine_pose().
 struct RefinementLimits {
-  double distance = 1;   ///< metres, up to 1e6: farther neighbours do not correspond
-  int iterations = 30;   ///< at most, 1 or more
-  double step = 1e-4;    ///< it ends when a step is below so many metres and radians
+  double distance = 1;  ///< metres, up to 1e15: farther neighbours do not correspond
+  int iterations = 30;  ///< at most, 1 or more
+  double step = 1e-4;   ///< it ends when a step is below so many metres and radians
 };
 
 /// Refines a pose by generalised ICP (Segal, Haehnel, Thrun 2009) with Levenberg's and Marquardt's

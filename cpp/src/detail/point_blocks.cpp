@@ -6,9 +6,9 @@
 #include <cmath>
 #include <limits>
 
+#include "fusionslam/errors.hpp"
 #include "interrupt.hpp"
 #include "parallel.hpp"
-#include "fusionslam/errors.hpp"
 
 namespace fusionslam::detail {
 namespace {

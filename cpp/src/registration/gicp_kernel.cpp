@@ -3,8 +3,10 @@
 #include "gicp_kernel.hpp"
 
 #include <cmath>
+#include <cstring>
 
 #include "../detail/simd.hpp"
+#include "../detail/vectors.hpp"
 
 namespace fusionslam::detail {
 namespace {
@@ -12,56 +14,117 @@ namespace {
 /// Variance across a surface where that along it is 1 (Segal et al., section III-B).
 constexpr float flatness = 1e-3F;
 
-FUSIONSLAM_INLINE void insert_smallest(const PointBlock& queries, const PointBlock& other,
-                                       std::size_t count, float (*smallest)[block_size]) {
-  for (std::size_t j = 0; j < block_size; ++j) {
-    float squared[block_size];
-    int nearer = 0;
-    for (std::size_t i = 0; i < block_size; ++i) {
-      const float x = queries.x[i] - other.x[j], y = queries.y[i] - other.y[j];
-      const float z = queries.z[i] - other.z[j];
-      squared[i] = x * x + y * y + z * z;
-      nearer |= squared[i] < smallest[count - 1][i];
-    }
-    if (nearer == 0) continue;
+template <class Vectors>
+constexpr std::size_t lanes = sizeof(typename Vectors::Floats) / sizeof(float);
+
+/// A few queries, as many as a vector has lanes.
+template <class Vector>
+struct Queries {
+  Vector x, y, z;
+
+  FUSIONSLAM_INLINE Queries(const PointBlock& block, std::size_t first) {
+    std::memcpy(&x, block.x + first, sizeof x);
+    std::memcpy(&y, block.y + first, sizeof y);
+    std::memcpy(&z, block.z + first, sizeof z);
+  }
+};
+
+template <class Vectors, std::size_t most>
+FUSIONSLAM_INLINE void insert_smallest_of(const PointBlock& queries, const PointBlock& other,
+                                          std::size_t count, float (*smallest)[block_size]) {
+  using Vector = typename Vectors::Floats;
+  for (std::size_t first = 0; first < block_size; first += lanes<Vectors>) {
+    const Queries<Vector> q(queries, first);
+    Vector known[most];
     for (std::size_t k = 0; k < count; ++k)
-      for (std::size_t i = 0; i < block_size; ++i) {
-        const float known = smallest[k][i], one = squared[i];
-        smallest[k][i] = one < known ? one : known;
-        squared[i] = one < known ? known : one;
+      std::memcpy(known + k, smallest[k] + first, sizeof(Vector));
+    for (std::size_t j = 0; j < block_size; ++j) {
+      const Vector x = q.x - other.x[j], y = q.y - other.y[j], z = q.z - other.z[j];
+      Vector squared = x * x + y * y + z * z;
+      for (std::size_t k = 0; k < count; ++k) {
+        const Vector one = squared;
+        squared = one < known[k] ? known[k] : one;
+        known[k] = one < known[k] ? one : known[k];
       }
+    }
+    for (std::size_t k = 0; k < count; ++k)
+      std::memcpy(smallest[k] + first, known + k, sizeof(Vector));
   }
 }
 
+/// Ten, the usual number, fit into the registers of every level.
+template <class Vectors>
+FUSIONSLAM_INLINE void insert_smallest(const PointBlock& queries, const PointBlock& other,
+                                       std::size_t count, float (*smallest)[block_size]) {
+  if (count == 10)
+    insert_smallest_of<Vectors, 10>(queries, other, 10, smallest);
+  else
+    insert_smallest_of<Vectors, most_neighbors>(queries, other, count, smallest);
+}
+
+template <class Vectors>
 FUSIONSLAM_INLINE void add_neighbors(const PointBlock& queries, const PointBlock& other,
                                      const float* limit, NeighborSums& sums) {
-  NeighborSums s = sums;
-  for (std::size_t j = 0; j < block_size; ++j)
-    for (std::size_t i = 0; i < block_size; ++i) {
-      float x = other.x[j] - queries.x[i], y = other.y[j] - queries.y[i];
-      float z = other.z[j] - queries.z[i];
-      const bool inside = x * x + y * y + z * z < limit[i];  // not where a place is unused
-      x = inside ? x : 0.0F;
-      y = inside ? y : 0.0F;
-      z = inside ? z : 0.0F;
-      s.values[0][i] += inside ? 1.0F : 0.0F;
-      s.values[1][i] += x;
-      s.values[2][i] += y;
-      s.values[3][i] += z;
-      s.values[4][i] += x * x;
-      s.values[5][i] += x * y;
-      s.values[6][i] += x * z;
-      s.values[7][i] += y * y;
-      s.values[8][i] += y * z;
-      s.values[9][i] += z * z;
+  using Vector = typename Vectors::Floats;
+  for (std::size_t first = 0; first < block_size; first += lanes<Vectors>) {
+    const Queries<Vector> q(queries, first);
+    const Vector zero{};
+    Vector near;
+    std::memcpy(&near, limit + first, sizeof near);
+    Vector s[10];
+    for (std::size_t k = 0; k < 10; ++k) std::memcpy(s + k, sums.values[k] + first, sizeof(Vector));
+    for (std::size_t j = 0; j < block_size; ++j) {
+      Vector x = other.x[j] - q.x, y = other.y[j] - q.y, z = other.z[j] - q.z;
+      const auto inside = x * x + y * y + z * z < near;  // not where a place is unused
+      x = inside ? x : zero;
+      y = inside ? y : zero;
+      z = inside ? z : zero;
+      s[0] += inside ? zero + 1 : zero;
+      s[1] += x;
+      s[2] += y;
+      s[3] += z;
+      s[4] += x * x;
+      s[5] += x * y;
+      s[6] += x * z;
+      s[7] += y * y;
+      s[8] += y * z;
+      s[9] += z * z;
     }
-  sums = s;
+    for (std::size_t k = 0; k < 10; ++k) std::memcpy(sums.values[k] + first, s + k, sizeof(Vector));
+  }
+}
+
+template <class Vectors>
+FUSIONSLAM_INLINE void lower_nearest(const PointBlock& queries, const PointBlock& other,
+                                     std::uint32_t first_place, Nearest& nearest) {
+  using Vector = typename Vectors::Floats;
+  using Places = typename Vectors::Integers;
+  for (std::size_t first = 0; first < block_size; first += lanes<Vectors>) {
+    const Queries<Vector> q(queries, first);
+    Vector least, second;
+    Places places;
+    std::memcpy(&least, nearest.squared + first, sizeof least);
+    std::memcpy(&second, nearest.second + first, sizeof second);
+    std::memcpy(&places, nearest.place + first, sizeof places);
+    for (std::size_t j = 0; j < block_size; ++j) {
+      const Vector x = q.x - other.x[j], y = q.y - other.y[j], z = q.z - other.z[j];
+      const Vector squared = x * x + y * y + z * z;
+      const Vector rest = squared < second ? squared : second;
+      const auto nearer = squared < least;
+      second = nearer ? least : rest;
+      least = nearer ? squared : least;
+      places = nearer ? Places{} + (static_cast<std::int32_t>(first_place + j)) : places;
+    }
+    std::memcpy(nearest.squared + first, &least, sizeof least);
+    std::memcpy(nearest.second + first, &second, sizeof second);
+    std::memcpy(nearest.place + first, &places, sizeof places);
+  }
 }
 
 using Lanes = float[block_size];
 
-/// One of Jacobi's rotations of symmetric 3 x 3 matrices, which makes the element `pq` zero; p and q
-/// are the columns of the eigenvectors so far.
+/// One of Jacobi's rotations of symmetric 3 x 3 matrices, which makes the element `pq` zero; p and
+/// q are the columns of the eigenvectors so far.
 FUSIONSLAM_INLINE void rotate(Lanes& pp, Lanes& qq, Lanes& pq, Lanes& rp, Lanes& rq, Lanes* p,
                               Lanes* q) {
   for (std::size_t i = 0; i < block_size; ++i) {
@@ -135,25 +198,6 @@ FUSIONSLAM_INLINE bool move(const PointBlock& points, const Motion& motion,
     farther |= squared[i] > limit[i];
   }
   return farther != 0;
-}
-
-FUSIONSLAM_INLINE void lower_nearest(const PointBlock& queries, const PointBlock& other,
-                                     std::uint32_t first, Nearest& nearest) {
-  Nearest n = nearest;
-  for (std::size_t j = 0; j < block_size; ++j) {
-    const std::uint32_t place = first + static_cast<std::uint32_t>(j);
-    for (std::size_t i = 0; i < block_size; ++i) {
-      const float x = queries.x[i] - other.x[j], y = queries.y[i] - other.y[j];
-      const float z = queries.z[i] - other.z[j];
-      const float squared = x * x + y * y + z * z;
-      const float rest = squared < n.second[i] ? squared : n.second[i];
-      const bool nearer = squared < n.squared[i];
-      n.second[i] = nearer ? n.squared[i] : rest;
-      n.squared[i] = nearer ? squared : n.squared[i];
-      n.place[i] = nearer ? place : n.place[i];
-    }
-  }
-  nearest = n;
 }
 
 /// Points of a source block with their errors and the normals there, all in the source's frame.
@@ -361,10 +405,17 @@ FUSIONSLAM_INLINE double sum_error(const Pairing& pairing, const Motion& motion)
 }  // namespace
 
 GicpKernels gicp_kernels(SimdLevel level) {
-  return {compiled_for<insert_smallest>(level), compiled_for<add_neighbors>(level),
-          compiled_for<find_normals>(level),    compiled_for<move>(level),
-          compiled_for<lower_nearest>(level),   compiled_for<linearize>(level),
-          compiled_for<sum_error>(level)};
+  return {
+      choose(level, Levels<insert_smallest<Vectors16>>::baseline,
+             Levels<insert_smallest<Vectors32>>::avx2, Levels<insert_smallest<Vectors64>>::avx512),
+      choose(level, Levels<add_neighbors<Vectors16>>::baseline,
+             Levels<add_neighbors<Vectors32>>::avx2, Levels<add_neighbors<Vectors64>>::avx512),
+      compiled_for<find_normals>(level),
+      compiled_for<move>(level),
+      choose(level, Levels<lower_nearest<Vectors16>>::baseline,
+             Levels<lower_nearest<Vectors32>>::avx2, Levels<lower_nearest<Vectors64>>::avx512),
+      compiled_for<linearize>(level),
+      compiled_for<sum_error>(level)};
 }
 
 }  // namespace fusionslam::detail

@@ -14,6 +14,9 @@ namespace fusionslam::detail {
 /// Number of a point that corresponds to none.
 inline constexpr std::uint32_t no_place = 0xffffffff;
 
+/// Most points that may give a point its normal.
+inline constexpr std::size_t most_neighbors = 64;
+
 /// A rigid motion q = rotation p + shift.
 struct Motion {
   float rotation[9];  ///< row-major
@@ -28,8 +31,8 @@ struct alignas(64) NeighborSums {
 
 /// For each point of a block its nearest other-cloud point, while the search goes on.
 struct alignas(64) Nearest {
-  float squared[block_size];    ///< squared distance to the nearest
-  float second[block_size];     ///< and to the second nearest
+  float squared[block_size];        ///< squared distance to the nearest
+  float second[block_size];         ///< and to the second nearest
   std::uint32_t place[block_size];  ///< of the nearest; no_place if none was nearer than the start
 };
 
@@ -41,8 +44,8 @@ struct NormalEquations {
   double inliers;
 };
 
-/// Two clouds and which points of them correspond. Normals may be nullptr in the source: then errors
-/// are distances to the target's planes.
+/// Two clouds and which points of them correspond. Normals may be nullptr in the source: then
+/// errors are distances to the target's planes.
 struct Pairing {
   const PointBlock* source;
   const PointBlock* source_normals;

@@ -209,7 +209,8 @@ OverlapCounts count_overlap(PointsView points, PointsView other, std::span<const
   if (views.empty()) throw ShapeError("views: none, expected one or more");
   for (const SensorView& view : views) {
     check_input(view.seen, other_from_points, distance);
-    if (!detail::is_rigid(view.view_from_cloud)) throw DataError("a view's transform is no rigid motion");
+    if (!detail::is_rigid(view.view_from_cloud))
+      throw DataError("a view's transform is no rigid motion");
   }
   detail::check_points(points, 0, "the overlap");
   detail::check_points(other, 0, "the overlap");

@@ -28,8 +28,7 @@ using detail::PointBlock;
 using detail::PointBlocks;
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr int most_neighbors = 64;
-constexpr double farthest = 1e6;  // m: squares and products of them stay far from overflow
+constexpr double farthest = 1e15;  // m, as of points: squares do not overflow
 
 /// The normals of a cloud's points, block by block.
 class NormalSearch {
@@ -99,6 +98,7 @@ class MovingSearch {
         kernels_(detail::gicp_kernels(simd_level())),
         distance_(distance),
         reach_(1.25F * distance),  // so that points without a neighbour are not searched each time
+        slack_(1e-5F * distance),  // distances are rounded
         states_(source.block_count()),
         places_(source.block_count() * block_size, no_place) {}
 
@@ -117,9 +117,9 @@ class MovingSearch {
 
  private:
   struct alignas(64) State {
-    PointBlock searched{};              // where the points were when they were searched for
-    float squared_margin[block_size];   // how far they may move from there
-    float second[block_size];           // no other neighbour was nearer than that
+    PointBlock searched{};             // where the points were when they were searched for
+    float squared_margin[block_size];  // how far they may move from there
+    float second[block_size];          // no other neighbour was nearer than that
     State() {
       std::fill_n(squared_margin, block_size, -1.0F);
       std::fill_n(second, block_size, infinity);
@@ -138,7 +138,7 @@ class MovingSearch {
       nearest.squared[i] = nearest.second[i] = -1;  // nothing is nearer
       if (!(squared_moves[i] > state.squared_margin[i])) continue;
       // Both neighbours of before are within this.
-      bounds[i] = std::min(reach_, (state.second[i] + std::sqrt(squared_moves[i])) * roughly);
+      bounds[i] = std::min(reach_, state.second[i] + std::sqrt(squared_moves[i]) + slack_);
       nearest.squared[i] = nearest.second[i] = bounds[i] * bounds[i];
       widest = std::max(widest, nearest.second[i]);
       const float point[3] = {moved.x[i], moved.y[i], moved.z[i]};
@@ -158,7 +158,7 @@ class MovingSearch {
       const float margin = nearest.place[i] == no_place
                                ? bounds[i] - distance_
                                : (state.second[i] - std::sqrt(nearest.squared[i])) / 2;
-      const float safe = margin - (roughly - 1) * reach_;
+      const float safe = margin - slack_;
       state.squared_margin[i] = safe > 0 ? safe * safe : -1.0F;
     }
   }
@@ -192,11 +192,10 @@ class MovingSearch {
     return sum;
   }
 
-  static constexpr float roughly = 1 + 1e-5F;  // distances are rounded
   const PointBlocks& source_;
   const PointBlocks& target_;
   GicpKernels kernels_;
-  float distance_, reach_;
+  float distance_, reach_, slack_;
   std::vector<State> states_;
   std::vector<std::uint32_t> places_;
   std::vector<std::uint32_t> found_;
@@ -243,12 +242,9 @@ class Refiner {
         kernels_(detail::gicp_kernels(simd_level())),
         search_(source.cloud, target.cloud, static_cast<float>(limits.distance)),
         pairs_(source.cloud.block_count() * block_size),
-        pairing_{source.cloud.blocks(),
-                 source.normals.empty() ? nullptr : source.normals.data(),
-                 target.cloud.blocks(),
-                 target.normals.data(),
-                 search_.places(),
-                 source.cloud.block_count()} {}
+        pairing_{source.cloud.blocks(), source.normals.empty() ? nullptr : source.normals.data(),
+                 target.cloud.blocks(), target.normals.data(),
+                 search_.places(),      source.cloud.block_count()} {}
 
   Refinement run(Pose pose) {
     Refinement found{};
@@ -314,7 +310,7 @@ class Refiner {
 void check_limits(const RefinementLimits& limits) {
   if (!(limits.distance > 0 && limits.distance <= farthest))
     throw ConfigError("distance is " + std::to_string(limits.distance) +
-                      ", expected up to 1e6 m, not 0");
+                      ", expected up to 1e15 m, not 0");
   if (limits.iterations < 1)
     throw ConfigError("iterations is " + std::to_string(limits.iterations) +
                       ", expected 1 or more");
@@ -325,14 +321,10 @@ void check_limits(const RefinementLimits& limits) {
 }  // namespace
 
 SurfaceCloud::SurfaceCloud(PointsView points, int neighbors) {
-  if (neighbors != 0 && (neighbors < 3 || neighbors > most_neighbors))
+  if (neighbors != 0 && (neighbors < 3 || neighbors > static_cast<int>(detail::most_neighbors)))
     throw ConfigError("neighbors is " + std::to_string(neighbors) + ", expected 3 to 64, or 0");
   const auto count = static_cast<std::size_t>(neighbors);
   detail::check_points(points, std::max(fewest_surface_points, count), "registration");
-  for (std::size_t i = 0; i < points.size; ++i)
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      if (std::abs(points[i][axis]) > farthest)
-        throw DataError("point " + std::to_string(i) + " is more than 1e6 m from the origin");
   auto made = std::make_shared<detail::SurfaceBlocks>(
       detail::SurfaceBlocks{PointBlocks(points, 1, simd_level()), {}});
   if (count > 0) {
@@ -354,8 +346,8 @@ Refinement refine_pose(const SurfaceCloud& source, const SurfaceCloud& target,
   check_limits(limits);
   if (!target.has_normals()) throw DataError("the target has no normals");
   if (!detail::is_rigid(start)) throw DataError("the start is no rigid motion");
-  if (!(std::abs(start[3]) + std::abs(start[7]) + std::abs(start[11]) <= 4 * farthest))
-    throw DataError("the start is more than 4e6 m from the origin");
+  if (!(std::abs(start[3]) + std::abs(start[7]) + std::abs(start[11]) <= farthest))
+    throw DataError("the start is more than 1e15 m from the origin");
   Eigen::Matrix3d rotation;
   for (int i = 0; i < 9; ++i)
     rotation(i / 3, i % 3) = start[static_cast<std::size_t>(i / 3 * 4 + i % 3)];
