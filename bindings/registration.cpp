@@ -27,8 +27,7 @@ Each point has the normal of the surface through its nearest points.
 
 Args:
     points: float32 (N, 3), metres, N >= 20.
-    neighbors: how many of the nearest points, itself included, give a point its normal: 3 to 64,
-        or 0 for a cloud without normals.
+    neighbors: how many of the nearest points, itself included, give a point its normal: 3 to 64.
 
 Raises:
     ConfigError: another number. DataError: fewer points than 20 or than neighbours; NaN, infinity
@@ -66,11 +65,10 @@ Raises:
       "iterations"_a = defaults.iterations, "step"_a = defaults.step,
       R"(Refine a pose by generalised ICP (Segal, Haehnel, Thrun 2009).
 
-A source without normals is fitted by the distances of its points to the target's planes. Equal
-input gives equal bits.
+Equal input gives equal bits.
 
 Args:
-    source, target: clouds, the target with normals.
+    source, target: clouds.
     start: float64 (4, 4), target_from_source, rigid.
     distance: metres, up to 1e15: farther neighbours do not correspond.
     iterations: most steps.
@@ -81,7 +79,7 @@ Returns:
 
 Raises:
     ConfigError: another distance, number of steps or step.
-    DataError: start is no rigid motion or far away; a target without normals.)");
+    DataError: start is no rigid motion or far away.)");
 }
 
 }  // namespace

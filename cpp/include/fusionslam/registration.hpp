@@ -25,13 +25,12 @@ inline constexpr std::size_t fewest_surface_points = 20;
 class SurfaceCloud {
  public:
   /// `neighbors`: how many of the nearest points, itself included, give a point its normal: 3 to
-  /// 64, or 0 for a cloud without normals. Points as far as the last of them count, too.
+  /// 64. Points as far as the last of them count, too.
   /// Throws ConfigError for other numbers; DataError for fewer points than `fewest_surface_points`
   /// or `neighbors`, for points that are not finite or more than 1e15 m from the origin.
   explicit SurfaceCloud(PointsView points, int neighbors = 10);
 
   std::size_t size() const;
-  bool has_normals() const;
   const detail::SurfaceBlocks& blocks() const { return *blocks_; }
 
  private:
@@ -58,12 +57,10 @@ struct RefinementLimits {
 };
 
 /// Refines a pose by generalised ICP (Segal, Haehnel, Thrun 2009) with Levenberg's and Marquardt's
-/// steps; by distances of points to planes where the source has no normals. The nearest neighbours
-/// are exact. The same bits for any SIMD level.
+/// steps. The nearest neighbours are exact. The same bits for any SIMD level.
 ///
 /// Without any neighbour within the distance it returns `start`, unconverged, without information.
-/// Throws ConfigError for other limits, DataError if `start` is no rigid motion or the target has
-/// no normals.
+/// Throws ConfigError for other limits, DataError if `start` is no rigid motion.
 Refinement refine_pose(const SurfaceCloud& source, const SurfaceCloud& target,
                        const Transform& start, const RefinementLimits& limits = {});
 

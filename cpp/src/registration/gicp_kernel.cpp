@@ -241,7 +241,6 @@ FUSIONSLAM_INLINE void find_errors(const Pairing& pairing, const Motion& motion,
     e.ny[i] = r[1] * nx[i] + r[4] * ny[i] + r[7] * nz[i];
     e.nz[i] = r[2] * nx[i] + r[5] * ny[i] + r[8] * nz[i];
   }
-  if (pairing.source_normals == nullptr) return;
   const PointBlock& m = pairing.source_normals[block];
   for (std::size_t i = 0; i < block_size; ++i) {
     e.mx[i] = m.x[i];
@@ -255,31 +254,19 @@ FUSIONSLAM_INLINE void find_errors(const Pairing& pairing, const Motion& motion,
 /// The covariances of two planes with unit normals n and m sum up to 2 I - (1 - f)(n n' + m m'),
 /// with f the flatness. By Woodbury's identity their inverse is
 /// (I + (k (n n' + m m') + c (n m' + m n')) / (k^2 - c^2)) / 2, c = n'm and k = (1 + f) / (1 - f).
-/// With planes in the target alone it is n n'.
-template <bool both>
 FUSIONSLAM_INLINE void weigh(const Errors& e, Lanes* w) {
+  constexpr float k = (1 + flatness) / (1 - flatness);
   for (std::size_t i = 0; i < block_size; ++i) {
     const float nx = e.nx[i], ny = e.ny[i], nz = e.nz[i];
-    if constexpr (both) {
-      constexpr float k = (1 + flatness) / (1 - flatness);
-      const float mx = e.mx[i], my = e.my[i], mz = e.mz[i];
-      const float c = nx * mx + ny * my + nz * mz, half = e.weight[i] / 2;
-      const float scale = half / ((k - c) * (k + c)), a = scale * k, b = scale * c;
-      w[0][i] = half + a * (nx * nx + mx * mx) + 2 * b * (nx * mx);
-      w[1][i] = a * (nx * ny + mx * my) + b * (nx * my + mx * ny);
-      w[2][i] = a * (nx * nz + mx * mz) + b * (nx * mz + mx * nz);
-      w[3][i] = half + a * (ny * ny + my * my) + 2 * b * (ny * my);
-      w[4][i] = a * (ny * nz + my * mz) + b * (ny * mz + my * nz);
-      w[5][i] = half + a * (nz * nz + mz * mz) + 2 * b * (nz * mz);
-    } else {
-      const float one = e.weight[i];
-      w[0][i] = one * nx * nx;
-      w[1][i] = one * nx * ny;
-      w[2][i] = one * nx * nz;
-      w[3][i] = one * ny * ny;
-      w[4][i] = one * ny * nz;
-      w[5][i] = one * nz * nz;
-    }
+    const float mx = e.mx[i], my = e.my[i], mz = e.mz[i];
+    const float c = nx * mx + ny * my + nz * mz, half = e.weight[i] / 2;
+    const float scale = half / ((k - c) * (k + c)), a = scale * k, b = scale * c;
+    w[0][i] = half + a * (nx * nx + mx * mx) + 2 * b * (nx * mx);
+    w[1][i] = a * (nx * ny + mx * my) + b * (nx * my + mx * ny);
+    w[2][i] = a * (nx * nz + mx * mz) + b * (nx * mz + mx * nz);
+    w[3][i] = half + a * (ny * ny + my * my) + 2 * b * (ny * my);
+    w[4][i] = a * (ny * nz + my * mz) + b * (ny * mz + my * nz);
+    w[5][i] = half + a * (nz * nz + mz * mz) + 2 * b * (nz * mz);
   }
 }
 
@@ -346,10 +333,9 @@ FUSIONSLAM_INLINE double total(const double* lanes) {
   return sum;
 }
 
-template <bool both>
-FUSIONSLAM_INLINE void linearize_as(const Pairing& pairing, const Motion& motion,
-                                    float squared_distance, std::uint32_t* pairs,
-                                    NormalEquations& equations) {
+FUSIONSLAM_INLINE void linearize(const Pairing& pairing, const Motion& motion,
+                                 float squared_distance, std::uint32_t* pairs,
+                                 NormalEquations& equations) {
   double sums[term_count][block_size] = {};
   Errors e;
   Lanes w[6], terms[term_count];
@@ -363,7 +349,7 @@ FUSIONSLAM_INLINE void linearize_as(const Pairing& pairing, const Motion& motion
       e.weight[i] = near ? e.weight[i] : 0.0F;
       kept[i] = near ? places[i] : no_place;
     }
-    weigh<both>(e, w);
+    weigh(e, w);
     find_terms(w, e, terms);
     for (std::size_t k = 0; k < term_count; ++k)
       for (std::size_t i = 0; i < block_size; ++i) sums[k][i] += static_cast<double>(terms[k][i]);
@@ -374,32 +360,17 @@ FUSIONSLAM_INLINE void linearize_as(const Pairing& pairing, const Motion& motion
   equations.inliers = total(sums[28]);
 }
 
-FUSIONSLAM_INLINE void linearize(const Pairing& pairing, const Motion& motion,
-                                 float squared_distance, std::uint32_t* pairs,
-                                 NormalEquations& equations) {
-  if (pairing.source_normals != nullptr)
-    linearize_as<true>(pairing, motion, squared_distance, pairs, equations);
-  else
-    linearize_as<false>(pairing, motion, squared_distance, pairs, equations);
-}
-
-template <bool both>
-FUSIONSLAM_INLINE double sum_error_as(const Pairing& pairing, const Motion& motion) {
+FUSIONSLAM_INLINE double sum_error(const Pairing& pairing, const Motion& motion) {
   double sums[block_size] = {};
   Errors e;
   Lanes w[6], fx, fy, fz, half_square;
   for (std::size_t block = 0; block < pairing.blocks; ++block) {
     find_errors(pairing, motion, block, e);
-    weigh<both>(e, w);
+    weigh(e, w);
     apply(w, e, fx, fy, fz, half_square);
     for (std::size_t i = 0; i < block_size; ++i) sums[i] += static_cast<double>(half_square[i]);
   }
   return total(sums);
-}
-
-FUSIONSLAM_INLINE double sum_error(const Pairing& pairing, const Motion& motion) {
-  return pairing.source_normals != nullptr ? sum_error_as<true>(pairing, motion)
-                                           : sum_error_as<false>(pairing, motion);
 }
 
 }  // namespace

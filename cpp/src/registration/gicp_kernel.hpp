@@ -44,8 +44,7 @@ struct NormalEquations {
   double inliers;
 };
 
-/// Two clouds and which points of them correspond. Normals may be nullptr in the source: then
-/// errors are distances to the target's planes.
+/// Two clouds and which points of them correspond.
 struct Pairing {
   const PointBlock* source;
   const PointBlock* source_normals;

@@ -242,9 +242,8 @@ class Refiner {
         kernels_(detail::gicp_kernels(simd_level())),
         search_(source.cloud, target.cloud, static_cast<float>(limits.distance)),
         pairs_(source.cloud.block_count() * block_size),
-        pairing_{source.cloud.blocks(), source.normals.empty() ? nullptr : source.normals.data(),
-                 target.cloud.blocks(), target.normals.data(),
-                 search_.places(),      source.cloud.block_count()} {}
+        pairing_{source.cloud.blocks(), source.normals.data(), target.cloud.blocks(),
+                 target.normals.data(), search_.places(),      source.cloud.block_count()} {}
 
   Refinement run(Pose pose) {
     Refinement found{};
@@ -321,30 +320,25 @@ void check_limits(const RefinementLimits& limits) {
 }  // namespace
 
 SurfaceCloud::SurfaceCloud(PointsView points, int neighbors) {
-  if (neighbors != 0 && (neighbors < 3 || neighbors > static_cast<int>(detail::most_neighbors)))
-    throw ConfigError("neighbors is " + std::to_string(neighbors) + ", expected 3 to 64, or 0");
+  if (neighbors < 3 || neighbors > static_cast<int>(detail::most_neighbors))
+    throw ConfigError("neighbors is " + std::to_string(neighbors) + ", expected 3 to 64");
   const auto count = static_cast<std::size_t>(neighbors);
   detail::check_points(points, std::max(fewest_surface_points, count), "registration");
   auto made = std::make_shared<detail::SurfaceBlocks>(
       detail::SurfaceBlocks{PointBlocks(points, 1, simd_level()), {}});
-  if (count > 0) {
-    NormalSearch search(made->cloud, count);
-    for (std::size_t block = 0; block < made->cloud.block_count(); ++block) {
-      detail::check_interrupt();
-      made->normals.push_back(search.normals_of(block));
-    }
+  NormalSearch search(made->cloud, count);
+  for (std::size_t block = 0; block < made->cloud.block_count(); ++block) {
+    detail::check_interrupt();
+    made->normals.push_back(search.normals_of(block));
   }
   blocks_ = std::move(made);
 }
 
 std::size_t SurfaceCloud::size() const { return blocks_->cloud.size(); }
 
-bool SurfaceCloud::has_normals() const { return !blocks_->normals.empty(); }
-
 Refinement refine_pose(const SurfaceCloud& source, const SurfaceCloud& target,
                        const Transform& start, const RefinementLimits& limits) {
   check_limits(limits);
-  if (!target.has_normals()) throw DataError("the target has no normals");
   if (!detail::is_rigid(start)) throw DataError("the start is no rigid motion");
   if (!(std::abs(start[3]) + std::abs(start[7]) + std::abs(start[11]) <= farthest))
     throw DataError("the start is more than 1e15 m from the origin");

@@ -11,7 +11,7 @@ namespace fusionslam::detail {
 /// The inside of a SurfaceCloud.
 struct SurfaceBlocks {
   PointBlocks cloud;
-  std::vector<PointBlock> normals;  ///< of the points at the same places; empty without
+  std::vector<PointBlock> normals;  ///< of the points at the same places
 };
 
 }  // namespace fusionslam::detail

@@ -44,6 +44,8 @@ _FINE_M = (0.1, 0.1, 0.1, 0.1)
 holds a scan's own points, only a part of its error goes in each round."""
 _NEAR, _NEAREST_M = 1.5, 0.3
 """Cells, and metres at least, beyond which points of map and scan do not correspond."""
+_NEIGHBORS = 20
+"""Points whose plane is that of a point."""
 _STEPS = 33
 
 
@@ -157,7 +159,7 @@ def _register(
     cell_m: float,
     step: Callable[[], None],
 ) -> PathPiece:
-    """Register scans to the map of all, each corrected by the path, point to plane."""
+    """Register scans to the map of all, each corrected by the path."""
     spline, scans = PoseSpline(path.seconds, path.poses, turning), []
     for (points, at), middle, start in zip(sweeps, path.seconds, path.poses, strict=True):
         span = float(at.min() - middle), float(at.max() - middle)
@@ -165,11 +167,11 @@ def _register(
         scans.append(deskew(points, at - middle, moved, span))
     placed = [s @ p[:3, :3].T + p[:3, 3] for s, p in zip(scans, path.poses, strict=True)]
     whole = np.concatenate(placed).astype(np.float32)
-    target = SurfaceCloud(voxel_downsample(whole, size=cell_m)[0], neighbors=20)
+    target = SurfaceCloud(voxel_downsample(whole, size=cell_m)[0], neighbors=_NEIGHBORS)
     poses = []
     for scan, start in zip(scans, path.poses, strict=True):
         found = refine_pose(
-            SurfaceCloud(scan[:_SCAN_POINTS], neighbors=0),
+            SurfaceCloud(scan[:_SCAN_POINTS], neighbors=_NEIGHBORS),
             target,
             start,
             distance=max(_NEAR * cell_m, _NEAREST_M),
