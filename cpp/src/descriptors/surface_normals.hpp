@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include "fusionslam/descriptors.hpp"
 #include "../detail/point_blocks.hpp"
+#include "fusionslam/descriptors.hpp"
 
 namespace fusionslam::detail {
 
