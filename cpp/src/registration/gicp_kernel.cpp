@@ -32,7 +32,7 @@ struct Queries {
 template <class Vectors, std::size_t most>
 FUSIONSLAM_INLINE void insert_smallest_of(const PointBlock& queries, const PointBlock& other,
                                           std::size_t count, float (*smallest)[block_size]) {
-  using Vector = typename Vectors::Floats;
+  using Vector = Vectors::Floats;
   for (std::size_t first = 0; first < block_size; first += lanes<Vectors>) {
     const Queries<Vector> q(queries, first);
     Vector known[most];
@@ -65,7 +65,7 @@ FUSIONSLAM_INLINE void insert_smallest(const PointBlock& queries, const PointBlo
 template <class Vectors>
 FUSIONSLAM_INLINE void add_neighbors(const PointBlock& queries, const PointBlock& other,
                                      const float* limit, NeighborSums& sums) {
-  using Vector = typename Vectors::Floats;
+  using Vector = Vectors::Floats;
   for (std::size_t first = 0; first < block_size; first += lanes<Vectors>) {
     const Queries<Vector> q(queries, first);
     const Vector zero{};
@@ -97,8 +97,8 @@ FUSIONSLAM_INLINE void add_neighbors(const PointBlock& queries, const PointBlock
 template <class Vectors>
 FUSIONSLAM_INLINE void lower_nearest(const PointBlock& queries, const PointBlock& other,
                                      std::uint32_t first_place, Nearest& nearest) {
-  using Vector = typename Vectors::Floats;
-  using Places = typename Vectors::Integers;
+  using Vector = Vectors::Floats;
+  using Places = Vectors::Integers;
   for (std::size_t first = 0; first < block_size; first += lanes<Vectors>) {
     const Queries<Vector> q(queries, first);
     Vector least, second;
