@@ -15,10 +15,78 @@ py::typing::Dict<py::str, py::int_> counts_by_name(const OverlapCounts& counts) 
   return named;
 }
 
+py::array_t<double> matrix_of(std::span<const double> values, py::ssize_t side) {
+  return to_numpy(std::vector<double>(values.begin(), values.end()), {side, side});
+}
+
+void bind_refinement(py::module_& module) {
+  using namespace py::literals;
+  py::class_<SurfaceCloud>(module, "SurfaceCloud", R"(A cloud as refine_pose needs it.
+
+Each point has the normal of the surface through its nearest points.
+
+Args:
+    points: float32 (N, 3), metres, N >= 20.
+    neighbors: how many of the nearest points, itself included, give a point its normal: 3 to 64.
+
+Raises:
+    ConfigError: another number. DataError: fewer points than 20 or than neighbours; NaN, infinity
+        or more than 1e15 m in a point.)")
+      .def(py::init([](const PointsArg& points, int neighbors) {
+             return without_gil([&] { return SurfaceCloud(points.view(), neighbors); });
+           }),
+           "points"_a, py::kw_only(), "neighbors"_a = 10)
+      .def("__len__", &SurfaceCloud::size);
+  py::class_<Refinement>(module, "Refinement", "What refine_pose found.")
+      .def_property_readonly(
+          "target_from_source",
+          [](const Refinement& self) { return matrix_of(self.target_from_source, 4); },
+          "float64 (4, 4).")
+      .def_property_readonly(
+          "information", [](const Refinement& self) { return matrix_of(self.information, 6); },
+          "float64 (6, 6): x, y, z, then rotations about x, y, z, as small motions in the source's "
+          "frame, where the variance along surfaces is 1 m^2 and across them 1e-3.")
+      .def_readonly("error", &Refinement::error, "Half the sum of squared Mahalanobis distances.")
+      .def_readonly("inliers", &Refinement::inliers,
+                    "Number of points of the source with a neighbour within the distance.")
+      .def_readonly("iterations", &Refinement::iterations, "Number of steps.")
+      .def_readonly("converged", &Refinement::converged,
+                    "Whether the last step was small, or none lowers the error.");
+  const RefinementLimits defaults;
+  module.def(
+      "refine_pose",
+      [](const SurfaceCloud& source, const SurfaceCloud& target, const TransformArg& start,
+         double distance, int iterations, double step) {
+        return without_gil([&] {
+          return refine_pose(source, target, start.values, {distance, iterations, step});
+        });
+      },
+      "source"_a, "target"_a, "start"_a, py::kw_only(), "distance"_a = defaults.distance,
+      "iterations"_a = defaults.iterations, "step"_a = defaults.step,
+      R"(Refine a pose by generalised ICP (Segal, Haehnel, Thrun 2009).
+
+Equal input gives equal bits.
+
+Args:
+    source, target: clouds.
+    start: float64 (4, 4), target_from_source, rigid.
+    distance: metres, up to 1e15: farther neighbours do not correspond.
+    iterations: most steps.
+    step: it ends when a step is below so many metres and radians.
+
+Returns:
+    The pose; start itself, unconverged, if no point has a neighbour within the distance.
+
+Raises:
+    ConfigError: another distance, number of steps or step.
+    DataError: start is no rigid motion or far away.)");
+}
+
 }  // namespace
 
 void bind_registration(py::module_& module) {
   using namespace py::literals;
+  bind_refinement(module);
   module.def(
       "nearest_ranges",
       [](const PointsArg& points, double step) {

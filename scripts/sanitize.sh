@@ -67,6 +67,6 @@ run_pytest \
   tests/python/*/fusion/test_{colorize,fuse,ground,rectify,stereo}.py \
   tests/python/*/views/test_{dbscan,hulls,scenes,scene_bytes,color_difference,scene_similarity}.py \
   tests/python/*/views/test_alignment.py
-# KISS-Matcher and small_gicp of the wheels know no sanitizer; what is ours of registration has own targets.
+# KISS-Matcher of the wheels knows no sanitizer; what is ours of registration has own targets.
 run_pytest tests/python/*/package/test_fuzz_targets.py -m nightly \
   -k "(functions or classes or scene or index) and not register"

@@ -106,12 +106,13 @@ def load(folder: Path, *, quick: bool, frames: int) -> Inputs:
     """
     drive = _short_drive(folder) if quick else embedded_drive()
     sequence = _first_frames(open_dataset(drive), frames)
-    data = _test_data()
+    data = test_data()
     made = _of_test_data(data, sequence) if data else _of_drive(sequence)
     return made
 
 
-def _test_data() -> Path | None:
+def test_data() -> Path | None:
+    """The folder of recordings that are no part of the project; None where they are missing."""
     folder = Path(os.environ.get("FUSIONSLAM_TEST_DATA", ROOT.parent / "shared" / "data"))
     needed = ("reference/cm2dp/colored_cloud.npz", "kitti/raw_2011_09_26", "kitti/sequences/00")
     return folder if all((folder / name).exists() for name in needed) else None

@@ -19,6 +19,7 @@ from benchmarks.speed import (
     map_cases,
     memory,
     pose_cell_cases,
+    registration_cases,
     search_cases,
     settings,
     similarity_cases,
@@ -48,6 +49,7 @@ ROWS: dict[str, Rows] = {
     "alignment": alignment_cases.alignment_cases,
     "cells": pose_cell_cases.pose_cell_cases,
     "map": map_cases.map_cases,
+    "registration": registration_cases.registration_cases,
     "frame": system_cases.frame_cases,
     "describe": system_cases.describe_cases,
 }

@@ -19,6 +19,7 @@ class Settings:
         scenes: numbers of stored scenes that one is compared with.
         pose_cell_steps: after which the answers of pose cells are compared.
         maps: nodes of experience maps.
+        pairs: of clouds of each recording that are registered.
         clouds, searches, towns: sizes of the curves.
         memory, index: sizes for the peak memory of descriptors and of the index.
         frames: of the sequence that is described.
@@ -35,6 +36,7 @@ class Settings:
     scenes: tuple[int, int]
     pose_cell_steps: int
     maps: tuple[int, int]
+    pairs: int
     clouds: tuple[int, ...]
     searches: tuple[int, ...]
     towns: tuple[int, ...]
@@ -57,6 +59,7 @@ FULL = Settings(
     scenes=(1_000, 100_000),
     pose_cell_steps=150,
     maps=(136, 10_000),
+    pairs=20,
     clouds=(2_000, 5_000, 10_000, 25_000, 50_000, 100_000, 200_000, 500_000),
     searches=(1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000),
     towns=(136, 400, 1_000, 3_000, 10_000, 30_000),
@@ -79,6 +82,7 @@ QUICK = Settings(
     scenes=(50, 200),
     pose_cell_steps=10,
     maps=(136, 400),
+    pairs=2,
     clouds=(500, 1_000, 2_000),
     searches=(200, 500, 1_000),
     towns=(136, 400),

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prints the places that a drive comes back to: python loops.py kitti/sequences/06
 
-Each loop is proven by registration where the extra map is installed and no threshold is given.
+Each loop is proven by registration unless a threshold is given.
 """
 
 import argparse

@@ -61,12 +61,12 @@ EXTRAS = {
         {"foxglove-sdk": "foxglove", "rerun-sdk": "rerun"}, ("ratslam --live", "the node live_view")
     ),
     "map": Extra(
-        _KISS_MATCHER | _same("small_gicp", "gtsam", "pyproj"),
+        _KISS_MATCHER | _same("gtsam", "pyproj"),
         (
             *("map build", "map show", "map localize", "map merge", "map forget"),
             *("map link", "map unlink", "map fix", "map undo"),
-            *("map export", "map check", "calibrate", "fleet merge", "fleet report", "fleet demo"),
-            *("the demo map", "fusionslam.registration", "fusionslam.mapping"),
+            *("map export", "map check", "fleet merge", "fleet report", "fleet demo"),
+            *("the demo map", "registration without gravity", "fusionslam.mapping"),
         ),
     ),
     "odometry": Extra(_KISS_ICP, ("odometry", "ratslam --odometry lidar", "calibrate")),

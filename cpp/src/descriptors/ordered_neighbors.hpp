@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "point_blocks.hpp"
+#include "../detail/point_blocks.hpp"
 
 namespace fusionslam::detail {
 

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include "../detail/point_blocks.hpp"
 #include "fusionslam/descriptors.hpp"
-#include "point_blocks.hpp"
 
 namespace fusionslam::detail {
 

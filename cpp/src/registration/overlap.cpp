@@ -11,6 +11,7 @@
 #include "../detail/interrupt.hpp"
 #include "direction_kernel.hpp"
 #include "fusionslam/registration.hpp"
+#include "rigid.hpp"
 
 namespace fusionslam {
 namespace {
@@ -162,23 +163,6 @@ Transform compose(const Transform& outer, const Transform& inner) {
   return product;
 }
 
-/// Whether it is a rotation, to 1e-2 as in text with few digits, and a translation.
-bool is_rigid(const Transform& motion) {
-  const auto dot = [&](std::size_t i, std::size_t j) {
-    return motion[4 * i] * motion[4 * j] + motion[4 * i + 1] * motion[4 * j + 1] +
-           motion[4 * i + 2] * motion[4 * j + 2];
-  };
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j <= i; ++j)
-      if (!(std::abs(dot(i, j) - (i == j ? 1 : 0)) <= 1e-2)) return false;  // NaN, too
-  const auto& m = motion;
-  const double determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) -
-                             m[1] * (m[4] * m[10] - m[6] * m[8]) +
-                             m[2] * (m[4] * m[9] - m[5] * m[8]);
-  return determinant > 0 && std::isfinite(m[3] + m[7] + m[11]) && m[12] == 0 && m[13] == 0 &&
-         m[14] == 0 && m[15] == 1;
-}
-
 void check_input(const NearestRanges& seen, const Transform& motion, double distance) {
   if (!(distance > 0 && distance <= most_distance))
     throw ConfigError("distance is " + std::to_string(distance) + ", expected up to 100 m, not 0");
@@ -191,7 +175,7 @@ void check_input(const NearestRanges& seen, const Transform& motion, double dist
     if (!(seen.ranges[i] >= 0 && std::isfinite(seen.ranges[i])))
       throw DataError("range " + std::to_string(i) + " is " + std::to_string(seen.ranges[i]) +
                       ", expected finite metres, 0 where there is no point");
-  if (!is_rigid(motion)) throw DataError("the transform is no rigid motion");
+  if (!detail::is_rigid(motion)) throw DataError("the transform is no rigid motion");
 }
 
 }  // namespace
@@ -225,7 +209,8 @@ OverlapCounts count_overlap(PointsView points, PointsView other, std::span<const
   if (views.empty()) throw ShapeError("views: none, expected one or more");
   for (const SensorView& view : views) {
     check_input(view.seen, other_from_points, distance);
-    if (!is_rigid(view.view_from_cloud)) throw DataError("a view's transform is no rigid motion");
+    if (!detail::is_rigid(view.view_from_cloud))
+      throw DataError("a view's transform is no rigid motion");
   }
   detail::check_points(points, 0, "the overlap");
   detail::check_points(other, 0, "the overlap");

@@ -160,9 +160,8 @@ def loops(
 ) -> None:
     """Find the loops in DATA frame after frame, as a robot would.
 
-    They are proven by registration where the extra map is installed and no --threshold is given,
-    and written to loops.csv and loops.g2o with their poses; of several descriptors, to
-    loops-DESCRIPTOR.csv each.
+    They are proven by registration unless --threshold is given, and written to loops.csv and
+    loops.g2o with their poses; of several descriptors, to loops-DESCRIPTOR.csv each.
     """
     from fusionslam.config import merged
     from fusionslam.descriptors import with_preset

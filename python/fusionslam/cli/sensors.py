@@ -229,7 +229,6 @@ def calibrate(
     Both by the LiDAR's own path, with 95 % intervals, or the motion that is missing.
     """
     needs_extra("odometry")
-    needs_extra("map")
     from fusionslam.pipelines.sensor_calibration import calibrate as estimate
 
     opt.check_output(output, build_recording, read_config)

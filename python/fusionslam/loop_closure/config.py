@@ -29,8 +29,7 @@ class LoopConfig(Section):
     )
     verify: bool | None = option(
         None,
-        "whether loops are proven by registration; none is yes where the extra map is installed "
-        "and no threshold is given",
+        "whether loops are proven by registration; none is yes unless a threshold is given",
     )
     candidates: int = option(10, "nearest frames of each descriptor that are verified", ge=1)
     voters: tuple[str, ...] = option(

@@ -284,14 +284,10 @@ def can_verify(config: LoopConfig, registration: RegistrationConfig) -> bool:
     """Whether loops are verified. Raises FusionSlamError if they must be and cannot."""
     if config.verify is False or (config.verify is None and config.threshold is not None):
         return False
-    needed = [] if registration.method == "planar" else ["small_gicp"]
-    if needed and not registration.gravity:
-        needed.append("kiss_matcher")
-    missing = [name for name in needed if find_spec(name) is None]
-    if not missing:
+    if registration.method == "planar" or registration.gravity or find_spec("kiss_matcher"):
         return True
     why = (
-        f"registration needs {' and '.join(missing)}, which is not installed: pip install "
+        "registration without gravity needs KISS-Matcher, which is not installed: pip install "
         "'fusionslam[map]'"
     )
     if config.verify is None:

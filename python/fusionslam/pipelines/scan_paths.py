@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fusionslam._core import deskew
+from fusionslam._core import SurfaceCloud, deskew, refine_pose, voxel_downsample
 from fusionslam.base.arrays import Floats, Points
 from fusionslam.base.progress import Progress
 from fusionslam.calibration.scan_path import (
@@ -24,7 +24,7 @@ from fusionslam.calibration.scan_path import (
     Turning,
 )
 from fusionslam.datasets import Dataset
-from fusionslam.errors import DataError, needing
+from fusionslam.errors import DataError
 from fusionslam.geometry.se3 import inverse
 from fusionslam.odometry import LidarOdometry, LidarOdometryConfig
 from fusionslam.pipelines.recording import name_frame
@@ -44,6 +44,8 @@ _FINE_M = (0.1, 0.1, 0.1, 0.1)
 holds a scan's own points, only a part of its error goes in each round."""
 _NEAR, _NEAREST_M = 1.5, 0.3
 """Cells, and metres at least, beyond which points of map and scan do not correspond."""
+_NEIGHBORS = 20
+"""Points whose plane is that of a point."""
 _STEPS = 33
 
 
@@ -65,7 +67,7 @@ class ScanFollower:
     Raises:
         DataError: there are no scans (code "no-scans"), fewer than ``PIECE`` follow each other
             (code "few-scans"), or points have no times (code "no-times").
-        FusionSlamError: KISS-ICP or small_gicp is missing.
+        FusionSlamError: KISS-ICP is missing.
     """
 
     def __init__(
@@ -84,8 +86,6 @@ class ScanFollower:
                 code="few-scans",
                 fields=(str(len(dataset)),),
             )
-        with needing("map", "calibration registers scans by small_gicp"):
-            import small_gicp  # noqa: F401
         self._begin_ns = int(dataset.stamps_ns[0])
         chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
         total = (1 + len(_COARSE_M) + refinements * len(_FINE_M)) * PIECE * len(chosen)
@@ -159,29 +159,24 @@ def _register(
     cell_m: float,
     step: Callable[[], None],
 ) -> PathPiece:
-    """Register scans to the map of all, each corrected by the path, point to plane."""
-    import small_gicp
-
+    """Register scans to the map of all, each corrected by the path."""
     spline, scans = PoseSpline(path.seconds, path.poses, turning), []
     for (points, at), middle, start in zip(sweeps, path.seconds, path.poses, strict=True):
         span = float(at.min() - middle), float(at.max() - middle)
         moved = inverse(start) @ spline.at(middle + np.linspace(*span, _STEPS))
-        scans.append(deskew(points, at - middle, moved, span).astype(np.float64))
+        scans.append(deskew(points, at - middle, moved, span))
     placed = [s @ p[:3, :3].T + p[:3, 3] for s, p in zip(scans, path.poses, strict=True)]
-    target, tree = small_gicp.preprocess_points(np.concatenate(placed), cell_m, 20, 1)
+    whole = np.concatenate(placed).astype(np.float32)
+    target = SurfaceCloud(voxel_downsample(whole, size=cell_m)[0], neighbors=_NEIGHBORS)
     poses = []
     for scan, start in zip(scans, path.poses, strict=True):
-        result = small_gicp.align(
+        found = refine_pose(
+            SurfaceCloud(scan[:_SCAN_POINTS], neighbors=_NEIGHBORS),
             target,
-            small_gicp.PointCloud(scan[:_SCAN_POINTS]),
-            tree,
             start,
-            registration_type="PLANE_ICP",
-            max_correspondence_distance=max(_NEAR * cell_m, _NEAREST_M),
-            num_threads=1,
-            rotation_epsilon=1e-5,
-            translation_epsilon=1e-5,
+            distance=max(_NEAR * cell_m, _NEAREST_M),
+            step=1e-5,
         )
-        poses.append(np.array(result.T_target_source))
+        poses.append(found.target_from_source)
         step()
     return PathPiece(path.seconds, np.array(poses))

@@ -69,7 +69,7 @@ def calibrate(dataset: Dataset, progress: Progress = lambda done, total: None) -
     Raises:
         DataError: the data have no IMU (code "no-imu"), or as ``ScanFollower``, ``read_imu`` and
             ``calibrate_imu`` say.
-        FusionSlamError: KISS-ICP or small_gicp is missing.
+        FusionSlamError: KISS-ICP is missing.
     """
     dataset = dataset.of_leader()
     first = next(dataset.imu_messages(), None)

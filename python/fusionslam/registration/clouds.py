@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fusionslam._core import (
     GroundSegmentsConfig,
+    SurfaceCloud,
     nearest_ranges,
     remove_ground_segments,
     voxel_downsample,
@@ -27,11 +28,7 @@ from fusionslam.geometry.rigid import is_rigid
 from fusionslam.registration.birds_eye import SearchImage, Spectra, coarse, draw_turned
 from fusionslam.registration.config import RegistrationConfig
 from fusionslam.registration.leveling import Level, find_level
-from fusionslam.registration.map_extra import (
-    RefinedCloud,
-    count_features,
-    prepare_refinement,
-)
+from fusionslam.registration.map_extra import count_features
 from fusionslam.registration.planar import build_planar
 from fusionslam.sensors.frame import Cloud
 from fusionslam.views.scenes import Scene
@@ -322,15 +319,15 @@ class PreparedCloud:
         )
 
     @cached_property
-    def refined(self) -> RefinedCloud:
-        """Points, covariances and tree for the refinement."""
-        return prepare_refinement(self.points)
+    def refined(self) -> SurfaceCloud:
+        """Points with their normals, for the refinement."""
+        return SurfaceCloud(self.points)
 
     @cached_property
-    def moved_points(self) -> RefinedCloud:
+    def moved_points(self) -> SurfaceCloud:
         """The same for the cloud that is moved: of a local map a part, which finds as much."""
         step = 1 + (len(self) - 1) // _MOST_MOVED if self.further else 1
-        return self.refined if step == 1 else prepare_refinement(self.points[::step])
+        return self.refined if step == 1 else SurfaceCloud(self.points[::step])
 
 
 def check_points(points: Any) -> Points:

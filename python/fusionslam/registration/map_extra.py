@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The fusionslam authors
 # SPDX-License-Identifier: Apache-2.0
-"""The libraries of the extra ``map``: KISS-Matcher and small_gicp."""
+"""KISS-Matcher, of the extra ``map``."""
 
 import ctypes
 import sys
@@ -10,26 +10,23 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fusionslam.base.arrays import Matrix, Points
 from fusionslam.errors import FusionSlamError, needing
 
-FEWEST_POINTS = 20
-"""Below, covariances of points are no more than guesses."""
-
 FEWEST_FEATURES = 10
 """Below, nothing can be matched."""
 
 
-def _load(module: str, package: str) -> Any:
+def _load() -> Any:
     try:
-        with needing("map", f"registration needs {package}"):
-            return import_module(module)
+        with needing("map", "registration needs KISS-Matcher"):
+            return import_module("kiss_matcher")
     except FusionSlamError as error:
-        if module != "kiss_matcher" or sys.version_info < (3, 13):
+        if sys.version_info < (3, 13):
             raise
         raise FusionSlamError(
             "registration without a guess needs KISS-Matcher, which has no package for Python "
@@ -37,46 +34,6 @@ def _load(module: str, package: str) -> Any:
             code="no-package",
             fields=("kiss-matcher",),
         ) from error
-
-
-class RefinedCloud(NamedTuple):
-    """Points with their covariances, and the tree in which their neighbours are found."""
-
-    points: Any
-    tree: Any
-
-
-def prepare_refinement(points: Points) -> RefinedCloud:
-    """Compute what the refinement needs of a cloud of at least ``FEWEST_POINTS``."""
-    small_gicp = _load("small_gicp", "small_gicp")
-    cloud = small_gicp.PointCloud(points.astype(np.float64))
-    tree = small_gicp.KdTree(cloud)
-    small_gicp.estimate_covariances(cloud, tree, num_neighbors=10, num_threads=1)
-    return RefinedCloud(cloud, tree)
-
-
-def refine(
-    source: RefinedCloud, target: RefinedCloud, start: Matrix, distance: float, iterations: int
-) -> tuple[Matrix, Matrix]:
-    """Refine a pose by GICP (Segal, Haehnel, Thrun 2009) on one thread.
-
-    Returns:
-        target_from_source, float64 (4, 4), and its information matrix, float64 (6, 6), in the
-        order and frame of ``Registration.covariance``.
-    """
-    small_gicp = _load("small_gicp", "small_gicp")
-    result = small_gicp.align(
-        target.points,
-        source.points,
-        target.tree,
-        start,
-        registration_type="GICP",
-        max_correspondence_distance=distance,
-        num_threads=1,
-        max_iterations=iterations,
-    )
-    ours = [3, 4, 5, 0, 1, 2]  # its rotations come first
-    return np.array(result.T_target_source), np.array(result.H)[np.ix_(ours, ours)]
 
 
 def count_features(points: Points, voxel: float) -> int:
@@ -113,7 +70,7 @@ def search_pose(source: Points, target: Points, voxel: float) -> Matrix | None:
         FusionSlamError: KISS-Matcher is not installed (code "missing-extra"), has no package for
             this Python ("no-package") or is not that of PyPI ("other-package").
     """
-    kiss_matcher = _load("kiss_matcher", "KISS-Matcher")
+    kiss_matcher = _load()
     # Its own voxel grid is not repeatable.
     config = kiss_matcher.KISSMatcherConfig(voxel_size=voxel, use_voxel_sampling=False)
     matcher = kiss_matcher.KISSMatcher(config)

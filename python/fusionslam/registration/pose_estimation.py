@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fusionslam._core import count_overlap
+from fusionslam._core import count_overlap, refine_pose
 from fusionslam.base.argument_types import checked
 from fusionslam.base.arrays import Floats, Matrix, Points, read_numbers
 from fusionslam.errors import ConfigError, DataError, ShapeError
@@ -29,19 +29,15 @@ from fusionslam.registration.birds_eye import (
 from fusionslam.registration.clouds import PreparedCloud, SearchedCloud
 from fusionslam.registration.colors import ColorDifference, compare_colors
 from fusionslam.registration.config import RegistrationConfig
-from fusionslam.registration.map_extra import (
-    FEWEST_FEATURES,
-    FEWEST_POINTS,
-    can_search,
-    refine,
-    search_pose,
-)
+from fusionslam.registration.map_extra import FEWEST_FEATURES, can_search, search_pose
 from fusionslam.registration.planar import register_planar
 from fusionslam.registration.probability import SmallView, pose_probability
 from fusionslam.registration.result import Refusal, Registration
 from fusionslam.registration.uncertainty import motion_covariance, pose_covariance, weak_directions
 from fusionslam.sensors.frame import Cloud
 
+_FEWEST_POINTS = 20
+"""Below, normals of points are no more than guesses."""
 _HIDDEN_WEIGHT = 0.25
 """Of points that the other sensor cannot have seen: right poses have fewer of them."""
 _LEAST = 0.5
@@ -86,9 +82,9 @@ def register(
         The pose with its covariance, or the reason why there is none.
 
     Raises:
-        FusionSlamError: the extra ``map`` is not installed (code "missing-extra"); without gravity
-            and guess, KISS-Matcher has no package for this Python ("no-package") or is not that of
-            PyPI ("other-package"). "planar" needs neither.
+        FusionSlamError: without gravity and guess, KISS-Matcher is not installed (code
+            "missing-extra"), has no package for this Python ("no-package") or is not that of PyPI
+            ("other-package").
         ShapeError: not a cloud, or a guess of another shape.
         DataError: NaN or infinity in a point; no colours ("planar"); a guess that is no rigid
             motion.
@@ -180,8 +176,8 @@ def _register_globally(
     config: RegistrationConfig,
 ) -> Registration:
     fewest = min(len(source), len(target))
-    if fewest < FEWEST_POINTS:
-        text = f"{fewest} voxels of {config.voxel:g} m in a cloud, fewer than {FEWEST_POINTS}"
+    if fewest < _FEWEST_POINTS:
+        text = f"{fewest} voxels of {config.voxel:g} m in a cloud, fewer than {_FEWEST_POINTS}"
         return _refused(Refusal("few-points", fewest, text))
     best: _Candidate | None = None
     for candidate in _candidates(source, target, guess, search, thorough, config):
@@ -268,7 +264,14 @@ def _candidates(
     """Refined poses, the cheaper first."""
 
     def refined(start: Matrix, distance: float) -> tuple[Matrix, Floats]:
-        return refine(source.moved_points, target.refined, start, distance, config.iterations)
+        found = refine_pose(
+            source.moved_points,
+            target.refined,
+            start,
+            distance=distance,
+            iterations=config.iterations,
+        )
+        return found.target_from_source, found.information
 
     def refined_once(start: Matrix) -> _Candidate:
         pose, information = refined(start, config.distance)

@@ -17,7 +17,6 @@ from fusionslam.sim.recordings import recording_config, write_recording
 from fusionslam.sim.robot import ImuMount
 
 pytest.importorskip("kiss_icp", reason="odometry by LiDAR is an extra")
-pytest.importorskip("small_gicp", reason="registration is an extra")
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,6 @@ SETTINGS = settings(*TINY_TOWN)
 
 @pytest.mark.slow
 def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
-    pytest.importorskip("small_gicp")
     pytest.importorskip("gtsam")
     first = succeeds("demo", "-o", tmp_path, *SETTINGS)
     found = re.search(r"ATE of demo: (\S+) m, of odometry alone (\S+) m", first.stdout)
@@ -60,7 +59,6 @@ def test_the_demo_ends_with_a_map(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_demo_leaves_other_maps_alone(tmp_path: Path) -> None:
-    pytest.importorskip("small_gicp")
     pytest.importorskip("gtsam")
     with PlaceMap.open(tmp_path / "map.fsmap", "monday", **OPTIONS) as site:
         site.add(frames(WAY)[0])

@@ -27,7 +27,6 @@ from fusionslam.pipelines.recording import FrameError
 from rows import rows
 from streets import RETURN, WAY, error, write_street
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 pytest.importorskip("matplotlib", reason="map build writes a page")
 

@@ -106,7 +106,8 @@ def test_without_the_extra_loops_are_those_of_descriptors_and_it_is_said_once(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fusionslam.loop_closure.observation.find_spec", lambda name: None)
-    words = ("loops", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW)
+    free = ("--set", "registration.gravity=false")
+    words = ("loops", kitti, "-d", "m2dp,cm2dp", "-o", tmp_path, *NO_WINDOW, *free)
     result = succeeds(*words)
     said = " ".join(result.stderr.split())
     assert said.count("fusionslam[map]") == 1 and " queries: " in result.stdout
@@ -123,7 +124,6 @@ def test_without_the_extra_loops_are_those_of_descriptors_and_it_is_said_once(
 def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_again(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("small_gicp")
     words = ("loops", kitti, "-d", "m2dp,scan_context", "-o", tmp_path, *NO_WINDOW)
     stopped = interrupted_at(24, LoopDetector.add_observation)
     with monkeypatch.context() as patch:
@@ -139,7 +139,6 @@ def test_an_interrupted_proof_keeps_finished_descriptors_and_starts_the_others_a
 
 
 def test_the_window_of_the_evaluation_holds_for_proven_loops(kitti: Path, tmp_path: Path) -> None:
-    pytest.importorskip("small_gicp")
     windows = ("--set", "loop_closure.window=2", "--set", "evaluation.window=7")
     lidar = ("--source", "lidar", "--no-report")
     succeeds("bench", kitti, "-d", "m2dp", "-o", tmp_path, *windows, *lidar)
@@ -156,7 +155,6 @@ def test_the_window_of_the_evaluation_holds_for_proven_loops(kitti: Path, tmp_pa
 def test_proven_loops_are_reused_if_their_lengths_are_fitted_again_or_given_alike(
     kitti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("small_gicp")
     monkeypatch.setattr("fusionslam.registration.scale.ROOM_REACH", np.inf)  # fits what is no room
     voxel = RegistrationConfig().voxel
     given = ("--set", f"registration.voxel={voxel}")

@@ -18,8 +18,6 @@ from fusionslam.sensors.undone_motion import Deskew
 from rows import rows
 from streets import at, changed
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-
 STREET = Cloud(scan_blocks(at(0, 0, 20), 0, 15_000))
 CLOUDS = FusionConfig(source="cloud")
 

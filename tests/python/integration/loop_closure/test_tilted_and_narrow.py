@@ -23,8 +23,6 @@ from fusionslam.sensors.frame import Frame
 from rows import rows
 from streets import OPTIONS, WAY, assert_near, at
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
-
 ONE, OTHER = at(0, 0, 20), at(3, -2, 200)
 
 

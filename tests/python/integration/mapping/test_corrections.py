@@ -30,7 +30,6 @@ from rows import rows
 from streets import RETURN, WAY, at, error, frames
 
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
 TRUTH = [np.linalg.inv(WAY[0]) @ pose for pose in WAY]
 TUESDAY = frames(RETURN, 200, day=1)

@@ -34,7 +34,6 @@ from refusals import refuses
 from rows import rows
 from streets import OPTIONS, at, changed
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 

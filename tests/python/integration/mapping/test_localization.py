@@ -24,7 +24,7 @@ from fusionslam.registration import PreparedCloud
 from rows import rows
 from streets import assert_near, at
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
+pytest.importorskip("gtsam", reason="the libraries of registration are an extra")
 
 
 def seen_at(pose: Matrix, seed: int) -> PreparedCloud:

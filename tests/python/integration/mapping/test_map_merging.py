@@ -19,7 +19,6 @@ from refusals import refuses
 from rows import rows
 from streets import RETURN, WAY, frames
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 TUESDAY = frames(RETURN, 200, day=1)

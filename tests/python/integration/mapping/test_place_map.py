@@ -35,7 +35,6 @@ from rows import rows
 from streets import OPTIONS, RETURN, WAY, assert_near, at, changed, drift, error, frames
 
 gtsam = pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
 
 def test_loops_correct_the_trajectory(path: Path) -> None:

@@ -25,7 +25,6 @@ from rows import rows
 from streets import OPTIONS
 
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
 Floats = NDArray[np.float64]
 

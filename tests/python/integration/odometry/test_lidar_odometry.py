@@ -190,7 +190,6 @@ def test_a_recording_may_not_end_with_scans_that_do_not_fit(town: Drive, house: 
 
 
 def test_frames_of_kitti_lie_as_far_apart_as_registration_says(test_data: Path) -> None:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     from fusionslam.registration import RegistrationConfig, register
 
     folder = test_data / "kitti/raw_2011_09_26/velodyne_points/data"

@@ -23,8 +23,6 @@ from fusionslam.pipelines.verified_loops import verify_recording
 from refusals import refuses
 from streets import WAY, write_street
 
-pytest.importorskip("small_gicp")
-
 NAMES = ("m2dp", "m2dp:author", "scan_context", "bev_spectrum")
 ONE_AND_NIGHTLY_ALL = [
     pytest.param(name, marks=[pytest.mark.slow if name == "scan_context" else pytest.mark.nightly])

@@ -14,7 +14,6 @@ from fusionslam.base.arrays import Matrix, Points
 from fusionslam.registration import PreparedCloud, RegistrationConfig, fit_lengths, register
 from rows import rows
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("kiss_matcher", reason="the libraries of registration are an extra")
 
 

@@ -212,7 +212,6 @@ def test_probabilities_are_those_of_what_is_in_common(
 
 
 def test_the_right_pose_of_a_made_place_is_probable_and_a_wrong_one_is_not() -> None:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     here, there = at(3, -2, 0), at(5, -1, 0)
     target, source = (painted_blocks(pose, k) for k, pose in enumerate((here, there)))
     truth = np.linalg.inv(here) @ there
@@ -225,7 +224,6 @@ def test_the_right_pose_of_a_made_place_is_probable_and_a_wrong_one_is_not() -> 
 
 
 def test_the_same_overlap_of_small_views_is_less_probable() -> None:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     here, there = at(3, -2, 0), at(4, -1.5, 0)
     target, source = (scan_blocks(pose, k) for k, pose in enumerate((here, there)))
     truth = np.linalg.inv(here) @ there

@@ -33,7 +33,6 @@ from pages import Page
 from project import PROJECT
 from streets import OPTIONS, RETURN, WAY, frames
 
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 pytest.importorskip("matplotlib", reason="pages are an extra")
 pytest.importorskip("jinja2", reason="pages are an extra")

@@ -108,7 +108,6 @@ def test_clouds_ids_and_map_are_those_of_the_commands_even_if_the_last_nodes_fal
 @pytest.fixture(scope="module")
 def maps(played_bag: PlayedBag, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Those of the node mapper and of the command."""
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
     options = ("--session", "monday", "--no-report", "--topic", "points=/velodyne_points")
 

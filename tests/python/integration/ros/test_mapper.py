@@ -28,7 +28,6 @@ from rows import rows
 from streets import OPTIONS, RETURN, WAY, changed, frames
 
 pytestmark = needs_ros
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 SECOND = 10**9

@@ -23,7 +23,6 @@ from ros_node import Desk
 
 pytestmark = needs_ros
 pytest.importorskip("rko_lio", reason="the library of odometry by LiDAR and IMU is an extra")
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 

@@ -338,7 +338,7 @@ MONDAY = {frame: 0 for frame in range(0, 20, 2)}
 @pytest.fixture
 def joined(made: Path) -> Path:
     """Places of three sessions, of which the map has two, and of those one in its first part."""
-    pytest.importorskip("small_gicp", reason="maps are an extra")
+    pytest.importorskip("gtsam", reason="maps are an extra")
     for session in ("tuesday", "wednesday"):
         add_places(made, session, 6, site="depot")
     write_joint_map(made, "depot", {"monday": MONDAY, "tuesday": {0: 10}, "forgotten": {0: 0}})
@@ -425,7 +425,7 @@ def test_without_the_extra_of_maps_there_are_none_and_the_log_says_so_once(
 
 
 def test_a_scan_is_located_in_the_joint_map(fleet: Path, tmp_path: Path) -> None:
-    pytest.importorskip("small_gicp", reason="maps are an extra")
+    pytest.importorskip("gtsam", reason="maps are an extra")
     folder = copy_artefact(fleet, tmp_path / "places")
     path = write_joint_map(folder, "yard", {"yard/robot-1/yard-monday": {0: 0, 3: 0}})
     scan = as_npy(scan_at("yard", 1.3))

@@ -61,7 +61,7 @@ def test_a_missing_extra_is_optional_and_a_missing_package_is_not(
     [
         ((3, 12), "map", "kiss-matcher", True),
         ((3, 13), "map", "kiss-matcher", False),
-        ((3, 13), "map", "small_gicp", True),
+        ((3, 13), "map", "gtsam", True),
         ((3, 13), "odometry", "kiss-icp", True),
         ((3, 14), "odometry", "kiss-icp", False),
     ],

@@ -67,7 +67,6 @@ def test_loops_prints_the_places_that_the_drive_comes_back_to(drive: Path) -> No
 
 @pytest.mark.slow
 def test_loops_proves_them_and_says_where_they_are(run: Run, drive: Path) -> None:
-    pytest.importorskip("small_gicp")
     status, lines = run("loops.py", drive)
     assert status == 0
     assert lines[0].startswith("frame 60 is at the place of frame 0 (0.00 m from it, probability ")

@@ -17,7 +17,6 @@ from place_maps import assert_same_map
 from ros_master import PlayedBag, RosWorld, needs_ros, wait_until
 
 pytestmark = [needs_ros, pytest.mark.nightly]
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
 
 BUILD = ("--no-report", "--topic", "points=/velodyne_points")

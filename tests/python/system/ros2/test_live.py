@@ -65,7 +65,6 @@ def test_loops_are_those_of_the_detector(played_bag: PlayedBag, tmp_path: Path) 
 
 @pytest.mark.nightly
 def test_a_map_is_that_of_the_command(played_bag: PlayedBag, tmp_path: Path) -> None:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
     other = tmp_path / "other.fsmap"
     succeeds("map", "build", played_bag.path, "-o", other, "--session", "monday", *BUILD)

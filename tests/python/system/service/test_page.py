@@ -96,7 +96,7 @@ def test_the_page_shows_where_a_scan_was_found(
 
 
 def test_a_scan_is_found_in_the_joint_map(page: Page, urls: dict[str, str], scan: Path) -> None:
-    pytest.importorskip("small_gicp", reason="maps are an extra")
+    pytest.importorskip("gtsam", reason="maps are an extra")
     open_map(page, f"{urls['joined']}/sites/yard")
     shown = drawn(page, "path[data-session]:not([hidden])")
     assert sorted(shown) == ["M100 0h0M98.5 -9h0", "M99 -6h0M98 -12h0"]

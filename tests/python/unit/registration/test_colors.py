@@ -87,7 +87,6 @@ HERE, THERE = at(3, -2, 0), at(5, -1, 0)
 
 
 def register_painted(palette: int) -> Registration:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     target = PreparedCloud(painted_blocks(HERE, 2))
     source = PreparedCloud(painted_blocks(THERE, 1, palette))
     return register(pickle.loads(pickle.dumps(source)), target, np.linalg.inv(HERE) @ THERE)
@@ -100,7 +99,6 @@ def test_a_registration_tells_places_of_one_shape_apart_by_their_colors() -> Non
 
 
 def test_there_is_no_difference_without_colors_in_both_clouds() -> None:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     points, painted = scan_blocks(HERE, 1), painted_blocks(HERE, 1)
     for clouds in ((points, painted), (painted, points), (points, points)):
         found = register(*clouds, np.eye(4))

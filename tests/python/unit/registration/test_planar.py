@@ -3,9 +3,7 @@
 """Views of a robot on a floor are registered by their range images."""
 
 import pickle
-import sys
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -108,13 +106,6 @@ def test_clouds_without_colours_are_refused() -> None:
     for colourless in (Cloud(target.points), target.points):
         with pytest.raises(DataError, check=has_code("no-colors")):
             register(colourless, target, config=PLANAR)
-
-
-def test_the_libraries_of_the_extra_are_not_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("small_gicp", "kiss_matcher"):
-        monkeypatch.setitem(sys.modules, module, None)
-    clouds: list[Any] = [scan(room(1), pose, AHEAD) for pose in (CURRENT, STORED)]
-    check_pose(register(*clouds, config=PLANAR), STORED, CURRENT)
 
 
 def test_prepared_clouds_and_clouds_give_equal_bits() -> None:

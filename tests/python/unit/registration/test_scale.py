@@ -83,7 +83,6 @@ def test_what_is_no_cloud_is_refused() -> None:
 
 
 def test_a_room_is_registered_more_finely_than_by_the_defaults() -> None:
-    pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
     # A model of a street at a tenth of its size.
     truth = at(0.15, -0.1, 25, 0)
     poses = at(1.5, -1, 25, 0), np.eye(4)

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <limits>
 
-#include "../detail/interrupt.hpp"
-#include "../detail/parallel.hpp"
 #include "fusionslam/errors.hpp"
+#include "interrupt.hpp"
+#include "parallel.hpp"
 
 namespace fusionslam::detail {
 namespace {

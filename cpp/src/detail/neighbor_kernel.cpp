@@ -5,7 +5,8 @@
 #include <cstring>
 #include <limits>
 
-#include "../detail/simd.hpp"
+#include "simd.hpp"
+#include "vectors.hpp"
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
@@ -40,20 +41,6 @@ FUSIONSLAM_INLINE std::size_t boxes_within(const BoxGroup& group, const Box& box
   }
   return size;
 }
-
-// Vectors as wide as a level has them; ranks are the same for every width.
-struct Vectors16 {
-  using Floats = float __attribute__((vector_size(16)));
-  using Integers = std::int32_t __attribute__((vector_size(16)));
-};
-struct Vectors32 {
-  using Floats = float __attribute__((vector_size(32)));
-  using Integers = std::int32_t __attribute__((vector_size(32)));
-};
-struct Vectors64 {
-  using Floats = float __attribute__((vector_size(64)));
-  using Integers = std::int32_t __attribute__((vector_size(64)));
-};
 
 /// Ranks of `width` vectors of values at once, so that a value is loaded once for all of them;
 /// adds them to `sums`.
