@@ -24,7 +24,6 @@ from map_fixtures import FRAMES
 from streets import OPTIONS, WAY, changed, error
 
 pytest.importorskip("gtsam", reason="the library of pose graphs is an extra")
-pytest.importorskip("small_gicp", reason="the libraries of registration are an extra")
 
 Floats = NDArray[np.float64]
 
