@@ -21,10 +21,14 @@ _FEWEST = 10
 """Loops that tell how good odometry is."""
 _MARGIN = 2.0
 """On the squared error of the worst of them."""
+_BETTER = 1 / 3
+"""Factor on odometry's deviations from which on they are as stated."""
 _BEST = 0.1
 """Factor on odometry's deviations below which loops do not tell."""
 _ROUNDING = 1e-12
 """Of the sum of odometry's variances, so that the smallest stays positive."""
+_CHI2_HALF = 5.35
+"""Median of chi square, six degrees of freedom."""
 _LEAST = 1e-3
 """Of odometry's variance, that of what steps move."""
 
@@ -93,6 +97,10 @@ def oppose_loops(
 def agreeing_scale(tree: OdometryTree, loops: Sequence[Edge]) -> float:
     """Factor, up to 1, on odometry's deviations that all its loops allow.
 
+    Within a factor of three stated deviations are believed. Of loops that are better than they
+    state, too, it is the factor beside theirs, which the differences between the errors of one and
+    the next tell: odometry's are alike there.
+
     Args:
         tree: odometry.
         loops: between nodes of the tree that odometry connects; right or wrong.
@@ -103,7 +111,13 @@ def agreeing_scale(tree: OdometryTree, loops: Sequence[Edge]) -> float:
     errors = measurement_errors(poses, loops)
     spread = np.array([tree.drift(edge.a, edge.b) + edge.covariance for edge in loops])
     squares = np.einsum("ni,ni->n", errors, np.linalg.solve(spread, errors[..., None])[..., 0])
-    return float(np.clip(np.sqrt(_MARGIN * squares.max() / 6), _BEST, 1))
+    order = np.lexsort(([edge.a for edge in loops], [edge.b for edge in loops]))
+    apart = np.diff(errors[order], axis=0)
+    own = 2 * np.array([edge.covariance for edge in loops])[order[1:]]
+    noise = np.einsum("ni,ni->n", apart, np.linalg.solve(own, apart[..., None])[..., 0])
+    of_loops = np.clip(np.sqrt(np.median(noise) / _CHI2_HALF), _LEAST, 1)
+    scale = np.sqrt(_MARGIN * squares.max() / 6) / of_loops
+    return float(np.clip(scale, _BEST, 1)) if scale < _BETTER else 1.0
 
 
 def _fuse(tree: OdometryTree, steps: Mapping[int, Edge]) -> OdometryTree:
