@@ -19,6 +19,27 @@ py::array_t<double> matrix_of(std::span<const double> values, py::ssize_t side) 
   return to_numpy(std::vector<double>(values.begin(), values.end()), {side, side});
 }
 
+constexpr char information_name[] = "information";
+
+SurfaceCloud cloud_from_state(const py::object& state) {
+  constexpr const char* name = "a cloud of surfaces";
+  const PointsArg points(part_of_state<py::object>(state, 0, 2, name));
+  const auto neighbors = part_of_state<int>(state, 1, 2, name);
+  return without_gil([&] { return SurfaceCloud(points.view(), neighbors); });
+}
+
+Refinement refinement_from_state(const py::object& state) {
+  constexpr const char* name = "a refinement";
+  constexpr std::size_t parts = 6;
+  return {
+      TransformArg(part_of_state<py::object>(state, 0, parts, name)).values,
+      MatrixArg<6, 6, information_name>(part_of_state<py::object>(state, 1, parts, name)).values,
+      part_of_state<double>(state, 2, parts, name),
+      part_of_state<std::size_t>(state, 3, parts, name),
+      part_of_state<int>(state, 4, parts, name),
+      part_of_state<bool>(state, 5, parts, name)};
+}
+
 void bind_refinement(py::module_& module) {
   using namespace py::literals;
   py::class_<SurfaceCloud>(module, "SurfaceCloud", R"(A cloud as refine_pose needs it.
@@ -36,7 +57,12 @@ Raises:
              return without_gil([&] { return SurfaceCloud(points.view(), neighbors); });
            }),
            "points"_a, py::kw_only(), "neighbors"_a = 10)
-      .def("__len__", &SurfaceCloud::size);
+      .def("__len__", &SurfaceCloud::size)
+      .def(py::pickle(
+          [](const SurfaceCloud& self) {
+            return py::make_tuple(rows_of_three(self.points()), self.neighbors());
+          },
+          &cloud_from_state));
   py::class_<Refinement>(module, "Refinement", "What refine_pose found.")
       .def_property_readonly(
           "target_from_source",
@@ -51,7 +77,14 @@ Raises:
                     "Number of points of the source with a neighbour within the distance.")
       .def_readonly("iterations", &Refinement::iterations, "Number of steps.")
       .def_readonly("converged", &Refinement::converged,
-                    "Whether the last step was small, or none lowers the error.");
+                    "Whether the last step was small, or none lowers the error.")
+      .def(py::pickle(
+          [](const Refinement& self) {
+            return py::make_tuple(matrix_of(self.target_from_source, 4),
+                                  matrix_of(self.information, 6), self.error, self.inliers,
+                                  self.iterations, self.converged);
+          },
+          &refinement_from_state));
   const RefinementLimits defaults;
   module.def(
       "refine_pose",

@@ -31,6 +31,8 @@ class SurfaceCloud {
   explicit SurfaceCloud(PointsView points, int neighbors = 10);
 
   std::size_t size() const;
+  int neighbors() const;
+  std::vector<float> points() const;  ///< x, y, z of each, in the order they were given
   const detail::SurfaceBlocks& blocks() const { return *blocks_; }
 
  private:

@@ -325,7 +325,7 @@ SurfaceCloud::SurfaceCloud(PointsView points, int neighbors) {
   const auto count = static_cast<std::size_t>(neighbors);
   detail::check_points(points, std::max(fewest_surface_points, count), "registration");
   auto made = std::make_shared<detail::SurfaceBlocks>(
-      detail::SurfaceBlocks{PointBlocks(points, 1, simd_level()), {}});
+      detail::SurfaceBlocks{PointBlocks(points, 1, simd_level()), {}, neighbors});
   NormalSearch search(made->cloud, count);
   for (std::size_t block = 0; block < made->cloud.block_count(); ++block) {
     detail::check_interrupt();
@@ -335,6 +335,21 @@ SurfaceCloud::SurfaceCloud(PointsView points, int neighbors) {
 }
 
 std::size_t SurfaceCloud::size() const { return blocks_->cloud.size(); }
+
+int SurfaceCloud::neighbors() const { return blocks_->neighbors; }
+
+std::vector<float> SurfaceCloud::points() const {
+  const PointBlocks& cloud = blocks_->cloud;
+  std::vector<float> points(3 * cloud.size());
+  for (std::size_t place = 0; place < cloud.size(); ++place) {
+    const PointBlock& block = cloud.blocks()[place / block_size];
+    float* point = points.data() + 3 * std::size_t{cloud.indices()[place]};
+    point[0] = block.x[place % block_size];
+    point[1] = block.y[place % block_size];
+    point[2] = block.z[place % block_size];
+  }
+  return points;
+}
 
 Refinement refine_pose(const SurfaceCloud& source, const SurfaceCloud& target,
                        const Transform& start, const RefinementLimits& limits) {

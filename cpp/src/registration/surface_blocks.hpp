@@ -12,6 +12,7 @@ namespace fusionslam::detail {
 struct SurfaceBlocks {
   PointBlocks cloud;
   std::vector<PointBlock> normals;  ///< of the points at the same places
+  int neighbors;                    ///< that gave a point its normal
 };
 
 }  // namespace fusionslam::detail

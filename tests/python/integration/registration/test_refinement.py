@@ -44,6 +44,7 @@ def test_poses_in_a_made_town_are_those_of_small_gicp() -> None:
     check_pairs(make_pairs([Cloud(scan_blocks(each, 7)) for each in way], way, 8))
 
 
+@pytest.mark.slow
 @rows("recording", ["kitti00_keyframes", "euroc_v101"])
 def test_poses_of_recorded_clouds_are_those_of_small_gicp(recording: str, test_data: Path) -> None:
     pairs = recorded_pairs(recording, 8)

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from arrays import SECOND, filled
+from clouds import scan_blocks
 from fusionslam import _core
 from fusionslam.errors import FusionSlamError
 from rows import rows
 from scenes import many_scenes, place
+from streets import at
 
 CLOUD = place(1)
 SCENE = _core.build_scene(CLOUD.points, CLOUD.colors)
@@ -68,6 +70,17 @@ def odometry_tree() -> Any:
     return tree
 
 
+def surface_cloud() -> Any:
+    return _core.SurfaceCloud(scan_blocks(at(0, 0, 0), 1, 500), neighbors=8)
+
+
+def cloud_values(cloud: Any) -> Any:
+    """Its state, and what it is for."""
+    points, neighbors = cloud.__getstate__()
+    moved = _core.refine_pose(cloud, surface_cloud(), at(0.2, 0.1, 2))
+    return points.tobytes(), neighbors, len(cloud), moved.target_from_source.tobytes()
+
+
 def alignment_values(alignment: Any) -> Any:
     names = ("x", "y", "yaw", "probability", "evidence")
     return [alignment.information.tobytes(), *(getattr(alignment, name) for name in names)]
@@ -115,6 +128,14 @@ OBJECTS: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
     "OdometryTree": (
         odometry_tree,
         lambda tree: (tree.poses.tolist(), tree.drift(2, 9).tolist(), tree.roots.tolist()),
+    ),
+    "SurfaceCloud": (surface_cloud, cloud_values),
+    "Refinement": (
+        lambda: _core.refine_pose(surface_cloud(), surface_cloud(), at(0.1, 0, 1)),
+        lambda found: [
+            *(getattr(found, name).tobytes() for name in ("target_from_source", "information")),
+            *(getattr(found, name) for name in ("error", "inliers", "iterations", "converged")),
+        ],
     ),
     "Scene": (lambda: SCENE, lambda scene: scene.to_json()),
     "RangeImage": (lambda: SCENE.image, lambda image: image.cells.tobytes()),
