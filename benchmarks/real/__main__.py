@@ -270,8 +270,9 @@ def find_in_first(second: Recording, data: Path, folder: Path) -> list[Row]:
 
 def with_other_rows(marker: str, measured: Sequence[Row]) -> list[Row]:
     """Add the rows of the page that were not measured now, in the order of the recordings."""
-    found = {tuple(row[:2]): row for row in measured}
-    known = {tuple(row[:2]): row for row in read_rows(PAGE, marker)}
+    names = 2 if marker in ("loops", "sessions") else 1  # columns that tell what is measured
+    found = {tuple(row[:names]): row for row in measured}
+    known = {tuple(row[:names]): row for row in read_rows(PAGE, marker)}
     order = list(READERS)
     return sorted(
         (known | found).values(), key=lambda row: (order.index(row[0]), row[1] == UNPROVEN)
