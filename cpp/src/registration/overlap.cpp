@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -48,15 +49,23 @@ DirectionGrid grid_of(const Transform& motion, int rows, int columns) {
 class NearTable {
  public:
   NearTable(PointsView points, float distance) : distance_(distance) {
+    points_.reserve(points.size);
     for (std::size_t i = 0; i < points.size; ++i)
       points_.push_back(
           {key_of(cell_of(points[i][0]), cell_of(points[i][1]), cell_of(points[i][2])),
            {points[i][0], points[i][1], points[i][2]}});
     std::sort(points_.begin(), points_.end());
+    firsts_.assign(std::bit_ceil(2 * points_.size() + 1), none);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const std::uint64_t column = points_[i].first >> z_bits;
+      if (i == 0 || column != points_[i - 1].first >> z_bits)
+        firsts_[slot_of(column)] = static_cast<std::uint32_t>(i);
+    }
   }
 
   bool has(const std::array<float, 3>& place) const {
     const std::int64_t x = cell_of(place[0]), y = cell_of(place[1]), z = cell_of(place[2]);
+    if (column_has(key_of(x, y, z - 1), key_of(x, y, z + 1), place)) return true;  // most often
     for (std::int64_t i = x - 1; i <= x + 1; ++i)
       for (std::int64_t j = y - 1; j <= y + 1; ++j)
         if (column_has(key_of(i, j, z - 1), key_of(i, j, z + 1), place)) return true;
@@ -67,6 +76,8 @@ class NearTable {
   using Entry = std::pair<std::uint64_t, std::array<float, 3>>;
 
   static constexpr std::int64_t half = 1 << 20;  // cubes in each direction; beyond, they share one
+  static constexpr int z_bits = 21;
+  static constexpr std::uint32_t none = 0xffffffff;
 
   std::int64_t cell_of(float coordinate) const {
     const double cell =
@@ -75,14 +86,23 @@ class NearTable {
     return static_cast<std::int64_t>(cell > -last ? std::min(cell, last) : -last);  // NaN: -last
   }
   static std::uint64_t key_of(std::int64_t x, std::int64_t y, std::int64_t z) {
-    return static_cast<std::uint64_t>((x + half) << 42 | (y + half) << 21 | (z + half));
+    return static_cast<std::uint64_t>((x + half) << 2 * z_bits | (y + half) << z_bits |
+                                      (z + half));
+  }
+  /// Slot of a column of cubes above each other, or the one that it would get.
+  std::size_t slot_of(std::uint64_t column) const {
+    const std::size_t mask = firsts_.size() - 1;
+    std::size_t slot = column * 0x9e3779b97f4a7c15ULL >> 32 & mask;
+    while (firsts_[slot] != none && points_[firsts_[slot]].first >> z_bits != column)
+      slot = (slot + 1) & mask;
+    return slot;
   }
   /// Cubes above each other have successive keys.
   bool column_has(std::uint64_t first, std::uint64_t last, const std::array<float, 3>& p) const {
-    auto entry = std::lower_bound(points_.begin(), points_.end(), first,
-                                  [](const Entry& e, std::uint64_t key) { return e.first < key; });
-    for (; entry != points_.end() && entry->first <= last; ++entry) {
-      const auto& q = entry->second;
+    const std::size_t begin = firsts_[slot_of(first >> z_bits)];
+    for (std::size_t i = begin; i < points_.size() && points_[i].first <= last; ++i) {
+      if (points_[i].first < first) continue;
+      const auto& q = points_[i].second;
       const float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
       if (x * x + y * y + z * z <= distance_ * distance_) return true;
     }
@@ -91,6 +111,7 @@ class NearTable {
 
   float distance_;
   std::vector<Entry> points_;
+  std::vector<std::uint32_t> firsts_;  // of each column, in points_
 };
 
 /// What a sensor saw: its nearest ranges about a direction, and the limits of its view.

@@ -337,13 +337,13 @@ def check_points(points: Any) -> Points:
             f"points: {array.dtype} {array.shape}, expected a Cloud or float32 (N, 3)",
             code="no-cloud",
         )
-    broken = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if broken.size:
+    if not np.isfinite(array).all():
+        first = int(np.argmin(np.isfinite(array).all(axis=1)))
         raise DataError(
-            f"point {broken[0]} is {array[broken[0]].tolist()}, expected finite numbers: "
+            f"point {first} is {array[first].tolist()}, expected finite numbers: "
             "drop such points first (drop_invalid)"
         )
-    return array.astype(np.float32)
+    return array.astype(np.float32, copy=False)
 
 
 _KEPT = (

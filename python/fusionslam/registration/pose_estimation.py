@@ -22,7 +22,6 @@ from fusionslam.geometry.se3 import carry_covariance, inverse
 from fusionslam.registration.birds_eye import (
     Hypothesis,
     SearchImage,
-    coarse,
     find_height,
     find_hypotheses,
 )
@@ -164,7 +163,7 @@ def compare_images(source: PreparedCloud, image: SearchImage) -> float:
 
     A quarter of the time of ``search_poses``, to choose what that is worth for.
     """
-    return find_height(source.coarse_images, coarse(image.spectra))
+    return find_height(source.coarse_images, image.coarse_spectra)
 
 
 def _register_globally(
