@@ -137,7 +137,7 @@ def search_poses(
     """Correlate two clouds' images from above: poses to be refined, the best first.
 
     The turned images of the source are kept, so that one source with many targets is cheap: some
-    10 ms, and 2 ms a target.
+    4 ms, and 1 ms a target.
 
     Args:
         source: prepared with ``gravity``.
