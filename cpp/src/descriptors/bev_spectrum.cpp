@@ -32,6 +32,9 @@ constexpr double radius = 27.5;
 constexpr int side = 128;
 constexpr int samples_a_frequency = side / 64;
 
+/// Samples of a spectrum that directions reach, on either side of 0 in x and beyond it in y.
+constexpr int reach = frequencies * samples_a_frequency + 1;
+
 /// Standard deviation, cells: points near the border of a cell may fall on either side.
 constexpr double blur = 0.7;
 
@@ -59,7 +62,8 @@ std::array<Image, layers> draw(PointsView points, const BevSpectrumConfig& confi
   return images;
 }
 
-/// log(1 + amplitude) of the frequencies (x in rows, y in columns, wrapped around) of an image.
+/// log(1 + amplitude) of the frequencies (x in rows, y in columns, wrapped around) of an image,
+/// within reach.
 Image log_spectrum(Image& image) {
   cv::Mat spectrum;
   cv::dft(cv::Mat(side, side, CV_32F, image.data()), spectrum, cv::DFT_COMPLEX_OUTPUT);
@@ -70,9 +74,10 @@ Image log_spectrum(Image& image) {
         std::exp(-2 * std::pow(std::numbers::pi * blur * frequency, 2));
   }
   Image logarithms(image.size());
-  for (std::size_t row = 0; row < side; ++row) {
+  for (int k = -reach; k <= reach; ++k) {
+    const auto row = static_cast<std::size_t>(k & (side - 1));
     const auto* values = spectrum.ptr<cv::Vec2f>(static_cast<int>(row));
-    for (std::size_t column = 0; column < side; ++column) {
+    for (std::size_t column = 0; column <= reach; ++column) {
       const double amplitude = std::hypot(values[column][0], values[column][1]);
       logarithms[row * side + column] =
           static_cast<float>(std::log1p(gain[row] * gain[column] * amplitude));

@@ -3,6 +3,7 @@
 // Heights of the highest points of bins, of which Scan Contexts are made.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <string>
 #include <vector>
@@ -25,12 +26,12 @@ std::vector<float> highest_points(PointsView points, double origin_height, std::
   std::vector<float> heights(bins);
   bool empty = true;
   for (std::size_t i = 0; i < points.size; ++i) {
+    const float height = height_above_ground(points[i], origin_height);
+    if (!(height > 0)) continue;  // to find its bin takes longer
     const std::ptrdiff_t bin = bin_of(points[i]);
     if (bin < 0) continue;
     float& highest = heights[static_cast<std::size_t>(bin)];
-    const float height = height_above_ground(points[i], origin_height);
-    if (!(height > highest)) continue;
-    highest = height;
+    highest = std::max(highest, height);
     empty = false;
   }
   if (empty) heights.clear();

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <unordered_map>
 
+#include "../detail/cell_table.hpp"
 #include "../detail/checks.hpp"
 #include "../detail/interrupt.hpp"
 #include "fusionslam/fusion.hpp"
@@ -12,7 +12,7 @@
 namespace fusionslam {
 namespace {
 
-constexpr int axis_bits = 21;  // three cube numbers share one 64-bit key
+constexpr double most_across = 1 << 21;
 
 /// Sums of the points of one cube.
 struct Cube {
@@ -22,35 +22,28 @@ struct Cube {
   std::array<std::uint64_t, 3> color{};
 };
 
-std::array<double, 3> lowest_corner(PointsView points) {
-  std::array<double, 3> lowest{points[0][0], points[0][1], points[0][2]};
-  for (std::size_t i = 1; i < points.size; ++i)
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      lowest[axis] = std::min(lowest[axis], static_cast<double>(points[i][axis]));
-  return lowest;
-}
-
-std::uint64_t cube_key(const float* point, const std::array<double, 3>& origin, double size) {
-  std::uint64_t key = 0;
+void check_span(PointsView points, double size) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double number = std::floor(point[axis] / size) - std::floor(origin[axis] / size);
-    if (!(number < (1 << axis_bits)))  // NaN where a tiny size overflows
+    float lowest = points[0][axis], highest = lowest;
+    for (std::size_t i = 1; i < points.size; ++i) {
+      lowest = std::min(lowest, points[i][axis]);
+      highest = std::max(highest, points[i][axis]);
+    }
+    const double across = std::floor(highest / size) - std::floor(lowest / size);
+    if (!(across < most_across))  // NaN where a tiny size overflows
       throw DataError("the cloud spans more than 2^21 voxels of " + std::to_string(size) + " m");
-    key = key << axis_bits | static_cast<std::uint64_t>(number);
   }
-  return key;
 }
 
 std::vector<Cube> collect(PointsView points, ColorsView colors, double size) {
-  const auto origin = lowest_corner(points);
-  std::unordered_map<std::uint64_t, std::size_t> cube_of_key;
+  check_span(points, size);
+  detail::CellTable cells(size, points.size);
   std::vector<Cube> cubes;
   for (std::size_t i = 0; i < points.size; ++i) {
     if (i % 4096 == 0) detail::check_interrupt();
-    const auto [place, is_new] =
-        cube_of_key.try_emplace(cube_key(points[i], origin, size), cubes.size());
-    if (is_new) cubes.push_back({i});
-    Cube& cube = cubes[place->second];
+    const std::size_t number = cells.insert(points[i]);
+    if (number == cubes.size()) cubes.push_back({i});
+    Cube& cube = cubes[number];
     ++cube.count;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       cube.position[axis] += points[i][axis];

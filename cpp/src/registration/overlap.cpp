@@ -2,10 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <string>
-#include <utility>
+#include <vector>
 
 #include "../detail/checks.hpp"
 #include "../detail/interrupt.hpp"
@@ -44,45 +45,61 @@ DirectionGrid grid_of(const Transform& motion, int rows, int columns) {
   return grid;
 }
 
-/// Points sorted by cubes, to find whether one lies near a place.
+/// Points by columns of one width, to find whether one lies near a place.
 class NearTable {
  public:
-  NearTable(PointsView points, float distance) : distance_(distance) {
-    for (std::size_t i = 0; i < points.size; ++i)
-      points_.push_back(
-          {key_of(cell_of(points[i][0]), cell_of(points[i][1]), cell_of(points[i][2])),
-           {points[i][0], points[i][1], points[i][2]}});
-    std::sort(points_.begin(), points_.end());
+  NearTable(PointsView points, float distance)
+      : distance_(distance), lasts_(std::bit_ceil(2 * points.size + 1), none) {
+    entries_.reserve(points.size);
+    for (std::size_t i = 0; i < points.size; ++i) {
+      const float* p = points[i];
+      const Column column{cell_of(p[0]), cell_of(p[1])};
+      std::uint32_t& last = lasts_[slot_of(column)];
+      entries_.push_back({column, {p[0], p[1], p[2]}, last});
+      last = static_cast<std::uint32_t>(i);
+    }
   }
 
   bool has(const std::array<float, 3>& place) const {
-    const std::int64_t x = cell_of(place[0]), y = cell_of(place[1]), z = cell_of(place[2]);
-    for (std::int64_t i = x - 1; i <= x + 1; ++i)
-      for (std::int64_t j = y - 1; j <= y + 1; ++j)
-        if (column_has(key_of(i, j, z - 1), key_of(i, j, z + 1), place)) return true;
+    const std::int32_t x = cell_of(place[0]), y = cell_of(place[1]);
+    if (column_has({x, y}, place)) return true;  // most often
+    for (std::int32_t i = x - 1; i <= x + 1; ++i)
+      for (std::int32_t j = y - 1; j <= y + 1; ++j)
+        if (column_has({i, j}, place)) return true;
     return false;
   }
 
  private:
-  using Entry = std::pair<std::uint64_t, std::array<float, 3>>;
+  struct Column {
+    std::int32_t x, y;
+    bool operator==(const Column&) const = default;
+  };
+  struct Entry {
+    Column column;
+    std::array<float, 3> point;
+    std::uint32_t previous;  // of the same column
+  };
+  static constexpr std::uint32_t none = 0xffffffff;
 
-  static constexpr std::int64_t half = 1 << 20;  // cubes in each direction; beyond, they share one
-
-  std::int64_t cell_of(float coordinate) const {
+  std::int32_t cell_of(float coordinate) const {
     const double cell =
         std::floor(static_cast<double>(coordinate) / static_cast<double>(distance_));
-    constexpr double last = half - 2.0;  // its neighbours have keys, too
-    return static_cast<std::int64_t>(cell > -last ? std::min(cell, last) : -last);  // NaN: -last
+    constexpr double last = 1 << 30;  // beyond, points share columns
+    return static_cast<std::int32_t>(cell > -last ? std::min(cell, last) : -last);  // NaN: -last
   }
-  static std::uint64_t key_of(std::int64_t x, std::int64_t y, std::int64_t z) {
-    return static_cast<std::uint64_t>((x + half) << 42 | (y + half) << 21 | (z + half));
+  /// Slot of a column, or the one that it would get.
+  std::size_t slot_of(Column column) const {
+    const std::size_t mask = lasts_.size() - 1;
+    const auto key =
+        static_cast<std::uint64_t>(column.x) << 32 ^ static_cast<std::uint32_t>(column.y);
+    std::size_t slot = key * 0x9e3779b97f4a7c15ULL >> 32 & mask;
+    while (lasts_[slot] != none && entries_[lasts_[slot]].column != column)
+      slot = (slot + 1) & mask;
+    return slot;
   }
-  /// Cubes above each other have successive keys.
-  bool column_has(std::uint64_t first, std::uint64_t last, const std::array<float, 3>& p) const {
-    auto entry = std::lower_bound(points_.begin(), points_.end(), first,
-                                  [](const Entry& e, std::uint64_t key) { return e.first < key; });
-    for (; entry != points_.end() && entry->first <= last; ++entry) {
-      const auto& q = entry->second;
+  bool column_has(Column column, const std::array<float, 3>& p) const {
+    for (auto i = lasts_[slot_of(column)]; i != none; i = entries_[i].previous) {
+      const auto& q = entries_[i].point;
       const float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
       if (x * x + y * y + z * z <= distance_ * distance_) return true;
     }
@@ -90,40 +107,42 @@ class NearTable {
   }
 
   float distance_;
-  std::vector<Entry> points_;
+  std::vector<std::uint32_t> lasts_;  // entries of columns
+  std::vector<Entry> entries_;
 };
 
 /// What a sensor saw: its nearest ranges about a direction, and the limits of its view.
 class View {
  public:
   explicit View(const NearestRanges& seen) : seen_(seen) {
-    std::vector<bool> used(static_cast<std::size_t>(seen.columns), false);
+    std::vector<float> farthest(static_cast<std::size_t>(seen.columns));  // of each column
     first_row_ = seen.rows;
-    for (int row = 0; row < seen.rows; ++row)
-      for (int column = 0; column < seen.columns; ++column) {
-        const float range = at(row, column);
-        if (!(range > 0)) continue;
-        used[static_cast<std::size_t>(column)] = true;
-        first_row_ = std::min(first_row_, row);
-        last_row_ = row;
-        reach_ = std::max(reach_, range);
-      }
-    find_columns(used);
+    for (int row = 0; row < seen.rows; ++row) {
+      const float* ranges = &seen.ranges[static_cast<std::size_t>(row * seen.columns)];
+      if (std::all_of(ranges, ranges + seen.columns, [](float range) { return range == 0; }))
+        continue;
+      first_row_ = std::min(first_row_, row);
+      last_row_ = row;
+      for (std::size_t i = 0; i < farthest.size(); ++i)
+        farthest[i] = farthest[i] < ranges[i] ? ranges[i] : farthest[i];
+    }
+    reach_ = *std::ranges::max_element(farthest);
+    find_columns(farthest);
   }
 
-  bool contains(int cell, float range) const {
-    const int row = cell / seen_.columns, column = cell % seen_.columns;
+  bool contains(int row, int column, float range) const {
     return row >= first_row_ && row <= last_row_ && range <= reach_ &&
            in_view_[static_cast<std::size_t>(column)];
   }
 
   /// The nearest range in the direction of the cell and the eight about it; 0 if there is none.
-  float nearest(int cell) const {
-    const int row = cell / seen_.columns, column = cell % seen_.columns;
+  float nearest(int row, int column) const {
+    const int left = column == 0 ? seen_.columns - 1 : column - 1;
+    const int right = column + 1 == seen_.columns ? 0 : column + 1;
     float nearest = 0;
     for (int r = std::max(0, row - 1); r <= std::min(seen_.rows - 1, row + 1); ++r)
-      for (int c = column - 1; c <= column + 1; ++c) {
-        const float range = at(r, (c + seen_.columns) % seen_.columns);
+      for (const int c : {left, column, right}) {
+        const float range = at(r, c);
         if (range > 0 && (nearest == 0 || range < nearest)) nearest = range;
       }
     return nearest;
@@ -135,14 +154,15 @@ class View {
   }
 
   /// All columns but wide gaps between used ones.
-  void find_columns(const std::vector<bool>& used) {
-    const std::size_t columns = used.size();
+  void find_columns(const std::vector<float>& farthest) {
+    const std::size_t columns = farthest.size();
+    const auto used = [&](std::size_t column) { return farthest[column] > 0; };
     in_view_.assign(columns, true);
     const std::size_t hole = columns * hole_deg / 360;
     for (std::size_t i = 0; i < columns; ++i) {
-      if (used[i] || !used[(i + columns - 1) % columns]) continue;
+      if (used(i) || !used((i + columns - 1) % columns)) continue;
       std::size_t gap = 1;
-      while (!used[(i + gap) % columns]) ++gap;
+      while (!used((i + gap) % columns)) ++gap;
       for (std::size_t k = 0; gap > hole && k < gap; ++k) in_view_[(i + k) % columns] = false;
     }
   }
@@ -231,8 +251,10 @@ OverlapCounts count_overlap(PointsView points, PointsView other, std::span<const
     fate = fates.data();
     for_each_block(points, grid, [&](const DirectionBlock& block, std::size_t size) {
       for (std::size_t i = 0; i < size; ++i, ++fate) {
-        if (*fate >= Fate::before || !view.contains(block.cell[i], block.range[i])) continue;
-        const float nearest = view.nearest(block.cell[i]);
+        if (*fate >= Fate::before) continue;
+        const int row = block.cell[i] / grid.columns, column = block.cell[i] % grid.columns;
+        if (!view.contains(row, column, block.range[i])) continue;
+        const float nearest = view.nearest(row, column);
         const Fate here = nearest == 0                      ? Fate::open
                           : block.range[i] < nearest - near ? Fate::before
                                                             : Fate::behind;

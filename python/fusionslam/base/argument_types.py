@@ -38,15 +38,16 @@ def checked(function: _Checked) -> _Checked:
         DataError: no file can have the name (code "bad-path").
     """
     target: Any = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
-    signature = inspect.signature(target)
+    parameters = inspect.signature(target).parameters
+    by_place = [name for name, each in parameters.items() if each.kind is not each.KEYWORD_ONLY]
 
-    hints = {name: each.annotation for name, each in signature.parameters.items()}
+    hints = {name: each.annotation for name, each in parameters.items()}
     expected = {name: kinds for name, hint in hints.items() if (kinds := _types(hint))}
     items = {name: kinds for name, hint in hints.items() if (kinds := _item_types(hint))}
 
     @wraps(target)
     def call(*args: Any, **kwargs: Any) -> Any:
-        given = signature.bind(*args, **kwargs).arguments
+        given = {**dict(zip(by_place, args, strict=False)), **kwargs}
         for name, kinds in expected.items():
             if name in given:
                 _check(name, given[name], kinds)

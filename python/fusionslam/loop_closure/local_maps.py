@@ -14,7 +14,7 @@ from fusionslam.base.arrays import Floats, Floats32, Matrix
 from fusionslam.geometry.keyframes import is_keyframe
 from fusionslam.geometry.se3 import motion_size
 from fusionslam.registration import RegistrationConfig
-from fusionslam.registration.clouds import View
+from fusionslam.registration.clouds import View, as_stored
 from fusionslam.sensors.frame import Cloud
 
 _MOST = 30
@@ -39,7 +39,7 @@ class Piece:
     Attributes:
         cloud: that is described, thinned.
         whole: that is registered, thinned; the same object where it is the same cloud.
-        ranges: of the whole cloud, as ``nearest_ranges`` returns.
+        ranges: of the whole cloud, as a ``PreparedCloud`` keeps them.
         odometry: float64 (4, 4), odom_from_cloud.
     """
 
@@ -60,7 +60,7 @@ class Piece:
         """Thin a frame's clouds to half of the voxels of the registration."""
         thinned = _thin([whole], config.voxel / 2)
         described = thinned if cloud is whole else _thin([cloud], config.voxel / 2)
-        ranges: Floats32 = nearest_ranges(whole.points, step=config.view_step)
+        ranges = as_stored(nearest_ranges(whole.points, step=config.view_step))
         return cls(described, thinned, ranges, odometry)
 
 
@@ -124,9 +124,10 @@ def pieces_to_join(pieces: Sequence[Piece], odometry: Matrix, length: float) -> 
         way += float(np.linalg.norm(piece.odometry[:3, 3] - place))
         if way > length or len(joined) == _MOST:
             break
-        turned = motion_size(np.linalg.inv(piece.odometry) @ odometry)[1]
-        if turned > _MOST_TURN and piece.circle > _LEAST_CIRCLE:
-            break
+        if piece.circle > _LEAST_CIRCLE:
+            turned = motion_size(np.linalg.inv(piece.odometry) @ odometry)[1]
+            if turned > _MOST_TURN:
+                break
         place = piece.odometry[:3, 3]
         joined.append(piece)
     return joined[::-1]
@@ -144,11 +145,14 @@ def join_clouds(placed: Iterable[tuple[Matrix, Cloud]], voxel: float) -> Cloud:
         voxel: its side, metres.
     """
     joined: list[Cloud] = []
+    count = 0
     for pose, cloud in placed:
         points = (cloud.points @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
         joined.append(replace(cloud, points=points))
-        if sum(map(len, joined)) > max(MOST_POINTS, 2 * len(joined[0])):
+        count += len(points)
+        if count > max(MOST_POINTS, 2 * len(joined[0])):
             joined = [_thin(joined, voxel)]
+            count = len(joined[0])
     return _thin(joined, voxel)
 
 

@@ -197,7 +197,8 @@ class FrameObserver:
         if lengths.local_map and odometry is not None and before is not None:
             piece = Piece.of(cloud, whole, odometry, lengths)
             joined = pieces_to_join(before.pieces, odometry, lengths.local_map)
-            poses = [np.eye(4), *(np.linalg.inv(odometry) @ each.odometry for each in joined)]
+            back = np.linalg.inv(odometry)
+            poses = [np.eye(4), *(back @ each.odometry for each in joined)]
             voxel, is_whole = lengths.voxel / 2, cloud is whole
             wholes = [whole, *(each.whole for each in joined)]
             whole = join_clouds(zip(poses, wholes, strict=True), voxel)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fusionslam.base.arrays import Floats, Matrix, Points
+from fusionslam.base.arrays import Floats, Floats32, Matrix, Points
 from fusionslam.errors import DataError
 
 Spectra = NDArray[np.complex64]
@@ -32,9 +32,8 @@ _BLUR = 0.7
 """Standard deviation, in cells."""
 
 _fx, _fy = np.fft.fftfreq(_CELLS)[:, None], np.fft.rfftfreq(_CELLS)[None]
-_FILTER = np.exp(-2 * (np.pi * _BLUR) ** 2 * (_fx**2 + _fy**2)).astype(np.float32)
-# A spectrum of real images holds one of each two conjugate columns.
-_WEIGHTS = np.where(np.isin(np.arange(_CELLS // 2 + 1), (0, _CELLS // 2)), 1, 2)
+_FILTER = np.repeat(np.exp(-2 * (np.pi * _BLUR) ** 2 * (_fx**2 + _fy**2)), 2, axis=1)
+"""Factors of the real and imaginary parts of a spectrum, next to each other."""
 _TURNS = np.linspace(0, 2 * np.pi, _STEPS, endpoint=False, dtype=np.float64)
 
 
@@ -71,19 +70,29 @@ class SearchImage:
     @classmethod
     def of(cls, points: Points, ground: float, cell: float) -> "SearchImage":
         """Draw float32 (N, 3), points above the ground, in cells of this many metres."""
-        return cls(np.packbits(_draw(points, ground, cell, _TURNS[:1])).tobytes(), ground)
+        return cls(np.packbits(_draw(points, ground, cell, _TURNS[:1]) > 0).tobytes(), ground)
 
     @property
     def spectra(self) -> Spectra:
         """Of the images, complex64 (layers, cells, cells/2+1)."""
         return _spectra_of(self.bits)
 
+    @property
+    def coarse_spectra(self) -> Spectra:
+        """Their low frequencies, as ``coarse`` returns them."""
+        return _coarse_of(self.bits)
+
 
 @lru_cache(256)
 def _spectra_of(bits: bytes) -> Spectra:
-    cells = np.unpackbits(np.frombuffer(bits, np.uint8))
-    spectra: Spectra = _spectra(cells.reshape(1, -1, _CELLS, _CELLS))[0]
+    cells = np.unpackbits(np.frombuffer(bits, np.uint8)).astype(np.float32)
+    spectra: Spectra = _spectra(cells.reshape(1, -1, _CELLS, _CELLS), 1)[0]
     return spectra
+
+
+@lru_cache(256)
+def _coarse_of(bits: bytes) -> Spectra:
+    return coarse(_spectra_of(bits))
 
 
 def draw_turned(points: Points, ground: float, cell: float) -> Spectra:
@@ -97,30 +106,38 @@ def draw_turned(points: Points, ground: float, cell: float) -> Spectra:
     Returns:
         complex64 (turns, layers, cells, cells/2+1).
     """
-    spectra: Spectra = _spectra(_draw(points, ground, cell, _TURNS)).conj()
-    return spectra
+    return _spectra(_draw(points, ground, cell, _TURNS), -1)
 
 
-def _draw(points: Points, ground: float, cell: float, turns: Floats) -> NDArray[np.uint8]:
+def _draw(points: Points, ground: float, cell: float, turns: Floats) -> Floats32:
+    """1 in cells with points, float32 (turns, layers, cells, cells)."""
     scaled = (points - np.array([0, 0, ground], np.float32)) / np.float32(cell)
     near = scaled[np.hypot(scaled[:, 0], scaled[:, 1]) < _RADIUS * _CELLS]
     layers = np.searchsorted(_LAYERS, near[:, 2])
     cos, sin = np.cos(turns, dtype=np.float32)[:, None], np.sin(turns, dtype=np.float32)[:, None]
-    rows = np.floor(cos * near[:, 0] - sin * near[:, 1]).astype(np.intp) % _CELLS
-    columns = np.floor(sin * near[:, 0] + cos * near[:, 1]).astype(np.intp) % _CELLS
-    images = np.zeros((len(turns), len(_LAYERS) + 1, _CELLS, _CELLS), np.uint8)
-    images[np.arange(len(turns))[:, None], layers, rows, columns] = 1
+    x, y = np.ascontiguousarray(near[:, :2].T)
+    rows = np.floor(cos * x - sin * y).astype(np.int32) & (_CELLS - 1)
+    columns = np.floor(sin * x + cos * y).astype(np.int32) & (_CELLS - 1)
+    images = np.zeros((len(turns), len(_LAYERS) + 1, _CELLS, _CELLS), np.float32)
+    firsts = np.arange(len(turns))[:, None] * (len(_LAYERS) + 1) + layers
+    images.reshape(-1)[(firsts * _CELLS + rows) * _CELLS + columns] = 1
     return images
 
 
-def _spectra(images: NDArray[np.uint8]) -> Spectra:
+def _spectra(images: Floats32, sign: int) -> Spectra:
+    """Spectra of blurred images, each of power 1; of sign -1 their conjugates."""
     from scipy.fft import rfft2
 
-    spectra = rfft2(images.astype(np.float32)) * _FILTER
-    power = (spectra.real**2 + spectra.imag**2) * _WEIGHTS
-    norms = np.sqrt(power.sum(axis=(1, 2, 3), dtype=np.float64, keepdims=True)) / _CELLS
-    normed: Spectra = (spectra / np.maximum(norms, 1e-6)).astype(np.complex64)
-    return normed
+    # Of complex numbers NumPy would make passes that take several times as long.
+    values = rfft2(images).view(np.float32)
+    values *= (_FILTER * np.tile([1, sign], _CELLS // 2 + 1)).astype(np.float32)
+    edges = values[..., [0, 1, -2, -1]]
+    # A spectrum of real images holds one of each two conjugate columns, but for the first and last.
+    power = 2 * np.einsum("tlxy,tlxy->t", values, values) - (edges**2).sum(axis=(1, 2, 3))
+    norms = np.maximum(np.sqrt(power) / _CELLS, np.float32(1e-6))
+    values *= (1 / norms)[:, None, None, None]
+    spectra: Spectra = values.view(np.complex64)
+    return spectra
 
 
 def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) -> list[Hypothesis]:
@@ -152,8 +169,8 @@ def find_hypotheses(turned: Spectra, target: Spectra, cell: float, most: int) ->
 def coarse(spectra: Spectra) -> Spectra:
     """The low frequencies of spectra: those of images of cells twice as wide."""
     quarter = _CELLS // 4
-    rows = np.r_[:quarter, _CELLS - quarter : _CELLS]
-    low: Spectra = np.ascontiguousarray(spectra[..., rows, : quarter + 1])
+    columns = spectra[..., : quarter + 1]
+    low: Spectra = np.concatenate([columns[..., :quarter, :], columns[..., -quarter:, :]], axis=-2)
     low[..., quarter, :] = low[..., :, quarter] = 0  # these lack their conjugates
     low /= 2  # the inverse transform of a product divides by a quarter of the cells
     return low
@@ -164,11 +181,13 @@ def find_height(turned: Spectra, target: Spectra) -> float:
     return float(_correlate(turned, target).max())
 
 
-def _correlate(turned: Spectra, target: Spectra) -> NDArray[np.float32]:
+def _correlate(turned: Spectra, target: Spectra) -> Floats32:
     """Correlations of each turn, float32 (turns, cells * cells)."""
     from scipy.fft import irfft2
 
     cells = target.shape[-2]
-    products = np.einsum("tlxy,lxy->txy", turned, target)
-    shifts: NDArray[np.float32] = irfft2(products, s=(cells, cells))
+    products = turned[:, 0] * target[0]
+    for layer in range(1, len(target)):
+        products += turned[:, layer] * target[layer]
+    shifts: Floats32 = irfft2(products, s=(cells, cells), overwrite_x=True)
     return shifts.reshape(len(turned), -1)

@@ -48,7 +48,7 @@ class SearchedCloud(NamedTuple):
 
 
 View = tuple[Floats32, Matrix]
-"""What a sensor saw from one place, as ``nearest_ranges`` returns it, and view_from_cloud."""
+"""What a sensor saw from one place, as ``as_stored`` returns it, and view_from_cloud."""
 
 
 @checked
@@ -120,11 +120,11 @@ class PreparedCloud:
         if colored is not None and colored.colors is not None:
             self._take_colors(self._leveled(check_points(colored.points)), colored.colors)
         near = points if seen is None else self._leveled(check_points(seen))
-        self.ranges: Floats32 = _as_stored(nearest_ranges(near, step=self.config.view_step))
+        self.ranges: Floats32 = as_stored(nearest_ranges(near, step=self.config.view_step))
         back = np.eye(4)  # cloud_from_level
         if self.level is not None:
             back[:3, :3] = self.level.T
-        self.further = [(_as_stored(ranges), view @ back) for ranges, view in further]
+        self.further = [(ranges, view @ back) for ranges, view in further]
 
     def _leveled(self, points: Points) -> Points:
         if self.level is None:
@@ -337,13 +337,13 @@ def check_points(points: Any) -> Points:
             f"points: {array.dtype} {array.shape}, expected a Cloud or float32 (N, 3)",
             code="no-cloud",
         )
-    broken = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if broken.size:
+    if not np.isfinite(array).all():
+        first = int(np.argmin(np.isfinite(array).all(axis=1)))
         raise DataError(
-            f"point {broken[0]} is {array[broken[0]].tolist()}, expected finite numbers: "
+            f"point {first} is {array[first].tolist()}, expected finite numbers: "
             "drop such points first (drop_invalid)"
         )
-    return array.astype(np.float32)
+    return array.astype(np.float32, copy=False)
 
 
 _KEPT = (
@@ -418,7 +418,8 @@ def unpack_points(steps: NDArray[np.signedinteger[Any]]) -> Points:
     return (steps / np.float32(_STEPS_PER_M)).astype(np.float32)
 
 
-def _as_stored(ranges: Floats32) -> Floats32:
+def as_stored(ranges: Floats32) -> Floats32:
+    """Round what ``nearest_ranges`` returned, as it is stored."""
     rounded: Floats32 = ranges.astype(np.float16).astype(np.float32)
     return rounded
 

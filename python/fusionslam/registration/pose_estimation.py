@@ -22,7 +22,6 @@ from fusionslam.geometry.se3 import carry_covariance, inverse
 from fusionslam.registration.birds_eye import (
     Hypothesis,
     SearchImage,
-    coarse,
     find_height,
     find_hypotheses,
 )
@@ -138,7 +137,7 @@ def search_poses(
     """Correlate two clouds' images from above: poses to be refined, the best first.
 
     The turned images of the source are kept, so that one source with many targets is cheap: some
-    10 ms, and 2 ms a target.
+    4 ms, and 1 ms a target.
 
     Args:
         source: prepared with ``gravity``.
@@ -164,7 +163,7 @@ def compare_images(source: PreparedCloud, image: SearchImage) -> float:
 
     A quarter of the time of ``search_poses``, to choose what that is worth for.
     """
-    return find_height(source.coarse_images, coarse(image.spectra))
+    return find_height(source.coarse_images, image.coarse_spectra)
 
 
 def _register_globally(
