@@ -45,7 +45,7 @@ DirectionGrid grid_of(const Transform& motion, int rows, int columns) {
   return grid;
 }
 
-/// Points by columns of one width, to find whether one lies near a place.
+/// Points by columns of one width and a bounded height, to find whether one lies near a place.
 class NearTable {
  public:
   NearTable(PointsView points, float distance)
@@ -53,7 +53,7 @@ class NearTable {
     entries_.reserve(points.size);
     for (std::size_t i = 0; i < points.size; ++i) {
       const float* p = points[i];
-      const Column column{cell_of(p[0]), cell_of(p[1])};
+      const Column column{cell_of(p[0]), cell_of(p[1]), cell_of(p[2]) / height};
       std::uint32_t& last = lasts_[slot_of(column)];
       entries_.push_back({column, {p[0], p[1], p[2]}, last});
       last = static_cast<std::uint32_t>(i);
@@ -61,17 +61,18 @@ class NearTable {
   }
 
   bool has(const std::array<float, 3>& place) const {
-    const std::int32_t x = cell_of(place[0]), y = cell_of(place[1]);
-    if (column_has({x, y}, place)) return true;  // most often
-    for (std::int32_t i = x - 1; i <= x + 1; ++i)
-      for (std::int32_t j = y - 1; j <= y + 1; ++j)
-        if (column_has({i, j}, place)) return true;
+    const std::int32_t x = cell_of(place[0]), y = cell_of(place[1]), z = cell_of(place[2]);
+    if (column_has({x, y, z / height}, place)) return true;  // most often
+    for (std::int32_t k = (z - 1) / height; k <= (z + 1) / height; ++k)
+      for (std::int32_t i = x - 1; i <= x + 1; ++i)
+        for (std::int32_t j = y - 1; j <= y + 1; ++j)
+          if (column_has({i, j, k}, place)) return true;
     return false;
   }
 
  private:
   struct Column {
-    std::int32_t x, y;
+    std::int32_t x, y, z;
     bool operator==(const Column&) const = default;
   };
   struct Entry {
@@ -80,6 +81,7 @@ class NearTable {
     std::uint32_t previous;  // of the same column
   };
   static constexpr std::uint32_t none = 0xffffffff;
+  static constexpr std::int32_t height = 16;  // of a column, in widths
 
   std::int32_t cell_of(float coordinate) const {
     const double cell =
@@ -91,7 +93,8 @@ class NearTable {
   std::size_t slot_of(Column column) const {
     const std::size_t mask = lasts_.size() - 1;
     const auto key =
-        static_cast<std::uint64_t>(column.x) << 32 ^ static_cast<std::uint32_t>(column.y);
+        (static_cast<std::uint64_t>(column.x) << 32 ^ static_cast<std::uint32_t>(column.y)) +
+        static_cast<std::uint64_t>(column.z) * 0xd6e8feb86659fd93ULL;
     std::size_t slot = key * 0x9e3779b97f4a7c15ULL >> 32 & mask;
     while (lasts_[slot] != none && entries_[lasts_[slot]].column != column)
       slot = (slot + 1) & mask;
