@@ -81,9 +81,8 @@ def frame_poses(site: PlaceMap, session: str, *, covariance: bool = False) -> Fr
 
     stretches = np.array([content.stretches[each.id] for each in keyframes])
     leads_on = np.append(stretches[:-1] == stretches[1:], False)
-    ends = moved[
-        last
-    ]  # where odometry leads from each keyframe: to the next one, or as far as known
+    # Where odometry leads from each keyframe: to the next one, or as far as it is known.
+    ends = moved[last]
     ends[leads_on] = (inverse(odometry[:-1]) @ odometry[1:])[leads_on[:-1]]
     errors = np.zeros((len(keyframes), 6))
     steps = (inverse(solved[:-1]) @ solved[1:])[leads_on[:-1]]

@@ -27,6 +27,8 @@ _BEST = 0.1
 """Factor on odometry's deviations below which loops do not tell."""
 _ROUNDING = 1e-12
 """Of the sum of odometry's variances, so that the smallest stays positive."""
+_EXACT = 1e-3
+"""Least factor on the deviations of loops: made ones may be exact."""
 _CHI2_HALF = 5.35
 """Median of chi square, six degrees of freedom."""
 _LEAST = 1e-3
@@ -99,7 +101,8 @@ def agreeing_scale(tree: OdometryTree, loops: Sequence[Edge]) -> float:
 
     Within a factor of three stated deviations are believed. Of loops that are better than they
     state, too, it is the factor beside theirs, which the differences between the errors of one and
-    the next tell: odometry's are alike there.
+    the next tell, as odometry's are alike there. Between sparse loops they are not: then loops pass
+    for as good as they state.
 
     Args:
         tree: odometry.
@@ -115,7 +118,7 @@ def agreeing_scale(tree: OdometryTree, loops: Sequence[Edge]) -> float:
     apart = np.diff(errors[order], axis=0)
     own = 2 * np.array([edge.covariance for edge in loops])[order[1:]]
     noise = np.einsum("ni,ni->n", apart, np.linalg.solve(own, apart[..., None])[..., 0])
-    of_loops = np.clip(np.sqrt(np.median(noise) / _CHI2_HALF), _LEAST, 1)
+    of_loops = np.clip(np.sqrt(np.median(noise) / _CHI2_HALF), _EXACT, 1)
     scale = np.sqrt(_MARGIN * squares.max() / 6) / of_loops
     return float(np.clip(scale, _BEST, 1)) if scale < _BETTER else 1.0
 
